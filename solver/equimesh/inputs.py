@@ -98,6 +98,22 @@ def _kind(dtype: np.dtype[Any]) -> str:
     return words.get(dtype.kind, f"data of type {dtype}")
 
 
+# Characters of a name, at most: names are repeated in files, answers and messages.
+MAX_NAME = 100
+
+
+def check_name(name: str, what: str, field: str) -> None:
+    """Refuse a name that is too long, or has characters that cannot be shown or written to every file.
+
+    ``what`` it is the name of, for the message. Raises :class:`~equimesh.errors.InputError`.
+    """
+    if len(name) > MAX_NAME:
+        message = f"{what} has a name of {len(name)} characters, {name[:20]!r} ...: {MAX_NAME} are possible"
+        raise InputError(message, field=field)
+    if not name.isprintable():
+        raise InputError(f"{what} has the name {name!a}: use letters, digits, signs and spaces", field=field)
+
+
 E = TypeVar("E", bound=StrEnum)
 
 

@@ -1,4 +1,4 @@
-"""Files of samples broken at random, read in a program of its own with little memory.
+"""Files of samples and of meshes broken at random, read in a program of its own with little memory.
 
 ``python -m fuzz.broken_files FOLDER CASES SEED`` ends with 0 when every case of every format was read, or refused with
 a sentence. A reader that reserves what a header promises, opens another file, unpickles, warns, or takes seconds ends
@@ -15,20 +15,23 @@ import sys
 import time
 import warnings
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import meshio
 import numpy as np
 from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
-from equimesh.errors import SamplesError
+from equimesh.errors import InputError
 from equimesh.upload.limits import Limits
 from equimesh.upload.samples import READERS
+from equimesh_service.assembly.domain_mesh import convert_mesh
 from equimesh_service.assembly.samples import convert
+from fuzz.good_meshes import MESH_PARTS, good_meshes
 from solver.upload.files import CLOUD, CLOUD_U, TABLE, X, Y, csv, npy, npz
 from solver.upload.markup import IN_H5, VTK_HEAD, h5, vtu, with_cloud, zipped
 
@@ -103,10 +106,17 @@ def good_files(folder: Path) -> dict[str, list[bytes]]:
 @st.composite
 def broken(draw: st.DrawFn, suffix: str, good: list[bytes], hdf5: list[bytes]) -> bytes:
     """A file with up to six edits, of its HDF5 part before it is packed; sometimes random bytes."""
+    inside = suffix == "zip" and draw(st.booleans())
+    data = draw(edited(hdf5 if inside else good, PARTS[suffix]))
+    return zipped(a_xdmf=IN_H5, a_h5=data) if inside else data
+
+
+@st.composite
+def edited(draw: st.DrawFn, good: list[bytes], parts: list[bytes]) -> bytes:
+    """One of the ``good`` files with up to six edits, or random bytes."""
     if draw(st.integers(0, 19)) == 0:
         return draw(st.binary(max_size=200))
-    inside = suffix == "zip" and draw(st.booleans())
-    data = bytearray(draw(st.sampled_from(hdf5 if inside else good)))
+    data = bytearray(draw(st.sampled_from(good)))
     for _ in range(draw(st.sampled_from([1, 1, 1, 2, 6]))):
         at = draw(st.integers(0, 2**20)) % (len(data) + 1)
         match draw(st.integers(0, 5)):
@@ -116,7 +126,7 @@ def broken(draw: st.DrawFn, suffix: str, good: list[bytes], hdf5: list[bytes]) -
                 new = draw(BYTES)
                 data[at : at + len(new)] = new
             case 3:
-                new = draw(MIN_POINTS_FOR_THREADS | st.sampled_from(PARTS[suffix]))
+                new = draw(MIN_POINTS_FOR_THREADS | st.sampled_from(parts))
                 data[at : at + draw(st.sampled_from([0, len(new)]))] = new
             case 4:
                 del data[at : at + draw(st.sampled_from([1, 2, 8, 100]))]
@@ -126,7 +136,7 @@ def broken(draw: st.DrawFn, suffix: str, good: list[bytes], hdf5: list[bytes]) -
                 else:
                     begin = draw(st.integers(0, 2**20)) % (len(data) + 1)
                     data[at:at] = data[begin : begin + 30]
-    return zipped(a_xdmf=IN_H5, a_h5=bytes(data)) if inside else bytes(data)
+    return bytes(data)
 
 
 def watch(folder: Path) -> None:
@@ -156,7 +166,36 @@ class Report:
     digest: Any = field(default_factory=sha256)
 
 
-def check(source: Path, suffix: str, files: st.SearchStrategy[bytes], number: int, cases: int, report: Report) -> None:
+Read: TypeAlias = Callable[[bytes], object]
+"""Reads the bytes of one file."""
+MOST_POINTS = 10_000
+
+
+def samples_of(source: Path, suffix: str) -> Read:
+    """Reads samples through a file at ``source``."""
+
+    def read(data: bytes) -> object:
+        source.write_bytes(data)
+        return convert(source, f"u.{suffix}", source.with_suffix(".npz"), LIMITS, alone=True)
+
+    return read
+
+
+def mesh_of(source: Path, filename: str) -> Read:
+    """Reads a mesh through a file at ``source``; what is kept is small, and can be sent in an answer."""
+
+    def read(data: bytes) -> object:
+        source.write_bytes(data)
+        kept = source.with_suffix(".npz")
+        summary = convert_mesh(source, filename, kept, MOST_POINTS)
+        json.dumps(summary, ensure_ascii=False).encode()
+        assert kept.stat().st_size < 50 * len(data) + 100_000
+        return summary
+
+    return read
+
+
+def check(name: str, reads: Read, files: st.SearchStrategy[bytes], number: int, cases: int, report: Report) -> None:
     """Read this many files of one format; ``number`` is the seed."""
 
     @seed(number)
@@ -164,16 +203,15 @@ def check(source: Path, suffix: str, files: st.SearchStrategy[bytes], number: in
     @given(data=files)
     def read(data: bytes) -> None:
         report.digest.update(data)
-        source.write_bytes(data)
-        started = time.monotonic()
+        started = time.process_time()
         message = ""
         try:
-            convert(source, f"u.{suffix}", source.with_suffix(".npz"), LIMITS, alone=True)
-        except SamplesError as error:
+            reads(data)
+        except InputError as error:
             message = error.message
             assert_sentence(message)
-        report.counts[f"{suffix} {'refused' if message else 'read'}"] += 1
-        assert time.monotonic() - started < MOST_SECONDS
+        report.counts[f"{name} {'refused' if message else 'read'}"] += 1
+        assert time.process_time() - started < MOST_SECONDS
 
     read()
 
@@ -185,12 +223,17 @@ def assert_sentence(message: str) -> None:
 
 def main(folder: Path, cases: int, number: int) -> None:
     good, source = good_files(folder), folder / "source"
+    meshes = {f"mesh, {kind}": found for kind, found in good_meshes(folder).items()}
     hdf5 = [h5(with_cloud), h5(lambda file: with_cloud(file, compression="gzip"))]
     assert {*good} == {*READERS}
-    for suffix, files in good.items():
+    readers = {suffix: samples_of(source, suffix) for suffix in READERS}
+    readers |= {kind: mesh_of(source, name) for kind, (name, _) in meshes.items()}
+    strategies = {suffix: broken(suffix, good[suffix], hdf5) for suffix in READERS}
+    strategies |= {kind: edited(files, MESH_PARTS) for kind, (_, files) in meshes.items()}
+    for name, files in {**good, **{kind: files for kind, (_, files) in meshes.items()}}.items():
         for data in files:
-            source.write_bytes(data)
-            convert(source, f"u.{suffix}", source.with_suffix(".npz"), LIMITS, alone=True)
+            if not name.endswith(("bz2", "lzma")):  # these packings are refused
+                readers[name](data)
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     address_space = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (address_space + MEMORY,) * 2)
@@ -198,8 +241,8 @@ def main(folder: Path, cases: int, number: int) -> None:
     report = Report()
     watch(folder)
 
-    for suffix in READERS:
-        check(source, suffix, broken(suffix, good[suffix], hdf5), number, cases, report)
+    for name, reads in readers.items():
+        check(name, reads, strategies[name], number, cases, report)
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - used
     print(json.dumps({"counts": report.counts, "grown": grown, "digest": report.digest.hexdigest()[:16]}))
 

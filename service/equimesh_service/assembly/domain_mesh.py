@@ -68,33 +68,37 @@ def blocks_of(mesh: Path | Arrays, settings: Mapping[str, Any]) -> Blocks:
         if settings:
             raise InputError("a description has its own corners: leave corners and corner_angle out", field="corners")
         return Blocks.of(json.loads(arrays["description"].tobytes()))
-    names = arrays["names"].tolist()
+    names = _stored_names(arrays)
     plain = PlainMesh(
         points=arrays["points"],
         cells=arrays["cells"],
-        sides={name: arrays[f"{_SIDE}{number}"] for number, name in enumerate(names)},
-        places=dict(zip(arrays["place_names"].tolist(), arrays["places"].tolist(), strict=True)),
-        blocks=_stored_blocks(arrays),
+        sides={name: arrays[f"{_SIDE}{number}"] for number, name in enumerate(names["names"])},
+        places=dict(zip(names["place_names"], arrays["places"].tolist(), strict=True)),
+        blocks=tuple(zip(names["block_names"], arrays.get("block_sizes", np.empty(0)).tolist(), strict=True)),
     )
     return Blocks.of_plain(plain, **settings)
 
 
-def _stored_blocks(arrays: Arrays) -> tuple[tuple[str, int], ...]:
-    """The blocks of the file; none for a mesh that was stored without them."""
-    if "block_names" not in arrays:
-        return ()
-    return tuple(zip(arrays["block_names"].tolist(), arrays["block_sizes"].tolist(), strict=True))
+def _stored_names(arrays: Arrays) -> dict[str, list[str]]:
+    """The names of sides, points and blocks. Earlier releases stored an array of each, or none."""
+    if "all_names" in arrays:
+        found: dict[str, list[str]] = json.loads(arrays["all_names"].tobytes())
+        return found
+    return {kind: arrays[kind].tolist() if kind in arrays else [] for kind in ("names", "place_names", "block_names")}
 
 
 def _write(mesh: PlainMesh, file: IO[bytes]) -> None:
-    """Write the arrays of a mesh; the names of its sides are an array, since members of an npz have other names."""
+    """Write the arrays of a mesh; its names are one text, since NumPy gives each the length of the longest."""
+    names = {
+        "names": list(mesh.sides),
+        "place_names": list(mesh.places),
+        "block_names": [name for name, _ in mesh.blocks],
+    }
     arrays: dict[str, Any] = {
         "points": mesh.points,
         "cells": mesh.cells,
-        "names": np.array(list(mesh.sides), dtype=np.str_),
-        "place_names": np.array(list(mesh.places), dtype=np.str_),
+        "all_names": np.frombuffer(json.dumps(names).encode(), dtype=np.uint8),
         "places": np.array(list(mesh.places.values()), dtype=np.int64),
-        "block_names": np.array([name for name, _ in mesh.blocks], dtype=np.str_),
         "block_sizes": np.array([size for _, size in mesh.blocks], dtype=np.int64),
     }
     arrays |= {f"{_SIDE}{number}": edges for number, edges in enumerate(mesh.sides.values())}

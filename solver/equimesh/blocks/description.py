@@ -10,9 +10,20 @@ from typing import Any, TypeAlias
 
 from equimesh.blocks.curve_entries import curve_of, with_points
 from equimesh.blocks.curves import BoundaryCurve, Point
-from equimesh.blocks.entries import entries, mapping, members, name_among, number, place, point, whole
+from equimesh.blocks.entries import (
+    entries,
+    mapping,
+    members,
+    name_among,
+    named,
+    number,
+    place,
+    point,
+    whole,
+)
 from equimesh.blocks.grading import Grading, grading_of
 from equimesh.errors import InputError
+from equimesh.inputs import check_name
 
 # Cells along one edge.
 MAX_CELLS = 100_000
@@ -79,10 +90,10 @@ class Description:
                 f"kind = {given['kind']!r}: a description of blocks has the kind blocks", field="domain.kind"
             )
         if "curves" in given:
-            given["curves"] = with_points(mapping(given["curves"], "domain.curves"), folder)
+            given["curves"] = with_points(named(given["curves"], "domain.curves", "a curve"), folder)
         vertices = {
             name: point(value, f"domain.vertices.{name}")
-            for name, value in mapping(given.get("vertices"), "domain.vertices").items()
+            for name, value in named(given.get("vertices"), "domain.vertices", "a vertex").items()
         }
         curves = {
             name: curve_of(value, f"domain.curves.{name}")
@@ -136,6 +147,7 @@ def _block(value: object, k: int, vertices: Mapping[str, Point]) -> BlockEntry:
     name = entry.get("name", f"block{k}")
     if not isinstance(name, str) or not name:
         raise InputError(f"{place(field)}.name must be a text", field=f"{field}.name")
+    check_name(name, place(field), f"{field}.name")
     gradings = _gradings(entry.get("grading", (None, None)), f"{field}.grading")
     return BlockEntry(name=name, corners=(a, b, c, d), cells=(cells[0], cells[1]), gradings=gradings, field=field)
 
@@ -165,7 +177,7 @@ def _join(value: object, k: int, vertices: Mapping[str, Point]) -> tuple[Ends, E
 
 def _sides(value: object, vertices: Mapping[str, Point]) -> dict[str, tuple[Ends, ...]]:
     found = {}
-    for name, edges in mapping(value, "domain.sides").items():
+    for name, edges in named(value, "domain.sides", "a side").items():
         field = f"domain.sides.{name}"
         if not name.strip():
             raise InputError("sides has an empty name", field="domain.sides")

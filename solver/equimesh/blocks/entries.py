@@ -8,7 +8,7 @@ from typing import Any
 from equimesh.blocks.curves import Point
 from equimesh.domains.domain import MAX_COORDINATE
 from equimesh.errors import InputError
-from equimesh.inputs import describe_value
+from equimesh.inputs import check_name, describe_value
 
 # Characters of a value that a message repeats.
 SHOWN = 40
@@ -20,7 +20,7 @@ def members(value: object, field: str, known: Collection[str]) -> Mapping[str, A
     for name in found:
         if name not in known:
             message = f"{place(field)} has a member {name[:SHOWN]!r} that is not known: {', '.join(known)} are"
-            raise InputError(message, field=f"{field}.{name}")
+            raise InputError(message, field=f"{field}.{name[:SHOWN]}")
     return found
 
 
@@ -29,6 +29,14 @@ def mapping(value: object, field: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
         raise InputError(f"{place(field)} is {describe_value(value)}: it must be an object", field=field)
     return value
+
+
+def named(value: object, field: str, what: str) -> Mapping[str, Any]:
+    """``value`` as an object whose members are named by the caller; ``what`` each of them is."""
+    found = mapping(value, field)
+    for name in found:
+        check_name(name, what, field)
+    return found
 
 
 def entries(value: object, field: str, *, count: int | None = None, what: str = "a list") -> Sequence[Any]:

@@ -17,12 +17,12 @@ from equimesh.errors import SamplesError
 from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.samples import UNIT_BOX, GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.io.zip_members import open_zip
 from equimesh.numerics.types import Array
 from equimesh.upload.limits import MAX_COLUMNS, Limits
 from equimesh.upload.nodal import BlockNodes, block_nodes, is_nodal, nodal_samples
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
 from equimesh.upload.xdmf import read_xdmf
-from equimesh.upload.zip_members import open_zip
 
 Samples: TypeAlias = GridSamples | ScatteredSamples | NodalField | BlockNodes
 

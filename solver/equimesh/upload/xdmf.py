@@ -15,9 +15,9 @@ import numpy as np
 
 from equimesh.errors import SamplesError
 from equimesh.io.xml_tree import parse_xml
+from equimesh.io.zip_members import Members, open_zip
 from equimesh.numerics.types import Array
 from equimesh.upload.limits import Limits
-from equimesh.upload.zip_members import Members, open_zip
 
 Cloud: TypeAlias = tuple[Array, dict[str, Array]]
 ReadMember: TypeAlias = Callable[[str], bytes]

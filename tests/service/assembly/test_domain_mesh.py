@@ -174,3 +174,31 @@ def test_a_description_is_kept_as_it_is(tmp_path: Path) -> None:
         blocks_of(tmp_path / "kept.npz", {"corner_angle": 20.0})
     with pytest.raises(InputError, match="takes at most 20"):
         convert_mesh(source, "step.json", tmp_path / "kept.npz", 20)
+
+
+def test_a_long_name_is_stored_once(tmp_path: Path) -> None:
+    n = 300
+    points = "\n".join(f"{i} {j}" for i in range(n) for j in (0, 1))
+    cells = "\n".join(f"9 {2 * i} {2 * i + 2} {2 * i + 3} {2 * i + 1}" for i in range(n - 1))
+    names = ["x" * 100, *(f"s{i}" for i in range(1, n - 1))]
+    sides = "\n".join(
+        f"MARKER_TAG= {name}\nMARKER_ELEMS= 1\n3 {2 * i} {2 * i + 2}" for i, name in enumerate(names)
+    )
+    source, stored = tmp_path / "mesh.su2", tmp_path / "stored.npz"
+    source.write_text(f"NDIME= 2\nNELEM= {n - 1}\n{cells}\nNPOIN= {2 * n}\n{points}\nNMARK= {n - 1}\n{sides}\n")
+    assert convert_mesh(source, "mesh.su2", stored, 10_000)["sides"][1:3] == ["s1", "s2"]
+    with np.load(stored) as arrays:
+        assert sum(array.nbytes for array in arrays.values()) < 3 * source.stat().st_size
+
+
+def test_a_mesh_that_an_earlier_release_stored_is_read(tmp_path: Path) -> None:
+    arrays = {
+        "points": np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
+        "cells": np.array([[0, 1, 2, 3]]),
+        "names": np.array(["wall"]),
+        "side_0": np.array([[0, 1]]),
+        "place_names": np.array(["te"]),
+        "places": np.array([2]),
+    }
+    np.savez(tmp_path / "old.npz", **arrays)
+    assert "wall" in blocks_of(tmp_path / "old.npz", {}).mesh.sides

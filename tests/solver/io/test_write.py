@@ -200,7 +200,7 @@ class TestFormats:
         importers = [
             p.name for p in folder.rglob("*.py") if re.search(r"^\s*(import|from) meshio", p.read_text(), re.M)
         ]
-        assert {*importers} == {"msh.py", "write.py"}
+        assert {*importers} == {"write.py"}
 
     def test_importing_it_warns_of_nothing(self) -> None:
         code = "import equimesh.io, equimesh.upload, json; print(json.dumps(list(equimesh.io.FORMATS)))"

@@ -10,13 +10,18 @@ from typing import Any, Final
 
 from equimesh.errors import InputError
 from equimesh.io.reading.block_mesh_dict import read_block_mesh_dict
+from equimesh.io.reading.refusals import refusing
 
+# The members and entries of a JSON, at most; a description of a million points of curves has two million.
+MAX_VALUES: Final = 3_000_000
 # The name of the file, and of the format, of OpenFOAM.
 BLOCK_MESH_DICT: Final = "blockMeshDict"
 
 
 def _read_json(text: str) -> dict[str, Any]:
     """The object of a JSON text."""
+    if text.count(",") + text.count(":") > MAX_VALUES:
+        raise InputError(f"the JSON has more than {MAX_VALUES} values: no description needs them", field="file")
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:
@@ -55,4 +60,5 @@ def read_description(path: str | os.PathLike[str], format: str) -> dict[str, Any
         raise InputError(f"{Path(path).name} cannot be read: {error.strerror}", field="path") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{Path(path).name} is no text in UTF-8", field="path") from error
-    return DESCRIPTIONS[format](text)
+    with refusing(format):
+        return DESCRIPTIONS[format](text)

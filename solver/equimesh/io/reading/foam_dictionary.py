@@ -6,14 +6,15 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Final, TypeAlias
 
 from equimesh.errors import InputError
 
 # Lists and dictionaries inside each other, at most.
 MAX_DEPTH: Final = 32
-# Words that variables may bring, in all.
-MAX_WORDS: Final = 1_000_000
+# Words of a file, and words that variables may bring, in all.
+MAX_WORDS: Final = 500_000
 
 _TOKEN = re.compile(r'//[^\n]*|/\*.*?(?:\*/|\Z)|"(?:[^"\\]|\\.)*(?:"|\\?\Z)|[(){}\[\];]|[^\s(){}\[\];"]+', re.DOTALL)
 _VARIABLE = re.compile(r"\$([A-Za-z_][\w.]*)|\$\{([A-Za-z_][\w.]*)\}")
@@ -79,7 +80,9 @@ def parse(text: str) -> Dictionary:
 
 class _Parser:
     def __init__(self, text: str) -> None:
-        self.words = list(_words(text))
+        self.words = list(islice(_words(text), MAX_WORDS + 1))
+        if len(self.words) > MAX_WORDS:
+            raise InputError(f"line {self.words[-1].line}: the file has more than {MAX_WORDS} words", field="file")
         self.at, self.taken, self.lines = 0, 0, text.count("\n") + 1
         self.known: dict[str, list[Item]] = {}
 
@@ -113,7 +116,7 @@ class _Parser:
         found: list[Item] = []
         while self.at < len(self.words) and self.peek() != end:
             if self.peek().startswith("$"):
-                found += self.variable(self.word())
+                found += self.variable(self.word(), depth)
             else:
                 found.append(self.item(depth))
             if not end and isinstance(found[-1], Items):
@@ -145,7 +148,7 @@ class _Parser:
         self.at += 1
         return found
 
-    def variable(self, word: Word) -> list[Item]:
+    def variable(self, word: Word, depth: int) -> list[Item]:
         match = _VARIABLE.fullmatch(word.text)
         name = (match[1] or match[2]) if match else ""
         if name not in self.known:
@@ -155,6 +158,8 @@ class _Parser:
             )
             raise InputError(message, field="file")
         found = self.known[name]
+        if depth + max(map(_depth, found), default=0) > MAX_DEPTH:
+            raise InputError(f"line {word.line}: more than {MAX_DEPTH} lists inside each other", field="file")
         self.taken += sum(map(_size, found))
         if self.taken > MAX_WORDS:
             raise InputError(f"line {word.line}: variables bring more than {MAX_WORDS} words", field="file")
@@ -188,10 +193,19 @@ def _words(text: str) -> Iterator[Word]:
 
 
 def _size(item: Item) -> int:
+    """The words and lists of an item, in all."""
+    return 1 + sum(map(_size, _inner(item)))
+
+
+def _depth(item: Item) -> int:
+    """How many lists of an item are inside each other."""
+    return 0 if isinstance(item, Word) else 1 + max(map(_depth, _inner(item)), default=0)
+
+
+def _inner(item: Item) -> Sequence[Item]:
     if isinstance(item, Word):
-        return 1
-    inner = item.items if isinstance(item, Items) else [one for found in item.values.values() for one in found]
-    return 1 + sum(map(_size, inner))
+        return ()
+    return item.items if isinstance(item, Items) else [one for found in item.values.values() for one in found]
 
 
 def as_word(item: Item) -> Word:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+from itertools import islice
 from typing import Final
 
-import meshio
 import numpy as np
 
 from equimesh.errors import InputError
+from equimesh.io.reading import msh_binary
+from equimesh.io.reading.msh_binary import MAX_BLOCKS, Bytes
 from equimesh.io.reading.plain_mesh import PlainMesh, check_side_count, refuse_cell
 from equimesh.io.reading.text_numbers import floats, integers
 from equimesh.numerics.types import Array, IntArray
@@ -28,7 +28,9 @@ OTHERS: Final = {
 # ... and how many nodes they have.
 NODES: Final = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 15: 1, 16: 8}
 # Physical groups of one curve, at most: each takes all its lines.
-MAX_GROUPS = 100
+MAX_GROUPS = 10
+# Sections of a file, at most.
+MAX_SECTIONS = 1000
 # The dimension of the sides, and of points.
 CURVE, VERTEX = 1, 0
 
@@ -37,11 +39,11 @@ _HEAD = re.compile(rb"^\$([A-Za-z]\w*)[^\S\n]*\r?$", re.MULTILINE)
 
 @dataclass(eq=False)
 class _Found:
-    """What the elements of a file are, with the numbers of the file: ``(nodes, group)`` each."""
+    """What the elements of a file are, with its numbers of nodes and groups; a named point of each group."""
 
     quads: list[IntArray] = field(default_factory=list)
     lines: list[tuple[IntArray, int]] = field(default_factory=list)
-    vertices: list[tuple[int, int]] = field(default_factory=list)
+    vertices: dict[int, int] = field(default_factory=dict)
     names: dict[tuple[int, int], str] = field(default_factory=dict)
 
     def mesh(self, points: Array, tags: IntArray) -> PlainMesh:
@@ -60,7 +62,7 @@ class _Found:
             {name: place.of(np.concatenate(edges)) for name, edges in sides.items() if edges},
             {
                 self.names[VERTEX, group]: int(place.of(np.array([node]))[0])
-                for node, group in self.vertices
+                for group, node in self.vertices.items()
                 if (VERTEX, group) in self.names
             },
         )
@@ -101,13 +103,11 @@ def read_msh(data: bytes) -> PlainMesh:
 
     Source: Gmsh reference manual, "MSH file format".
     """
-    sections = {name: (text, line) for name, text, line in _sections(data)}
+    sections = {name: (text, line) for name, text, line in islice(_sections(data), MAX_SECTIONS)}
     if "MeshFormat" not in sections:
         raise InputError("the file does not begin with $MeshFormat: it is no Gmsh file", field="file")
     words = sections["MeshFormat"][0].split(None, 3)[:3]
     version, kind = (word.decode("latin-1") for word in [*words, b"", b""][:2])
-    if kind == "1":
-        return _binary(data)
     if version not in ("2.2", "2.1", "2", "4.1"):
         message = f"line 2: version {version[:10]!r} of the Gmsh format: save the mesh in version 2.2 or 4.1"
         raise InputError(message, field="file")
@@ -115,7 +115,9 @@ def read_msh(data: bytes) -> PlainMesh:
         if name not in sections:
             raise InputError(f"the Gmsh file has no section ${name}", field="file")
     found = _Found(names=_names(*sections.get("PhysicalNames", (b"0", 0))))
-    if version == "4.1":
+    if kind == "1":
+        points, tags = _binary({name: text for name, (text, _) in sections.items()}, version, found)
+    elif version == "4.1":
         groups = _groups_of_entities(*sections.get("Entities", (b"", 0)))
         points, tags = _nodes_41(*sections["Nodes"])
         _elements_41(*sections["Elements"], groups, points, found)
@@ -172,7 +174,7 @@ def _nodes_41(text: bytes, line: int) -> tuple[Array, IntArray]:
     """The same for version 4.1, which has them by the entity that they are on."""
     flat = floats(text, line, "the nodes")
     points, tags, at = [], [], 4
-    for _ in range(int(flat[0]) if len(flat) >= 4 else -1):
+    for _ in range(_block_count(flat, line)):
         head = flat[at : at + 4]
         if len(head) < 4 or not (0 <= head[0] <= 3 and 0 <= head[3] <= len(flat)):
             raise InputError(f"line {line}: the nodes end too early", field="file")
@@ -213,7 +215,7 @@ def _elements_41(
 ) -> None:
     """Take the elements of version 4.1."""
     flat, at = integers(text, line, "the elements"), 4
-    for _ in range(int(flat[0]) if len(flat) >= 4 else -1):
+    for _ in range(_block_count(flat, line)):
         head = flat[at : at + 4].tolist()
         if len(head) < 4:
             raise InputError(f"line {line}: the elements end too early", field="file")
@@ -223,39 +225,47 @@ def _elements_41(
         if count < 0 or end > len(flat):
             raise InputError(f"line {line}: the elements end too early", field="file")
         rows = flat[at + 4 : end].reshape(count, width)
-        if count:
-            for group in groups.get((dimension, entity), []) or [0]:
-                _take(found, kind, rows[:, 0], rows[:, 1:], group, points)
-                if kind == QUADRILATERAL:
-                    break
+        _take_entity(found, kind, rows, groups.get((dimension, entity), []), points)
         at = end
     if len(flat) < 4 or at != len(flat):
         raise InputError(f"line {line}: the blocks of elements are not as many as their head says", field="file")
 
 
+def _block_count(flat: Array | IntArray, line: int) -> int:
+    """The number of blocks that the head of a section of version 4.1 tells."""
+    count = int(flat[0]) if len(flat) >= 4 else 0
+    if count > MAX_BLOCKS:
+        raise InputError(f"line {line}: the section has {count} blocks: {MAX_BLOCKS} are possible", field="file")
+    return count
+
+
 def _elements_22(text: bytes, line: int, points: Array, found: _Found) -> None:
     """Take the elements of version 2: rows of number, type, count of tags, tags (the first is the group), nodes."""
-    flat, at, rows = integers(text, line, "the elements"), 1, 0
+    flat, at, rows, runs = integers(text, line, "the elements"), 1, 0, 0
     while at + 3 <= len(flat):
         kind, tags = int(flat[at + 1]), int(flat[at + 2])
         width = 3 + tags + _nodes_of(kind)
         if tags < 0 or at + width > len(flat):
             break
-        same = _run(flat[at:], width, 4 if tags else 3)
+        runs += 1
+        if runs > MAX_BLOCKS:
+            message = f"line {line}: the type of elements changes more than {MAX_BLOCKS} times: sort them by type"
+            raise InputError(message, field="file")
+        same = _run(flat[at:], width)
         table = flat[at : at + same * width].reshape(same, width)
-        _take(found, kind, table[:, 0], table[:, 3 + tags :], int(table[0, 3]) if tags else 0, points)
+        _take_groups(found, kind, table[:, 0], table[:, 3 + tags :], table[:, 3] if tags else None, points)
         at, rows = at + same * width, rows + same
     if at != len(flat) or not len(flat) or rows != flat[0]:
         told = int(flat[0]) if len(flat) else 0
         raise InputError(f"line {line}: {told} elements are told, but {rows} whole ones follow", field="file")
 
 
-def _run(flat: IntArray, width: int, last: int) -> int:
-    """How many rows of ``width`` numbers have the same numbers as the first in the columns 1 to ``last - 1``."""
+def _run(flat: IntArray, width: int) -> int:
+    """How many rows of ``width`` numbers have the type and the number of tags of the first."""
     most, size = len(flat) // width, 64
     while True:
         table = flat[: min(size, most) * width].reshape(-1, width)
-        other = (table[:, 1:last] != table[0, 1:last]).any(axis=1)
+        other = (table[:, 1:3] != table[0, 1:3]).any(axis=1)
         if other.any():
             return int(other.argmax())
         if size >= most:
@@ -276,31 +286,41 @@ def _take(found: _Found, kind: int, numbers: IntArray, nodes: IntArray, group: i
     elif kind == LINE:
         found.lines.append((nodes, group))
     elif kind == POINT:
-        found.vertices += [(node, group) for node in nodes[:, 0].tolist()]
+        found.vertices[group] = int(nodes[-1, 0])
     else:
         raise refuse_cell(OTHERS[kind], int(numbers[0]), points, nodes[0] - 1)
 
 
-def _binary(data: bytes) -> PlainMesh:
-    """The mesh of a binary file, which meshio reads."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "mesh.msh"
-        path.write_bytes(data)
-        try:
-            mesh = meshio.read(path, file_format="gmsh")
-        except (Exception, SystemExit) as error:  # meshio raises many kinds for broken files
-            raise InputError(f"the binary Gmsh file cannot be read: {str(error)[:200]}", field="file") from error
-    groups = mesh.cell_data.get("gmsh:physical", [np.zeros(len(block.data), np.int64) for block in mesh.cells])
-    found = _Found(names={(int(value[1]), int(value[0])): name for name, value in mesh.field_data.items()})
-    kinds = {"line": LINE, "quad": QUADRILATERAL, "vertex": POINT}
-    at = 0
-    for block, group in zip(mesh.cells, groups, strict=True):
-        nodes = np.asarray(block.data, dtype=np.int64)
-        if block.type not in kinds:
-            raise refuse_cell(block.type, at + 1, mesh.points, nodes[0])
-        check_side_count(len(np.unique(group)))
-        for number in np.unique(group):
-            rows = nodes[np.asarray(group) == number]
-            _take(found, kinds[block.type], np.arange(len(rows)), rows, int(number), mesh.points)
-        at += len(nodes)
-    return found.mesh(np.asarray(mesh.points, dtype=np.float64), np.arange(len(mesh.points)))
+def _take_entity(found: _Found, kind: int, rows: IntArray, groups: list[int], points: Array) -> None:
+    """Add the elements of one entity, rows of number and nodes, to each of its groups."""
+    if len(rows):
+        for group in groups if groups and kind != QUADRILATERAL else [0]:
+            _take(found, kind, rows[:, 0], rows[:, 1:], group, points)
+
+
+def _take_groups(
+    found: _Found, kind: int, numbers: IntArray, nodes: IntArray, groups: IntArray | None, points: Array
+) -> None:
+    """Add elements of one kind, each of a group of its own."""
+    several = np.unique(groups) if groups is not None and kind in (LINE, POINT) else np.zeros(1, np.int64)
+    check_side_count(len(several))
+    for group in several.tolist():
+        of_it = groups == group if len(several) > 1 else slice(None)
+        _take(found, kind, numbers[of_it], nodes[of_it], group, points)
+
+
+def _binary(sections: dict[str, bytes], version: str, found: _Found) -> tuple[Array, IntArray]:
+    """Take the elements of the sections of a binary file; the coordinates and numbers of its nodes."""
+    order = msh_binary.order_of(sections["MeshFormat"])
+    nodes, elements = (Bytes(sections[name], order) for name in ("Nodes", "Elements"))
+    if version == "4.1":
+        entities = Bytes(sections.get("Entities", bytes(32)), order)
+        groups = msh_binary.groups_of_entities(entities, MAX_GROUPS)
+        points, tags = msh_binary.nodes_41(nodes)
+        for entity, kind, rows in msh_binary.elements_41(elements, _nodes_of):
+            _take_entity(found, kind, rows, groups.get(entity, []), points)
+    else:
+        points, tags = msh_binary.nodes_22(nodes)
+        for kind, rows in msh_binary.elements_22(elements, _nodes_of):
+            _take_groups(found, kind, rows[:, 0], rows[:, 2:], rows[:, 1], points)
+    return points, tags

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from equimesh.errors import InputError
+from equimesh.inputs import check_name
 from equimesh.numerics.types import Array, IntArray
 
 # A mesh is plane where its nodes leave the plane by this part of its size at most.
 PLANE: float = 1e-9
 # Named sides of a mesh, at most: each has an array.
 MAX_SIDES: int = 1000
+# Named points and blocks of a mesh, at most.
+MAX_PLACES: int = 10_000
+MAX_BLOCKS: int = 100_000
 # What to do with a mesh that has other cells, for messages.
 ONLY_QUADRILATERALS: str = (
     "only quadrilaterals can be adapted; make a mesh of quadrilaterals, in Gmsh by Recombine with the subdivision"
@@ -39,6 +43,9 @@ class PlainMesh:
     places: Mapping[str, int] = field(default_factory=dict)
     blocks: tuple[tuple[str, int], ...] = ()
 
+    def __post_init__(self) -> None:
+        check_names(self.sides, self.places, [name for name, _ in self.blocks])
+
     @classmethod
     def of(
         cls,
@@ -54,7 +61,7 @@ class PlainMesh:
         """
         if len(cells) == 0:
             raise InputError(f"the file has no quadrilaterals: {ONLY_QUADRILATERALS}", field="cells")
-        check_side_count(len(sides))
+        check_names(sides, places or {}, ())
         for name, table in {
             "the cells": cells,
             **{f"the side {name!r}": edges for name, edges in sides.items()},
@@ -89,6 +96,20 @@ class PlainMesh:
             sides={name: number[edges] for name, edges in sides.items()},
             places={name: int(number[node]) for name, node in (places or {}).items() if used[node]},
         )
+
+
+def check_names(sides: Collection[str], places: Collection[str], blocks: Collection[str]) -> None:
+    """Refuse more named things than a mesh may have, and names that are too long."""
+    check_side_count(len(sides))
+    for what, where, names, most in (
+        ("side", "sides", sides, MAX_SIDES),
+        ("point", "points", places, MAX_PLACES),
+        ("block", "blocks", blocks, MAX_BLOCKS),
+    ):
+        if len(names) > most:
+            raise InputError(f"the file has {len(names)} named {what}s: {most} are possible", field=where)
+        for name in names:
+            check_name(name, f"a {what}", where)
 
 
 def check_side_count(count: int) -> None:

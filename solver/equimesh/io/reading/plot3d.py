@@ -33,8 +33,10 @@ _NAME = re.compile(r"[^\s\d]")
 _RANGES = re.compile(r"'?((?: -?\d+){6})(?: -?\d|$)")
 # Blocks of a file, and nodes of a block along a direction, at most.
 MAX_BLOCKS, MAX_NODES = 100_000, 10_000_000
-# Numbers that Fortran's repetitions such as ``3*0.5`` stand for, at most, in all.
-MAX_REPEATED = 20_000_000
+# Numbers that Fortran's repetitions such as ``3*0.5`` stand for, at most: so many for each byte of the file, and more.
+MAX_REPEATED, MORE_REPEATED = 20, 100_000
+# Records of a file, at most.
+MAX_RECORDS = 200_000
 
 
 @dataclass(frozen=True)
@@ -170,9 +172,10 @@ def _text(data: bytes) -> tuple[_Head, list[Array]]:
     text = data.replace(b",", b" ").replace(b"D", b"e").replace(b"d", b"e")
     if b"*" in text:
         words = text.split()
-        if sum(_repeats(word) for word in words) > MAX_REPEATED:
+        most = MAX_REPEATED * len(data) + MORE_REPEATED
+        if sum(_repeats(word) for word in words) > most:
             raise InputError(
-                f"repetitions stand for more than {MAX_REPEATED} numbers: write a binary file", field="file"
+                f"repetitions stand for more than {most} numbers: write them out, or a binary file", field="file"
             )
         text = b" ".join(_repeated(word) for word in words)
     flat = floats(text, 1, "the coordinates")
@@ -200,8 +203,8 @@ def _repeats(word: bytes) -> int:
 
 def _repeated(word: bytes) -> bytes:
     """Fortran's ``3*0.5`` written out."""
-    count = _repeats(word)
-    return b" ".join([word.partition(b"*")[2]] * count) if count else word
+    count, value = _repeats(word), word.partition(b"*")[2]
+    return b" ".join([value] * count) if count and value else word
 
 
 def _heads(numbers: npt.NDArray[Any]) -> Iterator[_Head]:
@@ -247,10 +250,10 @@ def _no_plot3d() -> InputError:
 def _records(data: bytes, order: str) -> list[bytes]:
     """Fortran's records without their marks; none where the file has no such marks."""
     found, at, mark = [], 0, np.dtype(f"{order}u4")
-    while at + 8 <= len(data):
+    while at + 8 <= len(data) and len(found) < MAX_RECORDS:
         size = int(np.frombuffer(data, mark, 1, at)[0])
         end = at + 4 + size
-        if end + 4 > len(data) or int(np.frombuffer(data, mark, 1, end)[0]) != size:
+        if not size or end + 4 > len(data) or int(np.frombuffer(data, mark, 1, end)[0]) != size:
             return []
         found.append(data[at + 4 : end])
         at = end + 4

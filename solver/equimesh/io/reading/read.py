@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import os
-import zipfile
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -19,9 +16,11 @@ from equimesh.io.reading.msh import read_msh
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.reading.plot3d import read_plot3d
 from equimesh.io.reading.poly_mesh import read_poly_mesh
+from equimesh.io.reading.refusals import refusing
 from equimesh.io.reading.su2 import read_su2
 from equimesh.io.reading.vtm import read_vtm
 from equimesh.io.reading.vtu import read_vtu
+from equimesh.io.zip_members import open_zip
 
 # The reader of each format of meshes; ``zip`` is a zip of the files of a polyMesh, of Plot3D with its map, or
 # of a vtm with its grids.
@@ -44,8 +43,10 @@ MAP: Final = ".nmf"
 # The suffixes of the head and of the grids of VTK's files of several blocks.
 VTM: Final = ".vtm"
 VTS: Final = ".vts"
-# The most bytes of the files inside a zip, in all.
-MAX_EXPANDED: Final = 1 << 31
+# The most bytes of the files inside a zip, in all: so many times its own, within these bounds.
+MAX_EXPANSION, MIN_EXPANDED, MAX_EXPANDED = 100, 1 << 20, 1 << 31
+# The most files of a zip: a vtm has one for each block.
+MAX_MEMBERS: Final = 20_000
 # Where an OpenFOAM case has its mesh.
 POLY_MESH: Final = Path("constant") / "polyMesh"
 
@@ -101,36 +102,25 @@ def _bytes_of(source: Path) -> bytes:
 
 def _read(reader: Callable[[], PlainMesh], name: str) -> PlainMesh:
     """What the reader returns; whatever a broken file raises becomes an error that says so."""
-    try:
-        with np.errstate(invalid="ignore", over="ignore"):
-            return reader()
-    except InputError:
-        raise
-    except (ValueError, IndexError, KeyError, OverflowError, TypeError, MemoryError) as error:
-        raise InputError(f"the {name} file cannot be read: {str(error)[:200]}", field="file") from error
+    with refusing(name), np.errstate(invalid="ignore", over="ignore"):
+        return reader()
 
 
 def _packed(data: bytes) -> PlainMesh:
     """The mesh of a zip: the files of a polyMesh in any folder, a Plot3D file with its map, or a vtm with its grids."""
     files: dict[str, bytes] = {}
     grids: dict[str, bytes] = {}
-    left = MAX_EXPANDED
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            for entry in archive.infolist():
-                name = Path(entry.filename)
-                is_grid = name.suffix.lower() == VTS
-                if not (is_grid or name.name in poly_mesh.FILES or name.suffix.lower() in (*PLOT3D, MAP, VTM)):
-                    continue
-                kind, left = name.suffix.lower() or name.name, left - entry.file_size
-                if left < 0:
-                    message = f"the files of the mesh in the zip have more than {MAX_EXPANDED} bytes"
-                    raise InputError(message, field="file")
-                if kind in files and not is_grid:
-                    raise InputError(f"the zip has two files {kind!r}: pack one mesh", field="file")
-                (grids if is_grid else files)[name.name if is_grid else kind] = archive.read(entry)
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
-        raise InputError(f"the zip cannot be read: {str(error)[:200]}", field="file") from error
+    most = min(max(MAX_EXPANSION * len(data), MIN_EXPANDED), MAX_EXPANDED)
+    with open_zip(data, "zip", most, "pack it again by deflate", MAX_MEMBERS) as members:
+        for member in members.names:
+            name = Path(member)
+            is_grid = name.suffix.lower() == VTS
+            if not (is_grid or name.name in poly_mesh.FILES or name.suffix.lower() in (*PLOT3D, MAP, VTM)):
+                continue
+            kind = name.suffix.lower() or name.name
+            if kind in files and not is_grid:
+                raise InputError(f"the zip has two files {kind!r}: pack one mesh", field="file")
+            (grids if is_grid else files)[name.name if is_grid else kind] = members.read(member)
     if VTM in files:
         return read_vtm(files[VTM], lambda name: _grid_of(grids, name))
     grid = next((files[suffix] for suffix in PLOT3D if suffix in files), None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,9 @@ from equimesh.numerics.types import Array, IntArray
 LINE, QUADRILATERAL = 3, 9
 # ... and those that are refused.
 OTHERS: Final = {5: "triangle", 10: "tetrahedron", 12: "hexahedron", 13: "prism", 14: "pyramid"}
+
+# Lines with a keyword, at most.
+MAX_KEYS: Final = 10_000
 
 _COMMENT = re.compile(rb"%[^\n]*")
 _KEY = re.compile(rb"^[^\S\n]*([A-Z_]+)[^\S\n]*=[^\S\n]*(\S*)", re.MULTILINE)
@@ -71,7 +75,11 @@ def read_su2(data: bytes) -> PlainMesh:
 
 
 def _entries(data: bytes) -> list[_Entry]:
-    found = list(_KEY.finditer(data))
+    found = list(islice(_KEY.finditer(data), MAX_KEYS + 1))
+    if len(found) > MAX_KEYS:
+        raise InputError(
+            f"the SU2 file has more than {MAX_KEYS} lines with a keyword: no mesh has so many", field="file"
+        )
     ends = [head.start() for head in found[1:]] + [len(data)] * bool(found)
     result, line, at = [], 1, 0
     for head, end in zip(found, ends, strict=True):

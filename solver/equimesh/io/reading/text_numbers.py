@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+from collections.abc import Iterator
 from typing import TypeVar
 
 import numpy as np
@@ -10,6 +13,10 @@ import numpy.typing as npt
 from equimesh.errors import InputError
 from equimesh.numerics.types import Array, IntArray
 
+# Bytes of a text that are searched at once for a bad word.
+PIECE = 1 << 16
+
+_GAP = re.compile(rb"\s")
 T = TypeVar("T", np.int64, np.float64)
 
 
@@ -51,12 +58,46 @@ def _numbers(text: bytes, kind: type[T], first_line: int, what: str) -> npt.NDAr
 
 def _first_bad(text: bytes, kind: type[T]) -> tuple[int, str]:
     """The line, from 0, and the first word that is no number of this kind."""
-    for number, line in enumerate(text.split(b"\n")):
-        for word in line.split():
-            try:
-                kind(int(word) if kind is np.int64 else float(word))
-            except (ValueError, OverflowError):
-                return number, word.decode("latin-1")
-            if b"_" in word or not word.isascii():
-                return number, word.decode("latin-1")
+    before, left = 0, len(text)
+    for lines in _pieces(text):
+        left -= len(lines)
+        if not left or not _is_good(lines, kind):
+            for number, line in enumerate(lines.split(b"\n")):
+                for word in line.split():
+                    if not _is_number(word, kind):
+                        return before + number, word[:PIECE].decode("latin-1")
+        before += lines.count(b"\n")
     return 0, text[:30].decode("latin-1")
+
+
+def _pieces(text: bytes) -> Iterator[bytes]:
+    """The text in pieces of some length that end between words."""
+    at = 0
+    while at < len(text):
+        gap = _GAP.search(text, min(at + PIECE, len(text)))
+        end = gap.start() if gap else len(text)
+        yield text[at:end]
+        at = end
+
+
+def _is_good(text: bytes, kind: type[T]) -> bool:
+    """Whether NumPy reads every word of a piece."""
+    if b"_" in text or not text.isascii():
+        return False
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # old versions of NumPy only warn of a bad word
+        try:
+            np.fromstring(text, kind, sep=" ")
+        except (ValueError, DeprecationWarning):
+            return False
+    return True
+
+
+def _is_number(word: bytes, kind: type[T]) -> bool:
+    if b"_" in word or not word.isascii():
+        return False
+    try:
+        kind(int(word) if kind is np.int64 else float(word))
+    except (ValueError, OverflowError):
+        return False
+    return True

@@ -121,12 +121,15 @@ def test_broken_files_are_refused_with_the_place(told: str) -> None:
 def test_nodes_of_no_width_and_many_groups_are_refused() -> None:
     head = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
     nodes = "$Nodes\n1e15 1 1 1\n-8 1 1 1 1 1 1 1 1\n$EndNodes\n$Elements\n0 0 0 0\n$EndElements\n"
-    assert "the nodes end too early" in refusal((head + nodes).encode(), "msh")
+    assert "line 5: the section has 1000000000000000 blocks: 100000 are possible" in refusal(
+        (head + nodes).encode(), "msh"
+    )
+    assert "the nodes end too early" in refusal((head + nodes.replace("1e15", "3")).encode(), "msh")
     tags = " ".join(map(str, range(1, 102)))
     entities = f"$Entities\n0 1 0 0\n1 0 0 0 1 0 0 101 {tags} 0\n$EndEntities\n"
     assert "line 6: 101 physical groups of one entity" in refusal((head + entities + nodes).encode(), "msh")
 
 
 def test_the_line_of_a_section_counts_those_before() -> None:
-    data = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n" + b"$A\n\n$EndA\n" * 100_000 + b"$Nodes\n"
-    assert "line 300004: the section $Nodes does not end" in refusal(data, "msh")
+    data = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n" + b"$A\n" + b"\n" * 100_000 + b"$EndA\n$Nodes\n"
+    assert "line 100006: the section $Nodes does not end" in refusal(data, "msh")

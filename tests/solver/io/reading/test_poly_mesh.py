@@ -88,7 +88,7 @@ def test_other_meshes_are_refused_with_what_is_wrong(told: str) -> None:
 
 
 def test_a_zip_that_is_none() -> None:
-    assert "the zip cannot be read" in refusal(b"PK", "zip")
+    assert "the zip file cannot be unpacked" in refusal(b"PK", "zip")
 
 
 def test_a_layer_of_two_cells_is_refused() -> None:

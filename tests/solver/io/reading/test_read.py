@@ -96,5 +96,5 @@ def test_a_zip_has_one_mesh_of_bounded_size(monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(InputError, match="the zip has two files 'points'"):
         read_bytes(packed, "zip")
     monkeypatch.setattr("equimesh.io.reading.read.MAX_EXPANDED", 100)
-    with pytest.raises(InputError, match="in the zip have more than 100 bytes"):
+    with pytest.raises(InputError, match="the zip file unpacks to more than the bytes allowed"):
         read_bytes(zipped({"points": "0" * 60, "faces": "0" * 60}), "zip")

@@ -60,13 +60,13 @@ class Members:
 
 
 @contextmanager
-def open_zip(data: bytes, kind: str, max_bytes: int, remedy: str) -> Iterator[Members]:
+def open_zip(data: bytes, kind: str, max_bytes: int, remedy: str, max_members: int = MAX_MEMBERS) -> Iterator[Members]:
     """The members of the zip file ``data``; ``kind`` is its name in messages, ``remedy`` the advice to write one.
 
     Raises :class:`~equimesh.errors.SamplesError` for every fault of it, also where it is used.
     """
-    if data.count(_ENTRY) > MAX_MEMBERS:  # before they are listed, which takes long
-        raise SamplesError(f"the {kind} file has more than {MAX_MEMBERS} members")
+    if data.count(_ENTRY) > max_members:  # before they are listed, which takes long
+        raise SamplesError(f"the {kind} file has more than {max_members} members")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             yield Members(archive, kind, max_bytes)

@@ -1,0 +1,200 @@
+"""Files that cost more than they are worth are refused soon, and whatever a reader raises is one kind of error."""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import struct
+import time
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from equimesh.blocks.blocks import Blocks
+from equimesh.errors import InputError
+from equimesh.io.gmsh import gmsh_text
+from equimesh.io.reading.descriptions import read_description
+from equimesh.io.reading.read import read_bytes
+from equimesh.io.reading.refusals import MAX_MESSAGE, refusing
+from equimesh.io.su2 import su2_text
+from solver.io.reading.plain import small
+from solver.io.reading.test_poly_mesh import files as poly_mesh_files
+
+MEGABYTE = 1 << 20
+MOST_SECONDS = 8.0
+"""CPU time of a refusal. Most take less than one second; each of these files took minutes."""
+LONG = "n" * 400_000
+
+
+def binary_msh(version: str, nodes: bytes, elements: bytes) -> bytes:
+    head = f"$MeshFormat\n{version} 1 8\n".encode() + struct.pack("<i", 1) + b"\n$EndMeshFormat\n"
+    return head + b"$Nodes\n" + nodes + b"\n$EndNodes\n$Elements\n" + elements + b"\n$EndElements\n"
+
+
+def packed(files: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return stream.getvalue()
+
+
+def with_boundary(content: bytes) -> bytes:
+    return packed({name: text.encode() for name, text in poly_mesh_files().items()} | {"boundary": content})
+
+
+COSTLY: dict[str, tuple[str, Callable[[], bytes]]] = {
+    "empty blocks of nodes": (
+        "msh",
+        lambda: binary_msh("4.1", struct.pack("<4Q", 10**15, 1, 1, 1) + bytes(6 * MEGABYTE), bytes(32)),
+    ),
+    "empty blocks of elements": (
+        "msh",
+        lambda: binary_msh("2.2", b"1\n" + bytes(28), b"9\n" + struct.pack("<3i", 3, 0, 2) * 500_000),
+    ),
+    "empty blocks as text": (
+        "msh",
+        lambda: (
+            b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n999999 1 1 1\n"
+            + b"0 1 0 0\n" * MEGABYTE
+            + b"$EndNodes\n$Elements\n0 0 0 0\n$EndElements\n"
+        ),
+    ),
+    "types that change with each element": (
+        "msh",
+        lambda: (
+            b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n1\n1 0 0 0\n$EndNodes\n$Elements\n999999\n"
+            + b"1 1 1 1 1 1\n2 15 0 1\n" * 500_000
+            + b"$EndElements\n"
+        ),
+    ),
+    "many sections": ("msh", lambda: b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n" + b"$A\n\n$EndA\n" * MEGABYTE),
+    "many keywords": ("su2", lambda: b"A=\n" * (4 * MEGABYTE)),
+    "records of no length": ("p3d", lambda: bytes(12 * MEGABYTE)),
+    "repetitions": ("p3d", lambda: b"4472 4472 19999998*0.5 19999998*x "),
+    "one bad word at the end": ("p3d", lambda: b"2 2 " + b"1 " * (8 * MEGABYTE) + b"x"),
+    "many words in a boundary": ("zip", lambda: with_boundary(b"1(a{b c;}" + b" d" * (24 * MEGABYTE) + b")")),
+}
+
+
+@pytest.mark.parametrize("name", COSTLY)
+def test_a_file_that_declares_too_much_is_refused_soon(name: str) -> None:
+    format, make = COSTLY[name]
+    data = make()
+    began = time.process_time()
+    with pytest.raises(InputError) as caught:
+        read_bytes(data, format)
+    assert time.process_time() - began < MOST_SECONDS
+    assert len(caught.value.message) <= MAX_MESSAGE
+
+
+DESCRIPTIONS: dict[str, tuple[str, Callable[[], str]]] = {
+    "many words": ("blockMeshDict", lambda: "vertices (" + "a " * (6 * MEGABYTE) + ");"),
+    "variables of variables": (
+        "blockMeshDict",
+        lambda: "v0 (a);" + "".join(f"v{k} ($v{k - 1});" for k in range(1, 5000)) + "vertices ($v4999);",
+    ),
+    "many keys": ("json", lambda: "{" + ",".join(f'"{k}":0' for k in range(2_000_000)) + "}"),
+    "many lists": ("json", lambda: '{"vertices":' + "[" * 100_000),
+}
+
+
+@pytest.mark.parametrize("name", DESCRIPTIONS)
+def test_a_description_that_declares_too_much_is_refused_soon(name: str, tmp_path: Path) -> None:
+    format, make = DESCRIPTIONS[name]
+    (tmp_path / "file").write_text(make())
+    began = time.process_time()
+    with pytest.raises(InputError) as caught:
+        read_description(tmp_path / "file", format)
+    assert time.process_time() - began < MOST_SECONDS
+    assert len(caught.value.message) <= MAX_MESSAGE
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_broken_member_of_any_packing_is_refused(method: int) -> None:
+    data = bytearray(packed({name: text.encode() for name, text in poly_mesh_files().items()}, method))
+    start = data.index(b"points") + 6
+    data[start : start + 20] = bytes(20)
+    with pytest.raises(InputError, match=r"zip file|polyMesh|no number|no integer"):
+        read_bytes(bytes(data), "zip")
+
+
+def gmsh_with(name: str) -> bytes:
+    mesh = small()
+    sides = dict(zip([name, *list(mesh.sides)[1:]], mesh.sides.values(), strict=True))
+    zeros = np.zeros(len(mesh.cells), int)
+    return gmsh_text(mesh.points, mesh.cells, sides, subdomain=zeros, point_data={}, cell_data={}).encode()
+
+
+def su2_with(name: str) -> bytes:
+    mesh = small()
+    sides = dict(zip([name, *list(mesh.sides)[1:]], mesh.sides.values(), strict=True))
+    return su2_text(mesh.points, mesh.cells, sides).encode("latin-1")
+
+
+NAMED = {
+    "msh, long": ("msh", gmsh_with(LONG)),
+    "su2, long": ("su2", su2_with(LONG)),
+    "su2, NUL": ("su2", su2_with("abc").replace(b"abc", b"a\0b")),
+    "msh, bell": ("msh", gmsh_with("a\x07b")),
+}
+
+
+@pytest.mark.parametrize(("format", "data"), NAMED.values(), ids=NAMED)
+def test_names_that_no_file_can_hold_are_refused(format: str, data: bytes) -> None:
+    with pytest.raises(InputError) as caught:
+        read_bytes(data, format)
+    assert "a side has" in caught.value.message
+    assert len(caught.value.message) < 300
+    caught.value.message.encode()
+
+
+@pytest.mark.parametrize("name", [LONG, "a\0b", "\ud800"], ids=["long", "NUL", "surrogate"])
+@pytest.mark.parametrize("place", ["sides", "vertices", "curves", "blocks"])
+def test_names_of_a_description_are_checked(name: str, place: str) -> None:
+    corners = {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]}
+    block = {"corners": [*corners], "cells": [2, 2]}
+    document = {"vertices": corners, "blocks": [block]}
+    extra = {
+        "sides": {"sides": {name: [["a", "b"]]}},
+        "vertices": {"vertices": {**corners, name: [2, 2]}},
+        "curves": {"curves": {name: {"kind": "line"}}},
+        "blocks": {"blocks": [{**block, "name": name}]},
+    }[place]
+    with pytest.raises(InputError) as caught:
+        Blocks.of(json.loads(json.dumps(document | extra)))
+    assert " name " in caught.value.message
+    assert len(caught.value.message) < 300
+    (caught.value.message + caught.value.field).encode()
+
+
+def test_what_a_reader_raises_is_one_error(caplog: pytest.LogCaptureFixture) -> None:
+    for error in (
+        RecursionError("deep"),
+        OSError("bad"),
+        EOFError(),
+        KeyError("a"),
+        MemoryError(),
+        ZeroDivisionError(),
+    ):
+        with pytest.raises(InputError, match="the su2 file cannot be read"), refusing("su2"):
+            raise error
+    assert not caplog.records
+
+
+def test_a_defect_of_a_reader_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.ERROR), pytest.raises(InputError, match="cannot be read"), refusing("su2"):
+        raise AssertionError("ours")
+    assert "the reader of su2 failed" in caplog.text
+
+
+def test_messages_are_short_and_can_be_sent() -> None:
+    with pytest.raises(InputError) as caught, refusing("su2"):
+        raise InputError("a \ud800 \0 " + LONG, field="\ud800")
+    assert len(caught.value.message) <= MAX_MESSAGE + 20
+    (caught.value.message + caught.value.field).encode()
+    assert caught.value.message.isprintable()
