@@ -181,9 +181,7 @@ def test_a_long_name_is_stored_once(tmp_path: Path) -> None:
     points = "\n".join(f"{i} {j}" for i in range(n) for j in (0, 1))
     cells = "\n".join(f"9 {2 * i} {2 * i + 2} {2 * i + 3} {2 * i + 1}" for i in range(n - 1))
     names = ["x" * 100, *(f"s{i}" for i in range(1, n - 1))]
-    sides = "\n".join(
-        f"MARKER_TAG= {name}\nMARKER_ELEMS= 1\n3 {2 * i} {2 * i + 2}" for i, name in enumerate(names)
-    )
+    sides = "\n".join(f"MARKER_TAG= {name}\nMARKER_ELEMS= 1\n3 {2 * i} {2 * i + 2}" for i, name in enumerate(names))
     source, stored = tmp_path / "mesh.su2", tmp_path / "stored.npz"
     source.write_text(f"NDIME= 2\nNELEM= {n - 1}\n{cells}\nNPOIN= {2 * n}\n{points}\nNMARK= {n - 1}\n{sides}\n")
     assert convert_mesh(source, "mesh.su2", stored, 10_000)["sides"][1:3] == ["s1", "s2"]
