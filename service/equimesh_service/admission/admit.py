@@ -19,13 +19,14 @@ from equimesh.upload.limits import Limits
 from equimesh_service.admission import in_parts
 from equimesh_service.admission.block_points import count_points, require_kind
 from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.quotas import quota_problem
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.domain_mesh import convert_mesh
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
 from equimesh_service.assembly.problem import check, check_schwarz, require_valid, translate_errors
 from equimesh_service.assembly.samples import Arrays, Upload
 from equimesh_service.dispatch.side_workers import SideWorkers
-from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError
+from equimesh_service.errors import EngineError, MemoryLimitError, QuotaError, TimeLimitError
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.settings import Settings
@@ -247,12 +248,22 @@ class Admission:
             yield path, summary
 
     def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:
+        self._check_room(path.stat().st_size, caller)
         file = self.files.seal(path)
         row = intake.row_of(file, summary, self.store.clock())
         new = self.store.samples.add(
             row, partial(self.files.publish, path, file), key_id=caller.key_id, durable=durable
         )
         return (row, True) if new else (self.find_samples(row.id, "", caller), False)
+
+    def _check_room(self, size: int, caller: Caller) -> None:
+        """Raise a 429 problem where a file of this size, which may be larger than what was sent, has no room."""
+        most = self.settings.key_max_bytes
+        if size <= MAX_SHORT_BYTES or not caller.key_id or not most:
+            return
+        used = self.store.quotas.stored_bytes(caller.key_id)
+        if used + size > most:
+            raise quota_problem(QuotaError("key_max_bytes", used, most))
 
     def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> BuiltSpec | None:
         """Check the monitor on the domain; the problem of the spec, where it was built here.

@@ -159,7 +159,7 @@ async def read_request(request: Request, service: Service) -> tuple[bytes, Uploa
     if kind not in (bodies.JSON, bodies.MULTIPART, NPZ):
         shown = repr(kind[:80]) if kind else "no Content-Type"
         raise Problem("unsupported-media-type", f"Send {bodies.JSON}, {bodies.MULTIPART} or {NPZ}, not {shown}.")
-    data = await bodies.read_body(request, service.settings.max_body)
+    data = await bodies.read_body(request, service.settings.max_body, service.settings.data_dir)
     if kind == NPZ:
         unpacked = unpack(data) if is_light(data, "request.npz") else await service.check(unpack, data)
         return *unpacked, None

@@ -65,7 +65,7 @@ async def create(
 
     With `kind=mesh` it is a mesh for `{"kind": "mesh", "file": id}` in a domain.
     """
-    upload = await read_upload(request, service.settings.max_body, filename)
+    upload = await read_upload(request, service.settings.max_body, filename, service.settings.data_dir)
     await service.quotas.check_bytes(caller, len(upload.data))
     keep = service.admission.keep if kind == "samples" else service.admission.keep_mesh
     row, new = await service.check(keep, upload, caller)

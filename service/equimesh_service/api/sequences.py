@@ -272,7 +272,7 @@ async def _read_body(request: Request, service: Service) -> tuple[str, bytes]:
     if kind not in (bodies.JSON, NPZ):
         shown = repr(kind[:80]) if kind else "no Content-Type"
         raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {NPZ}, not {shown}.")
-    return kind, await bodies.read_body(request, service.settings.max_body)
+    return kind, await bodies.read_body(request, service.settings.max_body, service.settings.data_dir)
 
 
 def _fingerprint(head: str, data: bytes) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from equimesh_service.dispatch.turns import KeyedLine, Turns
+from equimesh_service.dispatch.turns import Contender, KeyedLine, Turns
 from equimesh_service.engine.port import Engine, Health
 
 Result = TypeVar("Result")
@@ -25,7 +25,9 @@ class SideWorkers:
     """Gives an engine as many tasks as it has workers, from the keys in turn.
 
     However many tasks one key has waiting, the first task of another key begins as soon as a running one ends. While
-    others wait, a key has no second worker. Every method returns at once and may be called from any thread.
+    others wait, a key has no second worker. One worker is always free for other keys: however long the tasks of one key
+    take, those of another begin. Callers without a key may have all workers. Every method returns at once and may be
+    called from any thread.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -35,6 +37,7 @@ class SideWorkers:
         self._waiting = KeyedLine[_Task]()
         self._running = Counter[str]()  # the number of running tasks by key
         self._free = engine.health().workers
+        self._most_of_key = max(1, self._free - 1)
 
     def submit(
         self, key_id: str, function: Callable[..., Result], *arguments: Any, time_limit: float | None = None
@@ -70,13 +73,17 @@ class SideWorkers:
 
     def _next(self) -> _Task | None:
         with self._lock:
-            if not self._free or not self._waiting:
+            waiting = [key for key in self._waiting.contenders(self._running) if self._may_have_more(key)]
+            if not self._free or not waiting:
                 return None
-            key_id = self._turns.first(self._waiting.contenders(self._running)).key_id
+            key_id = self._turns.first(waiting).key_id
             self._turns.start(key_id)
             self._running[key_id] += 1
             self._free -= 1
             return self._waiting.pop(key_id)
+
+    def _may_have_more(self, key: Contender) -> bool:
+        return not key.key_id or key.running < self._most_of_key
 
     def _end_and_fill(self, task: _Task, ended: Future[Any]) -> None:
         self._end(task, ended)

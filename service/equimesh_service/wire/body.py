@@ -5,6 +5,9 @@ from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass
 from email.message import Message
 from io import BytesIO
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
 
 from anyio import to_thread
 from starlette.datastructures import FormData, Headers, UploadFile
@@ -20,6 +23,8 @@ MULTIPART = "multipart/form-data"
 BODY_SECONDS = 300.0
 # The most bytes of a JSON body that carries no samples.
 MAX_PLAIN_BYTES = 1024 * 1024
+# A body that is longer waits for its end on the disk: many bodies that never end then take no memory.
+MEMORY_BYTES = 1024 * 1024
 # Multipart bodies up to this size are parsed on the event loop, within milliseconds whatever they contain.
 _INLINE_BYTES = 64 * 1024
 # Longer ones are parsed in pieces of this size, so that no copy of the whole is made.
@@ -35,10 +40,48 @@ class Part:
     media_type: str
 
 
-async def read_body(request: Request, most: int) -> bytes:
+class _Body:
+    """The bytes of a body that have come: at most :data:`MEMORY_BYTES` in memory, the others in an unnamed file."""
+
+    def __init__(self, folder: Path) -> None:
+        self.size = 0
+        self._folder = folder
+        self._memory = BytesIO()
+        self._file: IO[bytes] | None = None
+
+    async def write(self, chunk: bytes) -> None:
+        """Add a piece."""
+        self.size += self._memory.write(chunk)
+        if self._memory.tell() > MEMORY_BYTES:
+            await to_thread.run_sync(self._move)
+
+    async def read(self) -> bytes:
+        """All bytes."""
+        return self._memory.getvalue() if self._file is None else await to_thread.run_sync(self._read_file)
+
+    def close(self) -> None:
+        """Remove the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def _move(self) -> None:
+        if self._file is None:
+            self._file = TemporaryFile(dir=self._folder)  # noqa: SIM115  # closed by :meth:`close`
+        self._file.write(self._memory.getbuffer())
+        self._memory = BytesIO()
+
+    def _read_file(self) -> bytes:
+        assert self._file is not None
+        self._move()
+        self._file.seek(0)
+        return self._file.read()
+
+
+async def read_body(request: Request, most: int, folder: Path) -> bytes:
     """All bytes of the body; raises a 413 problem for more than ``most`` bytes, and a 408 problem for a slow sender.
 
-    The 413 comes as soon as the length is known: from Content-Length, or at the first byte that is too many.
+    While it comes, a long body is in a file in ``folder``, which has no name and is gone with this process. The 413
+    comes as soon as the length is known: from Content-Length, or at the first byte that is too many.
     """
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in ("", "identity"):
@@ -46,26 +89,30 @@ async def read_body(request: Request, most: int) -> bytes:
     length = request.headers.get("content-length", "")
     if length.isdigit() and int(length[:20]) > most:
         raise _too_large(most)
-    body = BytesIO()  # its bytes are returned without a copy
+    body = _Body(folder)
     try:
         async with asyncio.timeout(BODY_SECONDS):
             async for chunk in request.stream():
-                if body.tell() + len(chunk) > most:
+                if body.size + len(chunk) > most:
                     raise _too_large(most)
-                body.write(chunk)
+                await body.write(chunk)
+        return await body.read()
     except TimeoutError:
-        detail = f"The body must arrive within {BODY_SECONDS:g} seconds; {body.tell()} bytes did."
+        detail = f"The body must arrive within {BODY_SECONDS:g} seconds; {body.size} bytes did."
         raise Problem("request-timeout", detail, headers={"Connection": "close"}) from None
     except ClientDisconnect:
         raise Problem("malformed-body", "The body is incomplete.") from None
-    return body.getvalue()
+    except OSError as error:
+        raise Problem("storage-full", f"The body cannot be stored: {error.strerror}.") from error
+    finally:
+        body.close()
 
 
 async def read_plain_json(request: Request, most: int) -> bytes:
     """The bytes of a JSON body that carries no samples: at most ``most``, and at most :data:`MAX_PLAIN_BYTES`."""
     if media_type(request) != JSON:
         raise Problem("unsupported-media-type", f"Send {JSON}.")
-    return await read_body(request, min(most, MAX_PLAIN_BYTES))
+    return await read_body(request, min(most, MAX_PLAIN_BYTES), Path())  # too short for a file
 
 
 def media_type(request: Request) -> str:
@@ -124,9 +171,9 @@ def upload_of(part: Part) -> Upload:
     return Upload(part.data, filename)
 
 
-async def read_upload(request: Request, most: int, filename: str | None) -> Upload:
+async def read_upload(request: Request, most: int, filename: str | None, folder: Path) -> Upload:
     """Samples sent as a multipart part ``samples``, or as the body itself."""
-    body = await read_body(request, most)
+    body = await read_body(request, most, folder)
     kind = media_type(request)
     if kind == MULTIPART:
         parts = await read_parts(request, body, ("samples",))

@@ -17,7 +17,7 @@ from service.requests import solved
 
 
 class ByHand:
-    """An engine of two workers whose tasks end when the test ends them."""
+    """An engine of three workers whose tasks end when the test ends them."""
 
     def __init__(self) -> None:
         self.begun: list[str] = []
@@ -41,7 +41,7 @@ class ByHand:
         task.cancel()
 
     def health(self) -> Health:
-        return Health(ready=True, workers=2)
+        return Health(ready=True, workers=3)
 
     def close(self) -> None:
         self.state = "closed"
@@ -53,18 +53,39 @@ def test_keys_take_turns() -> None:
     engine = ByHand()
     side_workers = SideWorkers(engine)
     first = [side_workers.submit("a", print, f"a{number}") for number in range(6)]
-    second = [side_workers.submit("b", print, f"b{number}") for number in range(2)]
-    third = side_workers.submit("c", print, "c0")
     assert engine.begun == ["a0", "a1"]
-    for name in ("a1", "a0", "b0", "c0", "a2", "b1"):
-        engine.end(name)
-        assert len(engine.running) == 2
-    # The first tasks of late keys begin at the next two ends, and no key has two while others wait.
-    assert engine.begun == ["a0", "a1", "b0", "c0", "a2", "b1", "a3", "a4"]
-    assert [task.result(0) for task in (*second, third)] == ["B0", "B1", "C0"]
-    for name in ("a3", "a4", "a5"):
-        engine.end(name)
+    second = [side_workers.submit("b", print, f"b{number}") for number in range(3)]
+    third = side_workers.submit("c", print, "c0")
+    assert engine.begun == ["a0", "a1", "b0"]
+    while engine.running:
+        engine.end(next(iter(engine.running)))
+    # The first task of a late key begins at the next end, and no key has two while others wait.
+    assert engine.begun[:4] == ["a0", "a1", "b0", "c0"]
+    assert engine.begun[4:8] == ["a2", "b1", "a3", "b2"]
+    assert [task.result(0) for task in (*second, third)] == ["B0", "B1", "B2", "C0"]
     assert [task.result(0) for task in first] == [f"A{number}" for number in range(6)]
+
+
+def test_tasks_of_one_key_that_never_end_hold_no_other_key_back() -> None:
+    engine = ByHand()
+    side_workers = SideWorkers(engine)
+    for number in range(9):
+        side_workers.submit("a", print, f"a{number}")
+    for name in ("b0", "c0", "b1"):
+        task = side_workers.submit(name[0], print, name)
+        assert engine.begun[-1] == name
+        engine.end(name)
+        assert task.result(0) == name.upper()
+    assert engine.begun[:2] == ["a0", "a1"]
+    assert len(engine.running) == 2
+
+
+def test_callers_without_a_key_have_all_workers() -> None:
+    engine = ByHand()
+    side_workers = SideWorkers(engine)
+    for number in range(4):
+        side_workers.submit("", print, f"{number}")
+    assert engine.begun == ["0", "1", "2"]
 
 
 def test_no_task_is_forgotten_when_the_workers_are() -> None:
@@ -77,7 +98,7 @@ def test_no_task_is_forgotten_when_the_workers_are() -> None:
     assert isinstance(tasks[2999].exception(0), WorkerLostError)
     engine.state = "open"
     waiting = [side_workers.submit("b", print, f"b{number}") for number in range(4)]
-    assert engine.begun[-1] == "b0"  # beside a1: there are as many places as before
+    assert engine.begun[-2:] == ["b0", "b1"]  # with a1: there are as many places as before
     side_workers.close()
     assert all(task.exception(0) is not None for task in (tasks[1], *waiting))
 

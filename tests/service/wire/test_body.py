@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
+import tracemalloc
+from collections.abc import Awaitable, Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
 import httpx
 import pytest
+from starlette.requests import Request
+
+from equimesh_service.wire.body import MEMORY_BYTES, read_body
 
 MALFORMED: dict[str, bytes] = {
     "nothing": b"",
@@ -64,3 +74,55 @@ def test_broken_multipart_is_a_400(http: httpx.Client, body: bytes) -> None:
     answer = http.post("/v1/meshes", content=body, headers=headers)
     assert answer.status_code == 400, answer.text
     assert http.post("/v1/meshes", content=body, headers={"Content-Type": "multipart/form-data"}).status_code == 400
+
+
+def request_of(receive: Callable[[], Awaitable[dict[str, Any]]]) -> Request:
+    return Request({"type": "http", "method": "POST", "path": "/", "headers": []}, receive)
+
+
+PIECE = bytes(range(256)) * 256
+
+
+def test_a_long_body_comes_as_it_was_sent(tmp_path: Path) -> None:
+    pieces = [PIECE[k:] for k in range(100)]
+
+    async def receive() -> dict[str, Any]:
+        return {
+            "type": "http.request",
+            "body": pieces[len(taken)],
+            "more_body": not taken.append(1) and len(taken) < 100,
+        }
+
+    taken: list[int] = []
+    assert asyncio.run(read_body(request_of(receive), 10**8, tmp_path)) == b"".join(pieces)
+    assert not list(tmp_path.iterdir())
+
+
+def test_bodies_that_never_end_take_little_memory(tmp_path: Path) -> None:
+    """20 bodies of 10 MB without an end: as many bytes in memory as MEMORY_BYTES allows."""
+
+    async def unfinished(came: list[int]) -> dict[str, Any]:
+        if len(came) == 160:
+            await asyncio.Event().wait()
+        came.append(len(PIECE))
+        return {"type": "http.request", "body": bytes(PIECE), "more_body": True}
+
+    async def send_all() -> int:
+        arrived: list[list[int]] = [[] for _ in range(20)]
+        tasks = [
+            asyncio.create_task(read_body(request_of(partial(unfinished, came)), 10**8, tmp_path)) for came in arrived
+        ]
+        while not all(len(came) == 160 for came in arrived):
+            await asyncio.sleep(0.01)
+        held = tracemalloc.get_traced_memory()[0]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        return held
+
+    tracemalloc.start()
+    try:
+        held = asyncio.run(send_all())
+    finally:
+        tracemalloc.stop()
+    assert held < 20 * 1.5 * MEMORY_BYTES
