@@ -40,7 +40,7 @@ ENV PATH=/opt/equimesh/bin:/usr/local/bin:/usr/bin:/bin \
 USER 10001
 # The image ships its loops compiled. On a processor that differs from that of the build they are compiled once more.
 # They are only read where they could be written, too: with a read-only root, mount a volume there (compose.yaml).
-RUN python -c "from equimesh_service.worker.solve import warm_up; warm_up()"
+RUN python -c "from equimesh_service.worker.warmth import warm_up; warm_up()"
 VOLUME /data
 EXPOSE 8000
 # Healthy when the store, the files, the workers and the dispatcher do their work.

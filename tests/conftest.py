@@ -19,7 +19,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Compile the kernels once, before several processes of tests, with services of theirs, all do so at once."""
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         subprocess.run(
-            [sys.executable, "-c", "from equimesh_service.worker.solve import warm_up; warm_up()"], check=True
+            [sys.executable, "-c", "from equimesh_service.worker.warmth import warm_up; warm_up()"], check=True
         )
 
 

@@ -1,23 +1,16 @@
 """The solve of one mesh in a worker process, from its spec in the store to its files."""
 
 import logging
-import pickle
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
-
-import numpy as np
 
 import equimesh
 from equimesh.io.write import write_mesh
-from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.quality.faces import measure_faces
-from equimesh.rounds.round import adapt_round
 from equimesh.specs.spec import BuiltSpec
 from equimesh_service.assembly.problem import SamplesOf, build, translate_errors
 from equimesh_service.errors import AttemptLostError, KeyReusedError, SamplesGoneError
@@ -60,78 +53,6 @@ def solve_mesh(job: Job) -> Ending | Repeated | Refused | None:
         except Exception as error:
             _log.error("mesh %s: the solve broke", job.claim.mesh_id, exc_info=error)  # only the worker knows where
             raise
-
-
-def warm_up() -> None:
-    """Do everything once that is slow or takes permanent memory the first time: all kernels are compiled."""
-    np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
-    u = equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
-    steep = equimesh.Expression("tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))")
-    ring = equimesh.AnnulusSector()
-    plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
-    axis = np.linspace(0.0, 1.0, 9)
-    nodes = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
-    nodal = equimesh.ArcLength(u=equimesh.NodalField(mesh=nodes, values=nodes.x * nodes.y))
-    sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
-    sent = pickle.loads(pickle.dumps(sampled))  # as the service sends it: its arrays are of another kind for Numba
-    fine = np.linspace(0.0, 1.0, 140)  # so many samples are evaluated in another way
-    for samples in (sampled.u, sent.u, equimesh.GridSamples(x=fine, y=fine, values=np.add.outer(fine, fine))):
-        for order in range(3):
-            samples.evaluate(axis, axis, order=order)
-    curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
-    schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
-    paper = replace(schwarz, transmission=equimesh.Classical(), max_iterations=2)
-    cases: tuple[tuple[equimesh.Monitor, int, equimesh.Domain, equimesh.Schwarz | None], ...] = (
-        (plain, 9, equimesh.Rectangle(), paper),
-        (plain, 9, equimesh.Rectangle(), schwarz),
-        (plain, 193, equimesh.Rectangle(), schwarz),  # this many points are swept in strips, the last of them smaller
-        (sampled, 33, equimesh.Rectangle(), None),
-        (sent, 33, equimesh.Rectangle(), None),
-        (nodal, 33, equimesh.Rectangle(), None),
-        (plain, 33, ring, schwarz),
-        (plain, 33, ring, None),
-        (plain, 9, equimesh.AnnulusSector(closed=True), None),
-        (equimesh.Weight(rho=equimesh.Expression("1 + y")), 9, equimesh.Rectangle(periodic="x"), None),
-        (curved, 33, equimesh.Rectangle(), None),
-        (equimesh.Weight(rho=weight.rho, map="gradient"), 33, equimesh.Rectangle(), None),
-        (equimesh.ArcLength(u=steep, a=1.0, b=0.0), 17, equimesh.Rectangle(), None),  # relaxed
-        (equimesh.Auto(u=u), 17, equimesh.Rectangle(), None),
-        *((least, 9, ring, None) for least in _least_errors(u)),
-    )
-    for monitor, points, domain, settings in cases:
-        grid = equimesh.Grid(n_xi=points, n_eta=points)
-        problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
-        solution = equimesh.solve(problem, settings, threads=1, check=False)
-        solution.data(), solution.certificate, solution.quality, solution.against_uniform
-        problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
-    adapt_round(nodes, u.evaluate(nodes.x, nodes.y)[0])
-    fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
-    equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
-    blocks = QuadMesh(points=nodes.points, cells=nodes.cells, sides=nodes.sides)
-    measure_faces(blocks), equimesh.measure(blocks, weight, uniform=blocks)
-    carried = equimesh.MeshValues(np.round(nodes.x + nodes.y), transfer="conservative")
-    averages = equimesh.MeshValues(nodes.x[1:, 1:], transfer="conservative", location="cells")
-    equimesh.transfer(nodes, {"u": carried, "v": averages}, equimesh.Mesh(nodes.x**2, nodes.y))
-    _warm_up_blocks(nodes)
-    with TemporaryDirectory() as folder:
-        write_mesh(Path(folder) / "mesh.vtu", solution.data())
-
-
-def _warm_up_blocks(nodes: equimesh.Mesh) -> None:
-    """Find the blocks of a mesh, and carry fields between meshes that are no grids."""
-    equimesh.Blocks.of_mesh(nodes.points, nodes.cells, nodes.sides)
-    first, then = (QuadMesh(points=p, cells=nodes.cells, sides={}) for p in (nodes.points, nodes.points**2))
-    carried = equimesh.MeshValues(np.round(first.x + first.y), transfer="conservative")
-    averages = equimesh.MeshValues(np.arange(64.0), transfer="conservative", location="cells")
-    equimesh.transfer(first, {"u": carried, "v": averages, "w": first.x}, then)
-
-
-def _least_errors(u: equimesh.Field) -> Iterator[equimesh.LeastError]:
-    """Least-error monitors that together need all compiled loops of a descent."""
-    yield equimesh.LeastError(u=u)
-    yield equimesh.LeastError(u=u, norm="h1")
-    yield equimesh.LeastError(u=u, cells="triangle")
-    yield equimesh.LeastError(u=u, norm="h1", cells="triangle")
 
 
 @lru_cache(maxsize=8)

@@ -12,7 +12,7 @@ import numpy as np
 
 from equimesh.meshes.folding import largest_difference
 from equimesh.meshes.grid import Grid
-from equimesh.meshes.interpolation import WIDTH, Rule, interpolate, lagrange
+from equimesh.meshes.interpolation import WIDTH, Rule, fixed_rule, interpolate, lagrange
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import refinement
 from equimesh.numerics.types import Array, IntArray
@@ -123,7 +123,7 @@ def _rule(coarse: int, fine: int, ends: int, *, cubic: bool) -> Rule:
         weights[:] = lagrange((cell - first) + (place - cell))
     else:
         weights[cell - first, every], weights[cell - first + 1, every] = 1.0 - (place - cell), place - cell
-    return Rule((first + ends).astype(np.uint64), weights)
+    return fixed_rule(first + ends, weights)
 
 
 def _extended(q: Array, axis: int | None, closed: Closed, before: tuple[int, int], after: tuple[int, int]) -> Array:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from equimesh.meshes.folding import largest_difference
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
 
 # Coarse points in a rule. A linear rule has two weights that are zero.
 WIDTH = 4
@@ -47,6 +47,11 @@ def rule(coarse: int, fine: int, *, cubic: bool = True) -> Rule:
     else:
         every = np.arange(fine)
         weights[cell - first, every], weights[cell - first + 1, every] = 1.0 - (place - cell), place - cell
+    return fixed_rule(first, weights)
+
+
+def fixed_rule(first: IntArray | npt.NDArray[np.uint64], weights: Array) -> Rule:
+    """A rule that nobody can change. All rules are such: for others the loops would be compiled once more."""
     found = Rule(first.astype(np.uint64), weights)
     for array in found:
         array.setflags(write=False)
@@ -58,10 +63,7 @@ def rule_on_rows(whole: Rule, rows: tuple[int, int], begin: int) -> Rule:
     if (*rows, begin) == (0, whole.first.size, 0):
         return whole
     here = slice(*rows)
-    found = Rule(whole.first[here] - np.uint64(begin), np.ascontiguousarray(whole.weights[:, here]))
-    for array in found:
-        array.setflags(write=False)
-    return found
+    return fixed_rule(whole.first[here] - np.uint64(begin), np.array(whole.weights[:, here], order="C"))
 
 
 def rows_needed(coarse: int, fine: int, rows: tuple[int, int]) -> tuple[int, int]:

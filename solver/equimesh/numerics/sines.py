@@ -23,8 +23,9 @@ def solve_by_sines(along: float, across: Array, right: Array) -> Array:
 
 def solve_lines(along: float, right: Array) -> Array:
     """As :func:`solve_by_sines` without the second term: every line along the first direction by itself."""
-    found = np.array(right)
-    _solve_tridiagonal(along, np.zeros(right.shape[0]), np.zeros(right.shape[1]), found)
+    found, nothing = np.array(right, order="C"), np.zeros(right.shape[1])
+    nothing.setflags(write=False)  # as the eigenvalues: for others the loop would be compiled once more
+    _solve_tridiagonal(along, np.zeros(right.shape[0]), nothing, found)
     return found
 
 

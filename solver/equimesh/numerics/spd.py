@@ -1,4 +1,4 @@
-"""Symmetric 2 x 2 matrices at many points, in closed form: power, absolute value, intersection, eigenvalues.
+"""Symmetric 2 x 2 matrices at many points, in closed form: power, intersection, eigenvalues.
 
 A matrix field is a triple ``(m11, m12, m22)`` of arrays of one shape; so is every result that is one. Nothing is
 checked and nothing is raised: where a matrix is not what the function needs, the result is nan or meaningless.
@@ -28,15 +28,6 @@ def eigenvalues(matrices: Matrices) -> tuple[Array, Array]:
 def power(matrices: Matrices, exponent: float) -> Matrices:
     """The positive definite matrices to a real power: the same eigenvectors, the eigenvalues to that power."""
     return _each(_power, matrices, float(exponent))
-
-
-def absolute(matrices: Matrices, rounding: float = 0.0) -> Matrices:
-    """The matrix absolute value, ``(H^2 + rounding^2 I)^(1/2)``: the same eigenvectors, eigenvalues in size.
-
-    ``rounding > 0``, in the units of H, makes it a smooth function of H, also where an eigenvalue changes sign; an
-    eigenvalue 0 becomes ``rounding``.
-    """
-    return _each(_absolute, matrices, float(rounding))
 
 
 def intersection(first: Matrices, second: Matrices) -> Matrices:
@@ -90,22 +81,6 @@ def _power(m11: Array, m12: Array, m22: Array, exponent: float, out: Array) -> N
         out[0, i] = centre + scale * half
         out[1, i] = scale * m12[i]
         out[2, i] = centre - scale * half
-
-
-@compiled
-def _absolute(h11: Array, h12: Array, h22: Array, rounding: float, out: Array) -> None:
-    """The root of a positive definite A is ``(A + sqrt(det A) I) / sqrt(tr A + 2 sqrt(det A))``; A = H^2 + eps^2 I."""
-    square = rounding * rounding
-    for i in range(h11.size):
-        a, b, c = h11[i], h12[i], h22[i]
-        det = a * c - b * b
-        trace = a * a + 2.0 * b * b + c * c + 2.0 * square
-        root = np.sqrt(det * det + square * (trace - square))
-        size = np.sqrt(trace + 2.0 * root)
-        scale = 1.0 / size if size > 0.0 else 0.0
-        out[0, i] = (a * a + b * b + square + root) * scale
-        out[1, i] = b * (a + c) * scale
-        out[2, i] = (b * b + c * c + square + root) * scale
 
 
 @compiled

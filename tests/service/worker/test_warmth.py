@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -23,6 +24,48 @@ if child == 0:
     warmth.warm_up_once()
     os._exit(7 if warmth._is_warm else 8)
 raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+# One small problem of each kind after the warm-up: prints each loop that is made or loaded for it.
+EVERY_KIND = """
+import numpy as np
+import equimesh as em
+from equimesh.numerics import compiled
+from equimesh.testing.geometries import disc
+from equimesh_service.worker.warmth import warm_up
+
+warm_up()
+print(compiled.count_compiled())
+ready = {loop: set(loop.overloads) for loop in compiled._loops}
+grid = em.Grid(n_xi=21, n_eta=17)
+u, of_blocks = em.Expression("tanh(30*(x - 0.4 - 0.2*sin(3*y)))"), em.Expression("tanh(9*(x - y))")
+axis = np.linspace(0.0, 1.0, 40)
+samples = em.GridSamples(x=axis, y=axis, values=np.tanh(20.0 * np.subtract.outer(axis, axis)))
+places = np.vstack([np.random.default_rng(1).random((300, 2)), np.mgrid[0:2, 0:2].reshape(2, -1).T])
+scattered = em.ScatteredSamples(points=places, values=np.tanh(9.0 * (places[:, 0] - places[:, 1])))
+domain = disc(300)
+problems = [
+    *(em.Problem(monitor=em.Auto(u=field), grid=grid) for field in (u, samples, scattered)),
+    em.Problem(monitor=em.Auto(u=u, norm="h1"), grid=grid),
+    em.Problem(monitor=em.LeastError(u=u, orthogonality=50.0), grid=grid),
+    em.Problem(monitor=em.LeastError(u=u, cells="triangle"), grid=grid),
+    em.Problem(monitor=em.LeastError(u=u), grid=grid, domain=em.AnnulusSector(closed=True)),
+    em.Problem(monitor=em.ArcLength(u=u), grid=grid),
+    *(em.BlockProblem(monitor=em.Auto(u=of_blocks, norm=norm), domain=domain) for norm in ("l2", "h1")),
+    em.BlockProblem(monitor=em.LeastError(u=of_blocks, orthogonality=40.0), domain=domain),
+    em.BlockProblem(monitor=em.LeastError(u=of_blocks, cells="triangle"), domain=domain),
+]
+for problem in problems:
+    solution = em.solve(problem, threads=1, check=False)
+    solution.data(), solution.certificate, solution.quality, solution.interpolation
+mesh, blocks = em.Mesh.uniform(grid), domain.mesh
+for norm in ("l2", "h1"):
+    em.adapt_round(mesh, np.tanh(9.0 * (mesh.x - mesh.y)), norm=norm)
+    em.adapt_round(blocks, of_blocks.evaluate(*blocks.points.T)[0], domain, norm=norm)
+values = em.MeshValues(np.round(mesh.x + mesh.y), transfer="conservative")
+em.transfer(mesh, {"u": values, "v": mesh.x}, em.Mesh(mesh.x**1.5, mesh.y))
+for loop, before in ready.items():
+    for signature in set(loop.overloads) - before:
+        print(loop.__module__, loop.__name__, signature)
 """
 
 
@@ -64,3 +107,13 @@ def test_a_warm_up_that_breaks_is_reported_and_harms_nothing(
     warmth.warm_up_unless_compiling()
     assert not warmth._is_warm
     assert "the workers are not forked warm" in caplog.text
+
+
+def test_after_the_warm_up_no_kind_of_problem_compiles_or_loads_a_loop() -> None:
+    """Whether a loop is compiled or loaded depends on what ran before on this machine; neither may happen."""
+    done = run(EVERY_KIND)
+    assert done.returncode == 0, done.stderr
+    count, *late = done.stdout.splitlines()
+    assert late == []
+    compiled, of = (int(number) for number in re.findall(r"\d+", count))
+    assert compiled == of > 100

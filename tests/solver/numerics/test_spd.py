@@ -1,4 +1,4 @@
-"""Symmetric 2 x 2 matrices: powers, absolute values and intersections, against their eigenvalues."""
+"""Symmetric 2 x 2 matrices: powers and intersections, against their eigenvalues."""
 
 from __future__ import annotations
 
@@ -24,22 +24,6 @@ def test_a_power_has_the_powers_of_the_eigenvalues(angle: float, p: float, q: fl
     got = matrices(spd.power(triple(angle, 10**p, 10**q), exponent))
     expected = matrices(triple(angle, 10 ** (p * exponent), 10 ** (q * exponent)))
     assert got == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
-
-
-@properties
-@given(st.floats(0.0, math.pi), numbers, numbers, st.sampled_from([0.0, 0.3]))
-def test_the_absolute_value_has_those_of_the_eigenvalues(angle: float, p: float, q: float, rounding: float) -> None:
-    got = matrices(spd.absolute(triple(angle, p, q), rounding))
-    expected = matrices(triple(angle, math.hypot(p, rounding), math.hypot(q, rounding)))
-    assert got == pytest.approx(expected, abs=1e-7)
-
-
-def test_the_absolute_value_is_smooth_where_an_eigenvalue_changes_sign() -> None:
-    value = np.linspace(-0.01, 0.01, 2001)
-    zero = np.zeros_like(value)
-    kink = [np.abs(np.diff(spd.absolute((value, zero, zero + 1.0), r)[0], 2)).max() for r in (0.0, 0.01)]
-    assert kink[0] > 1e-5  # |value| itself
-    assert kink[1] < 2e-8  # (1e-5)^2 / rounding
 
 
 @properties
