@@ -1,16 +1,13 @@
-"""Loads the solver, and reports when a solve waits for the compiler, once per machine."""
+"""Loads the solver, and reports when a solve waits for the compiler."""
 
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from equimesh_cli.exits import NotInstalled
 
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Read by the linear algebra when it is loaded. Its systems are many and small: more threads make it slower."""
-SENTENCE = "compiling kernels, once per machine ..."
 
 
 def load_solver() -> None:
@@ -27,19 +24,8 @@ def load_solver() -> None:
 
 @contextmanager
 def announce_compiling(*, shown: bool = True) -> Iterator[None]:
-    """Print a sentence on standard error when a kernel is compiled inside; with ``shown`` False print nothing."""
-    from numba.core import event
+    """Report on standard error when a loop is compiled inside; with ``shown`` False print nothing."""
+    from equimesh.compiling import Line, announcing
 
-    class Listener(event.Listener):
-        announced = not shown
-
-        def on_start(self, _: Any) -> None:
-            if not self.announced:
-                self.announced = True
-                print(SENTENCE, file=sys.stderr, flush=True)
-
-        def on_end(self, _: Any) -> None:
-            pass
-
-    with event.install_listener("numba:compile", Listener()):
+    with announcing(Line(plain=True) if shown else None):
         yield

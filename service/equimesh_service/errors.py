@@ -6,7 +6,7 @@
     ├── CannotServeError            the service cannot start; says why and what to do
     │   ├── ExposedError            other machines would reach it without an API key
     │   ├── FolderInUseError        another service uses the data folder
-    │   ├── NotStartedError         its parts did not start in time; also a RuntimeError
+    │   ├── NotStartedError         its parts cannot start; also a RuntimeError
     │   ├── TracingMissingError     traces are requested and OpenTelemetry is not installed
     │   ├── FilesError              the storage of files cannot be used, now or later; also an OSError
     │   ├── ClusterMissingError     the engine dask is requested and Dask is not installed
@@ -46,7 +46,7 @@ class FolderInUseError(CannotServeError):
 
 
 class NotStartedError(CannotServeError, RuntimeError):
-    """The parts of the service did not start in time; its log says why."""
+    """The parts of the service cannot start; the message says why."""
 
 
 class TracingMissingError(CannotServeError):

@@ -109,6 +109,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
                 "dispatcher": lambda: OK if dispatcher.is_alive() else "stopped",
             },
             warn=(store.clock_warning, lambda: _warning(engine)),
+            warm_up=lambda: None if settings.engine == "dask" or engine.health().ready else warmth.progress(),
         ),
     )
 

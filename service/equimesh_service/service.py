@@ -66,6 +66,11 @@ class Service:
         """Whether all workers have started."""
         return self.engine.health().ready and self.side_workers.health().ready
 
+    @property
+    def fault(self) -> str:
+        """Why workers do not start, "" while they may."""
+        return self.engine.health().fault or self.side_workers.health().fault
+
     async def check(self, function: Callable[..., Checked], *arguments: Any) -> Checked:
         """Run a check of a client's input, off the event loop.
 

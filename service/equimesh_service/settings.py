@@ -195,7 +195,7 @@ _FIRST_OF_GROUPS = {
 }
 PREFIX = "EQUIMESH_"
 # Variables that clients read: an address and an API key.
-_CLIENT_VARIABLES = ("URL", "KEY")
+_CLIENT_VARIABLES = ("URL", "KEY", "QUIET")
 
 
 def _parts(value: str) -> list[str]:

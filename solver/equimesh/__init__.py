@@ -11,6 +11,7 @@ The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistribut
 Decomposition*. Begin reading in ``schwarz/iteration.py``. ``__all__`` is the table of contents.
 """
 
+from equimesh import compiling as _compiling
 from equimesh.adapt.loop import adapt
 from equimesh.blocks.block_grid import BlockGrid
 from equimesh.blocks.blocks import Blocks
@@ -78,6 +79,8 @@ from equimesh.transfers.transfer import transfer
 from equimesh_coupling.adaptation import Adaptation, AdaptRound
 from equimesh_coupling.cells import CellAverages, ErrorIndicator
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
+
+_compiling.watch()
 
 __all__ = [  # noqa: RUF022 - grouped by noun
     # The problem: a monitor on a grid of a domain

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_cli.compiling import SENTENCE, announce_compiling
+from equimesh_cli.compiling import announce_compiling
 
 COMMAND = [sys.executable, "-m", "equimesh_cli"]
 
@@ -23,22 +23,27 @@ def test_solve_says_when_it_has_to_compile(tmp_path: Path) -> None:
         command = [*COMMAND, "solve", "x*y", "-n", "9", "--monitor", "arc-length"]  # fewer kernels than auto
         done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300, check=True)
         said.append(done.stderr)
-    assert said == ["compiling kernels, once per machine ...\n", ""]
+    assert said == ["Compiling the numerical loops, once in this environment ...\n", ""]
 
 
-def test_the_message_comes_once_and_only_for_the_compiler(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_message_comes_once_and_not_for_loops_of_other_packages(capsys: pytest.CaptureFixture[str]) -> None:
     numba = pytest.importorskip("numba")
+    from equimesh.compiling import SENTENCE
+    from equimesh.numerics import compiled
 
     def compile_twice() -> None:
         for value in (1, 1.0):
-            numba.njit(lambda x: x)(value)
+            loop = numba.njit(lambda x: x)
+            compiled._loops.append(loop)
+            loop(value)
+            compiled._loops.remove(loop)
 
     with announce_compiling():
-        pass
+        numba.njit(lambda x: x)(1)
     assert capsys.readouterr().err == ""
     with announce_compiling():
         compile_twice()
-    assert capsys.readouterr().err == f"{SENTENCE}\n"
+    assert capsys.readouterr().err == f"{SENTENCE} ...\n"
     with announce_compiling(shown=False):
         compile_twice()
     assert capsys.readouterr().err == ""

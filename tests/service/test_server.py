@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import io
+import logging
+import socket
+import sys
 import threading
 import time
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
+import pytest
 
+from equimesh.compiling import Line
+from equimesh.numerics.compiled import Compiled
+from equimesh_service import Settings, server
+from equimesh_service.errors import NotStartedError
 from service.conftest import small
 from service.requests import WAIT
 
@@ -35,3 +46,106 @@ def test_the_same_expression_under_load(url: str) -> None:
         thread.join()
     assert {answer.status_code for answer in answers} == {201}
     assert len({answer.headers["etag"] for answer in answers}) == 1
+
+
+class Starting:
+    """A server whose workers compile one loop more at each look; an hour passes between two looks."""
+
+    def __init__(self, *, loops: int, fault: str = "") -> None:
+        self.compiled, self.loops, self.fault = 0, loops, fault
+        self.readiness = SimpleNamespace(warm_up=self._warm_up)
+        self.state = SimpleNamespace(service=self)
+        self.config, self.started = SimpleNamespace(app=self), True
+
+    @property
+    def is_ready(self) -> bool:
+        return self.compiled == self.loops
+
+    def _warm_up(self) -> dict[str, int]:
+        self.compiled += 1
+        return {"compiled": self.compiled, "of": self.loops}
+
+    def clock(self) -> float:
+        return 3600.0 * self.compiled
+
+
+class Shown(Line):
+    """A line that remembers what it showed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.counts: list[Compiled] = []
+
+    def show(self, count: Compiled) -> None:
+        self.counts.append(count)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("_LOOK_SECONDS", "_LINE_SECONDS", "_LOG_SECONDS"):
+        monkeypatch.setattr(server, name, -1.0)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_service_that_compiles_is_waited_for_however_long_it_takes(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    there, line = Starting(loops=20), Shown()
+    monkeypatch.setattr(server.time, "monotonic", there.clock)
+    with caplog.at_level(logging.INFO):
+        server._Start(there, line=line).wait()  # type: ignore[arg-type]
+    assert line.counts == [Compiled(number, 20) for number in range(1, 21)]
+    assert "compiling the numerical loops: 7 of 20" in caplog.messages
+    assert caplog.messages[-1] == "ready after 72000.0 s"
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_service_that_cannot_start_says_why() -> None:
+    there = Starting(loops=20, fault="the workers cannot warm up: OSError: no space")
+    with pytest.raises(NotStartedError, match=r"did not start: the workers cannot warm up: OSError: no space"):
+        server._Start(there).wait()  # type: ignore[arg-type]
+    there = Starting(loops=20)
+    there.state = SimpleNamespace(fault="OSError: the disk is gone")  # type: ignore[assignment]
+    start = server._Start(there)  # type: ignore[arg-type]
+    start.is_over.set()
+    with pytest.raises(NotStartedError, match=r"did not start: OSError: the disk is gone"):
+        start.wait()
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("at_terminal", [True, False])
+def test_at_a_terminal_the_address_stands_alone(
+    at_terminal: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    used: list[Settings] = []
+
+    class Ready(Starting):
+        def run(self, sockets: list[socket.socket]) -> None:
+            logging.getLogger("uvicorn.error").info("Application startup complete.")
+            for one in sockets:
+                one.close()
+            for thread in threading.enumerate():
+                if thread.name == "equimesh-start":
+                    thread.join(60.0)
+
+    def make(settings: Settings) -> Ready:
+        used.append(settings)
+        return Ready(loops=0)
+
+    root = logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [])
+    monkeypatch.setattr(root, "level", root.level)
+    monkeypatch.setattr(sys, "stderr", stream := io.StringIO())
+    monkeypatch.setattr(server, "is_live", lambda: at_terminal)
+    monkeypatch.setattr(server, "_server", make)
+    monkeypatch.setattr(server, "_open", lambda settings: server._listen(settings))
+    server.run(Settings(port=0, data_dir=tmp_path))
+    lines = stream.getvalue().splitlines()
+    if at_terminal:
+        assert used[0].log_level == "warning"
+        assert len(lines) == 1
+        assert lines[0].startswith("equimesh is at http://127.0.0.1:")
+    else:
+        assert used[0].log_level == "info"
+        assert any("listening on http://127.0.0.1:" in line for line in lines)
+        assert any("ready after" in line for line in lines)

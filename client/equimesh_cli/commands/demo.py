@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import tempfile
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
 
 FORMATS = ("vtu", "vtk", "xdmf", "msh")
+WAVE = "tanh(40*(y - 0.5 - 0.1*sin(2*pi*x)))"
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
 EXAMPLES = """\
 examples:
@@ -57,10 +60,15 @@ def run(options: argparse.Namespace) -> int:
         from equimesh_service.settings import Settings
     except ImportError as error:
         raise NotInstalled("service", error) from error
+    from equimesh.compiling import Line
     from equimesh_client import Client
 
     output: Path = options.output
-    with tempfile.TemporaryDirectory(prefix="equimesh-demo-", ignore_cleanup_errors=True) as folder:
+    output.mkdir(parents=True, exist_ok=True)
+    with (
+        logged(output / "demo.log") as log,
+        tempfile.TemporaryDirectory(prefix="equimesh-demo-", ignore_cleanup_errors=True) as folder,
+    ):
         chosen = {
             "host": "127.0.0.1",
             "port": options.port,
@@ -72,12 +80,11 @@ def run(options: argparse.Namespace) -> int:
         print("Starting a service ...", flush=True)
         with ExitStack() as stack:
             try:
-                url = stack.enter_context(equimesh_service.running(settings))
+                url = stack.enter_context(equimesh_service.running(settings, line=Line(plain=True)))
             except CannotServeError as error:
-                raise Refused(str(error), Exit.UNREACHABLE) from None
+                raise Refused(f"{error}\nThe log is {log}", Exit.UNREACHABLE) from None
             except OSError as error:
                 raise Refused(start_error(settings, error), Exit.UNREACHABLE) from error
-            output.mkdir(parents=True, exist_ok=True)
             client = stack.enter_context(Client(url, key=""))
             print(f"It answers at {url}.", flush=True)
             written = [*wave(client, output), *paper(client, output)]
@@ -89,18 +96,30 @@ def run(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
+@contextmanager
+def logged(path: Path) -> Iterator[Path]:
+    """Write the log of the service to a file, which stays there when something fails."""
+    from equimesh_service.telemetry.logs import formatter
+
+    root, handler = logging.getLogger(), logging.FileHandler(path, mode="w", encoding="utf-8")
+    handler.setFormatter(formatter("text"))
+    level = root.level
+    root.addHandler(handler)
+    root.setLevel(logging.INFO)
+    try:
+        yield path
+        path.unlink()
+    finally:
+        root.removeHandler(handler)
+        root.setLevel(level)
+        handler.close()
+
+
 def wave(client: Client, output: Path) -> list[Path]:
-    """A mesh from samples: only numbers on a grid are sent. A high smoothness avoids kinks of its lines."""
-    import numpy as np
-
-    from equimesh_client import LeastError
-
-    heading("1. A mesh from samples: a wave front, sampled at 129 x 129 points")
-    axis = np.linspace(0.0, 1.0, 129)
-    x, y = np.meshgrid(axis, axis, indexing="ij")
-    values = np.tanh(25.0 * (y - 0.5 - 0.1 * np.sin(2.0 * np.pi * x)))
-    print("u(x, y) = tanh(25*(y - 1/2 - sin(2*pi*x)/10))", flush=True)
-    mesh = client.generate(values, 65, monitor=LeastError(distortion=1.0, smoothness=10.0), label="demo: samples")
+    """The first mesh of the README, with the default settings."""
+    heading("1. The mesh of the README: 33 x 33 points, default settings")
+    print(f"u(x, y) = {WAVE}", flush=True)
+    mesh = client.generate(WAVE, 33, label="demo: a wave")
     print(f"\n{mesh.certificate}\n\nQuality:\n\n{mesh.quality}")
     return write(mesh, output, "wave", plots=("mesh",))
 

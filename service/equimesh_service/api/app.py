@@ -67,7 +67,11 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        service = open_service(settings, metrics)
+        try:
+            service = open_service(settings, metrics)
+        except Exception as error:
+            app.state.fault = f"{type(error).__name__}: {error}"  # the server only logs it
+            raise
         app.state.service = service
         try:
             yield

@@ -8,6 +8,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from equimesh_service.api.pages import problem_page
+from equimesh_service.api.resources import ReadinessReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Admin, ServiceDependency, problems
 from equimesh_service.problems.kinds import KINDS
 from equimesh_service.problems.problem import Problem
@@ -17,7 +18,9 @@ from equimesh_service.wire.negotiation import choose_offer
 
 router = APIRouter(tags=["operations"])
 
-_UNREADY: dict[int | str, dict[str, Any]] = {503: {"description": "A part is not ready; the body says which."}}
+_UNREADY: dict[int | str, dict[str, Any]] = {
+    503: {"description": "A part is not ready; the body says which.", "model": ReadinessReport}
+}
 _PROBLEM_OFFERS = {"json": "application/json", "page": "text/html"}
 _PROBLEM_ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"content": {"text/html": {"schema": {"type": "string"}}}},
@@ -37,19 +40,23 @@ async def livez() -> dict[str, str]:
     "/readyz",
     summary="Can the service work",
     operation_id="getReadiness",
-    response_model=dict[str, Any],
+    response_model=ReadinessReport,
     responses=_UNREADY,
 )
 @router.head("/readyz", summary="As GET, without a body", operation_id="headReadiness", responses=_UNREADY)
 async def readyz(service: ServiceDependency) -> Response:
     """Whether the store, the files, the engine and the dispatcher work, by checks that are at most a second old.
 
-    `warnings` has sentences about what is wrong but stops no work.
+    `warnings` has sentences about what is wrong but stops no work. `warm_up` tells how far the workers
+    are, while they compile their loops.
     """
     checks = await service.readiness.check()
     ready = all(result == OK for result in checks.values())
     status = OK if ready else "unavailable"
     body = {"status": status, "checks": checks, "warnings": service.readiness.warnings()}
+    warm_up = await run_in_threadpool(service.readiness.warm_up)
+    if warm_up is not None:
+        body["warm_up"] = warm_up
     return JSONResponse(body, 200 if ready else 503)
 
 

@@ -185,6 +185,22 @@ class Range(BaseModel):
     max: float
 
 
+class WarmUp(BaseModel):
+    """How far workers are with the loops that they compile once in an environment."""
+
+    compiled: int = Field(description="Compiled loops, which rise; 0 where all are compiled and are only loaded.")
+    of: int = Field(description="All loops; 0 where all are compiled and are only loaded.")
+
+
+class ReadinessReport(BaseModel):
+    """Whether a service can work."""
+
+    status: Literal["ok", "unavailable"]
+    checks: dict[str, str] = Field(description="By part: ok, or what is wrong.")
+    warnings: list[str] = Field(description="What is wrong but stops no work.")
+    warm_up: WarmUp | None = Field(None, description="While the workers warm up; absent otherwise, and with a cluster.")
+
+
 class DomainReport(BaseModel):
     """The size of a domain."""
 

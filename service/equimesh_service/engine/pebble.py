@@ -28,6 +28,11 @@ _log = logging.getLogger(__name__)
 _warmed_up = 0.0  # seconds, in a worker
 # Seconds of a warm-up that is not worth a line in the log: of a worker that was forked warm.
 _SHORT_WARM_UP = 0.05
+# Pools that break before a worker has warmed up, until the start counts as failed. It is tried again all the same.
+_MAX_BROKEN = 3
+# Seconds before workers that could not warm up are replaced.
+_PAUSE_SECONDS = 5.0
+_fault: Exception | None = None  # what the warm-up of this worker raised
 # The time between two checks of the pool, and of a worker's parent.
 _WATCH_SECONDS = 0.2
 _server_lock = threading.Lock()
@@ -60,6 +65,7 @@ class PebbleEngine:
         # Tasks lost with a whole pool. Reported only when there is a new pool: an earlier retry would be lost again.
         self._lost: list[tuple[Future[Any], WorkerLostError]] = []
         self._closed = threading.Event()
+        self._fault, self._broken = "", 0  # why workers do not start; pools that broke since one last did
         # The pool before this one. Its last workers may still be starting, and open its locks by their names, which are
         # removed with the locks.
         self._retired: ProcessPool | None = None
@@ -97,8 +103,10 @@ class PebbleEngine:
         with self._lock:
             active = bool(self._pool.active) and not self._lost and not self._closed.is_set()
             warm = self._warm.done() and not self._warm.cancelled() and self._warm.exception() is None
-        detail = "" if active and warm else "workers are starting" if active else "the worker pool is down"
-        return Health(ready=active and warm, workers=self._workers, detail=detail)
+        ready = active and warm
+        fault = "" if ready else self._fault
+        detail = fault or ("workers are starting" if active else "the worker pool is down")
+        return Health(ready=ready, workers=self._workers, detail="" if ready else detail, fault=fault)
 
     def wait_until_ready(self, timeout: float) -> bool:
         """Block until a worker has warmed up; False when that takes longer than ``timeout`` seconds."""
@@ -125,6 +133,7 @@ class PebbleEngine:
         while not self._closed.wait(_WATCH_SECONDS):
             try:
                 defect = seen.defect() or ("its workers are gone" if self._lost else "")
+                defect = self._failed_start(defect) or defect
                 if defect:
                     _log.warning("the worker pool is replaced: %s", defect)
                     self._replace(defect)
@@ -132,6 +141,24 @@ class PebbleEngine:
             except Exception:  # for instance when no process can be started
                 _log.exception("the worker pool is down; it will be replaced")
                 self._report_lost()  # there may never be a new pool
+
+    def _failed_start(self, defect: str) -> str:
+        """Why the pool must be replaced since its workers cannot warm up, "" while they may; counts its defects."""
+        ended = self._warm.done() and not self._warm.cancelled()
+        error = self._warm.exception() if ended else None
+        if ended and error is None:
+            self._fault, self._broken = "", 0
+            return ""
+        self._broken += bool(defect)
+        if error is not None and not isinstance(error, ProcessExpired | BrokenProcessPool):
+            self._fault = f"the workers cannot warm up: {type(error).__name__}: {error}"
+            _log.error("the workers cannot warm up", exc_info=error)
+        elif self._broken >= _MAX_BROKEN:
+            self._fault = "the workers die when they start; perhaps the system lacks memory"
+        else:
+            return ""
+        # Unless the engine is closed meanwhile.
+        return "" if self._closed.wait(_PAUSE_SECONDS) else "its workers cannot start"
 
     def _replace(self, defect: str) -> None:
         fresh, warm = self._new_pool()
@@ -240,7 +267,9 @@ def _run(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
 
 
 def _warm_up_seconds() -> float:
-    """The duration of the warm-up of this worker."""
+    """The duration of the warm-up of this worker; raises what the warm-up raised."""
+    if _fault is not None:
+        raise _fault
     return _warmed_up
 
 
@@ -256,9 +285,12 @@ def _initialize(
     if prepare is not None:
         prepare()
     if warm_up is not None:
-        global _warmed_up
+        global _warmed_up, _fault
         began = time.perf_counter()
-        warm_up()
+        try:
+            warm_up()
+        except Exception as error:  # the service learns of it, and replaces this worker
+            _fault = error
         _warmed_up = time.perf_counter() - began
     if memory_limit is not None:
         _limit_memory(memory_limit)

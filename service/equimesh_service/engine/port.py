@@ -10,11 +10,15 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """Whether an engine can run tasks, and the number of its workers."""
+    """Whether an engine can run tasks, and the number of its workers.
+
+    ``fault`` says why its workers do not start, "" while they may.
+    """
 
     ready: bool
     workers: int
     detail: str = ""
+    fault: str = ""
 
 
 class Engine(Protocol):

@@ -21,7 +21,8 @@ _MAX_CHECK_SECONDS = 5.0
 class Readiness:
     """Runs ``checks``, by name. Each returns None, "ok" or a message, and may raise and block.
 
-    Each of ``warn`` returns a sentence about what is wrong but stops no work, or None; it returns at once.
+    Each of ``warn`` returns a sentence about what is wrong but stops no work, or None; it returns at once. ``warm_up``
+    returns how many loops are "compiled" and "of" how many while the workers warm up, then None; within milliseconds.
     """
 
     def __init__(
@@ -29,10 +30,12 @@ class Readiness:
         checks: Mapping[str, Callable[[], str | None]],
         *,
         warn: Sequence[Callable[[], str | None]] = (),
+        warm_up: Callable[[], Mapping[str, int] | None] = lambda: None,
         timeout: float = _MAX_CHECK_SECONDS,
     ) -> None:
         self._checks = checks
         self._warn = warn
+        self.warm_up = warm_up
         self._timeout = timeout
         self._lock = asyncio.Lock()
         self._results: dict[str, str] = {}

@@ -3,6 +3,8 @@
 A worker that replaces a killed one is then ready at once. All workers share the memory of the loops.
 """
 
+from equimesh.compiling import silence
 from equimesh_service.worker.warmth import warm_up_unless_compiling
 
+silence()  # the service tells how far its workers are
 warm_up_unless_compiling()

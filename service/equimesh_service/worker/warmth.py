@@ -1,9 +1,10 @@
 """The warm-up of a process, once: of a worker, or of the process that all workers are forked from."""
 
 import logging
+import os
 import pickle
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,6 +20,7 @@ from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.least_error.lifting import Lifting
 from equimesh.least_error.mending import mended
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.numerics.compiled import cache_folder, count_compiled
 from equimesh.quality.faces import measure_faces
 from equimesh.rounds.round import adapt_round
 from equimesh_service.errors import NotCompiledError
@@ -38,11 +40,43 @@ class _Refusal(event.Listener):
 
 
 def warm_up_once() -> None:
-    """Warm this process up, unless it is warm, or was forked from one that is."""
+    """Warm this process up, unless it is warm, or was forked from one that is.
+
+    Of several processes one compiles, while the others wait; they load the loops afterwards.
+    """
     global _is_warm
     if not _is_warm:
-        warm_up()
+        with _turn_to_compile():
+            warm_up()
         _is_warm = True
+
+
+def progress() -> dict[str, int]:
+    """How many loops are compiled, by whichever process, of how many; both 0 where all are, and are only loaded."""
+    compiled, of = count_compiled()
+    return {"compiled": compiled, "of": of} if compiled < of else {"compiled": 0, "of": 0}
+
+
+@contextmanager
+def _turn_to_compile() -> Iterator[None]:
+    """Wait while another process compiles, unless all loops are compiled, or no folder can keep them."""
+    with ExitStack() as stack:
+        folder = cache_folder()
+        if folder is not None and _is_compiling_needed():
+            with suppress(ImportError, OSError):  # without locks each process compiles for itself
+                import fcntl
+
+                os.makedirs(folder, exist_ok=True)
+                lock = stack.enter_context(Path(folder, "compiling.lock").open("w"))
+                fcntl.flock(lock, fcntl.LOCK_EX)  # the system releases it however this process ends
+                if not _is_compiling_needed():
+                    stack.close()
+        yield
+
+
+def _is_compiling_needed() -> bool:
+    compiled, of = count_compiled()
+    return compiled < of
 
 
 def warm_up_unless_compiling() -> None:

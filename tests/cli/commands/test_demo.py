@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from equimesh_cli import main
+from equimesh_cli.exits import Exit
 
 
 def test_the_demo(tmp_path: Path) -> None:
@@ -24,3 +28,22 @@ def test_the_demo(tmp_path: Path) -> None:
     (observed, predicted), *_ = re.findall(r"observed rate ([\d.]+), predicted rate ([\d.]+)", done.stdout)
     assert float(predicted) == pytest.approx(float(observed), rel=0.05)
     assert done.stdout.count("predicted rate") == 1  # that of the default settings leaves out what decides there
+
+
+def test_a_service_that_does_not_start_gives_its_reason_and_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    equimesh_service = pytest.importorskip("equimesh_service")
+    from equimesh_service.errors import NotStartedError
+
+    def broken(*_: object, **__: object) -> None:
+        logging.getLogger("equimesh_service.server").info("what the log says")
+        raise NotStartedError("the service did not start: no space")
+
+    monkeypatch.setattr(equimesh_service, "running", broken)
+    assert main(["demo", "--output", str(tmp_path / "out")]) == Exit.UNREACHABLE
+    log = tmp_path / "out" / "demo.log"
+    said = capsys.readouterr().err
+    assert "the service did not start: no space" in said
+    assert str(log) in said
+    assert "what the log says" in log.read_text()

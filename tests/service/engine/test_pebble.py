@@ -11,6 +11,7 @@ import pytest
 
 from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.opening import PRELOAD
+from service.conftest import until
 from service.engine.check_engine import check_engine, expect_closed
 
 
@@ -33,7 +34,24 @@ def broken() -> None:
 def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
     engine = PebbleEngine(1, preload=PRELOAD, warm_up=broken)
     try:
-        assert not engine.wait_until_ready(1.5)
+        until(lambda: engine.health().fault)
+        assert engine.health().fault == "the workers cannot warm up: RuntimeError: no"
+        assert engine.health().detail == engine.health().fault
+        assert not engine.health().ready
+    finally:
+        engine.close()
+
+
+def dies() -> None:
+    """A warm-up that the system ends, for instance as it lacks memory."""
+    os._exit(9)
+
+
+def test_an_engine_whose_workers_die_when_they_start_says_so() -> None:
+    engine = PebbleEngine(1, preload=PRELOAD, warm_up=dies)
+    try:
+        until(lambda: engine.health().fault)
+        assert "the workers die when they start" in engine.health().fault
     finally:
         engine.close()
 

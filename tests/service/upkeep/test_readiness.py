@@ -64,6 +64,18 @@ async def test_what_does_not_work_is_named_without_its_address(tmp_path: Path) -
 
 
 @pytest.mark.anyio
+@pytest.mark.parametrize("warm_up", [{"compiled": 37, "of": 153}, {"compiled": 0, "of": 0}, None])
+async def test_a_service_that_warms_up_says_how_far_it_is(tmp_path: Path, warm_up: dict[str, int] | None) -> None:
+    app = create_app(Settings(data_dir=tmp_path))
+    readiness = Readiness({"engine": lambda: "workers are starting"}, warm_up=lambda: warm_up)
+    app.state.service = SimpleNamespace(readiness=readiness)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://here") as http:
+        answer = await http.get("/readyz")
+    assert answer.status_code == 503
+    assert answer.json().get("warm_up") == warm_up
+
+
+@pytest.mark.anyio
 async def test_probes_share_a_look() -> None:
     looks: list[int] = []
 

@@ -6,10 +6,12 @@ import os
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
+from equimesh.numerics.compiled import Compiled
 from equimesh_service.worker import warmth
 
 # As the process that workers are forked from: imports the module, then forks.
@@ -82,6 +84,45 @@ def test_a_process_warms_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
     warmth.warm_up_once()
     warmth.warm_up_once()
     assert calls == [1]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no locks of this kind")
+def test_one_process_compiles_and_the_others_wait(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    count, order, holds, goes_on = [Compiled(0, 2)], list[str](), threading.Event(), threading.Event()
+
+    def first() -> None:
+        with warmth._turn_to_compile():
+            holds.set()
+            assert goes_on.wait(60.0)
+            order.append("compiled")
+            count[0] = Compiled(2, 2)
+
+    def second() -> None:
+        with warmth._turn_to_compile():
+            order.append("loads")
+
+    monkeypatch.setattr(warmth, "cache_folder", lambda: str(tmp_path / "new"))
+    monkeypatch.setattr(warmth, "count_compiled", lambda: count[0])
+    threads = [threading.Thread(target=each) for each in (first, second)]
+    threads[0].start()
+    assert holds.wait(60.0)
+    threads[1].start()
+    threads[1].join(0.2)
+    assert order == []
+    goes_on.set()
+    for thread in threads:
+        thread.join(60.0)
+    assert order == ["compiled", "loads"]
+    with warmth._turn_to_compile(), warmth._turn_to_compile():
+        pass  # nothing is locked where nothing has to be compiled
+
+
+@pytest.mark.parametrize(("count", "expected"), [((37, 153), (37, 153)), ((153, 153), (0, 0))])
+def test_the_progress_is_that_of_all_processes(
+    monkeypatch: pytest.MonkeyPatch, count: tuple[int, int], expected: tuple[int, int]
+) -> None:
+    monkeypatch.setattr(warmth, "count_compiled", lambda: Compiled(*count))
+    assert tuple(warmth.progress().values()) == expected
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system counts threads otherwise")

@@ -1,0 +1,111 @@
+"""A line on standard error while loops are compiled, at a terminal or in a notebook; other programs see nothing.
+
+The first use in an environment compiles loops, which takes a minute or more. ``EQUIMESH_QUIET=1`` shows nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba.core import event
+
+from equimesh.numerics.compiled import Compiled, count_compiled, is_loop
+
+SENTENCE = "Compiling the numerical loops, once in this environment"
+# Seconds between two counts: a count takes about 10 ms.
+_COUNT_SECONDS = 0.5
+
+
+class Line:
+    """The line, which is overwritten at each change and removed at the end.
+
+    A ``plain`` line is the sentence alone, once, also where standard error is neither a terminal nor a notebook.
+    """
+
+    def __init__(self, *, plain: bool = False) -> None:
+        self._plain = plain
+        self._is_told = False
+        self._shown = ""
+
+    def show(self, count: Compiled) -> None:
+        """Show how many loops are compiled."""
+        if sys.stderr is None or os.environ.get("EQUIMESH_QUIET", "0") not in ("", "0"):
+            return
+        if is_live():
+            text = f"{SENTENCE}: {count.compiled} of {count.of}"
+            text = text[: shutil.get_terminal_size().columns - 1]
+            self._write("\r" + text.ljust(len(self._shown)))
+            self._shown = text
+        elif self._plain and not self._is_told:
+            self._write(f"{SENTENCE} ...\n")
+        self._is_told = True
+
+    def clear(self) -> None:
+        """Remove the line."""
+        if self._shown:
+            self._write("\r" + " " * len(self._shown) + "\r")
+            self._shown = ""
+
+    def _write(self, text: str) -> None:
+        sys.stderr.write(text)
+        sys.stderr.flush()
+
+
+class _Listener(event.Listener):
+    """Shows the current line while a loop of the project is compiled."""
+
+    line: Line | None = Line()
+
+    def __init__(self) -> None:
+        self._depth = 0  # a loop is compiled while its caller is
+        self._count, self._counted = Compiled(0, 0), float("-inf")
+
+    def on_start(self, found: Any) -> None:
+        if self.line is None or not is_loop(found.data["dispatcher"]):
+            return
+        self._depth += 1
+        if time.monotonic() - self._counted > _COUNT_SECONDS:
+            self._count, self._counted = count_compiled(), time.monotonic()
+        self.line.show(self._count)
+
+    def on_end(self, found: Any) -> None:
+        if self.line is None or not is_loop(found.data["dispatcher"]):
+            return
+        self._depth -= 1
+        if self._depth == 0:
+            self.line.clear()
+
+
+_listener = _Listener()
+
+
+def watch() -> None:
+    """Show a line from now on, whenever this process compiles a loop at a terminal or in a notebook."""
+    event.register("numba:compile", _listener)
+
+
+def silence() -> None:
+    """Show nothing in this process, and in those that are forked from it."""
+    _listener.line = None
+
+
+@contextmanager
+def announcing(line: Line | None) -> Iterator[None]:
+    """Show this line, or nothing, inside."""
+    before, _listener.line = _listener.line, line
+    try:
+        yield
+    finally:
+        _listener.line = before
+
+
+def is_live() -> bool:
+    """Whether standard error is a terminal, or the cell of a notebook, where a line can be overwritten."""
+    stream = sys.stderr
+    return type(stream).__module__.startswith("ipykernel") or stream.isatty()
