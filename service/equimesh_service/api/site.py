@@ -1,5 +1,6 @@
 """The site of the documentation under ``/site``: what ``deploy/site`` built into the folder ``site`` of the package.
 
+Where nobody built it, the pages of the guide have the same addresses, in a plain form.
 A path is looked up among the files that are there, and is never part of a path on the disk. Addresses in the pages are
 relative, so that they work under any path of a proxy.
 """
@@ -18,6 +19,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
+from equimesh_service.guide.plain import ROOT, guide_nowhere, guide_page, guide_pages
 from equimesh_service.problems.problem import Problem
 from equimesh_service.wire.security_headers import page_policy
 
@@ -38,13 +40,13 @@ _PAGES = "no-cache"
 _LOADED = "max-age=86400"
 _LOADED_FOLDERS = ("_static", "_images")
 _FILES = StaticFiles(check_dir=False)
+# What the guide is read from, where nobody built the site.
+GUIDE = ROOT
 
 
 @router.api_route("/site", methods=_METHODS)
 async def without_slash() -> Response:
-    """The way to the front page, or how to build the site where it was not built."""
-    if not (FOLDER / "index.html").is_file():
-        return _unbuilt()
+    """The way to the front page."""
     return Response(status_code=307, headers={"Location": "site/", "Cache-Control": _PAGES})
 
 
@@ -58,7 +60,7 @@ def _answer(path: str, request: Request) -> Response:
     try:
         built = os.stat(FOLDER / "index.html").st_mtime_ns
     except OSError:
-        return _unbuilt()
+        return _plain(path, request)
     known = _table(FOLDER, built)
     if f"{path}/index.html" in known:  # relative addresses of that page need the slash
         return Response(status_code=307, headers={"Location": f"{path.rpartition('/')[2]}/", "Cache-Control": _PAGES})
@@ -92,9 +94,30 @@ def _nowhere(depth: int, known: Mapping[str, Path]) -> Response:
     return HTMLResponse(text, status_code=404, headers=_headers())
 
 
-def _unbuilt() -> Response:
-    text = files("equimesh_service.api.assets").joinpath("site_unbuilt.html").read_bytes()
-    return HTMLResponse(text, status_code=404, headers=_headers())
+def _plain(path: str, request: Request) -> Response:
+    """A page of the guide where nobody built the site."""
+    pages = guide_pages(GUIDE)
+    if not pages:
+        return _unbuilt(_depth(request))
+    if f"{path}/index.html" in pages:
+        return Response(status_code=307, headers={"Location": f"{path.rpartition('/')[2]}/", "Cache-Control": _PAGES})
+    name = f"{path}index.html" if path.endswith("/") or not path else path
+    if name not in pages:
+        if _depth(request) > _MAX_DEPTH:
+            raise Problem("not-found", "No such page.")
+        return HTMLResponse(guide_nowhere(_depth(request)), status_code=404, headers=_headers())
+    if name.endswith(".html"):
+        return HTMLResponse(guide_page(name, pages), headers=_headers())
+    response = _FILES.file_response(pages[name], os.stat(pages[name]), request.scope)
+    response.headers.update(_headers())
+    return response
+
+
+def _unbuilt(depth: int) -> Response:
+    if depth > _MAX_DEPTH:
+        raise Problem("not-found", "No such page.")
+    text = files("equimesh_service.api.assets").joinpath("site_unbuilt.html").read_text(encoding="utf-8")
+    return HTMLResponse(text.replace(_ROOT, "../" * depth), status_code=404, headers=_headers())
 
 
 def _headers() -> dict[str, str]:

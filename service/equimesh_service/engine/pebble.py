@@ -153,7 +153,7 @@ class PebbleEngine:
         if error is not None and not isinstance(error, ProcessExpired | BrokenProcessPool):
             self._fault = f"the workers cannot warm up: {type(error).__name__}: {error}"
             _log.error("the workers cannot warm up", exc_info=error)
-        elif self._broken >= _MAX_BROKEN:
+        elif defect and self._broken >= _MAX_BROKEN:
             self._fault = "the workers die when they start; perhaps the system lacks memory"
         else:
             return ""

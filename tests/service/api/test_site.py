@@ -142,9 +142,41 @@ def test_without_a_built_site_a_page_says_how_to_build_it(
     http: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(site, "FOLDER", tmp_path / "none")
-    for path in ("/site", "/site/", "/site/how-to/adapt.html"):
+    monkeypatch.setattr(site, "GUIDE", tmp_path / "none")
+    for path in ("/site/", "/site/how-to/adapt.html"):
         answer = http.get(path)
         assert answer.status_code == 404
         assert "<code>" in answer.text
         assert "deploy/site" in answer.text
         assert "<script" not in answer.text
+        assert "{{" not in answer.text
+        targets = [answer.request.url.join(link).path for link in re.findall(r'href="([^"]*)"', answer.text)]
+        assert targets == ["/docs/assets/problem.css", "/", "/docs"]
+
+
+def test_without_a_built_site_the_guide_is_there_in_its_plain_form(
+    http: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(site, "FOLDER", tmp_path / "none")
+    begin = http.get("/site")
+    assert (begin.status_code, begin.headers["location"]) == (307, "site/")
+    assert http.get("/site/how-to").headers["location"] == "how-to/"
+    for path in ("/site/", "/site/index.html", "/site/tutorials/first-mesh.html", "/site/examples/index.html"):
+        answer = http.get(path)
+        assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8")
+        assert "default-src 'none'" in answer.headers["content-security-policy"]
+        assert "Back to the page" in answer.text
+    picture = http.get("/site/images/uniform-and-adapted.png")
+    assert (picture.status_code, picture.headers["content-type"]) == (200, "image/png")
+    nowhere = http.get("/site/a/b/none.html")
+    assert (nowhere.status_code, nowhere.request.url.join("../../").path) == (404, "/site/")
+    assert 'href="../../../docs/assets/problem.css"' in nowhere.text
+    for strange in (
+        "%2e%2e/pyproject.toml",
+        "..%2fpyproject.toml",
+        "%00",
+        "conf.py",
+        "generator/places.py",
+        "a/" * 5000,
+    ):
+        assert http.get(f"/site/{strange}").status_code == 404
