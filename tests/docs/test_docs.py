@@ -218,7 +218,7 @@ def test_every_setting_is_documented_with_its_default() -> None:
 
 def test_every_setting_that_any_page_names_exists() -> None:
     known = {f"EQUIMESH_{name.upper()}" for name in Settings.model_fields}
-    known |= {"EQUIMESH_URL", "EQUIMESH_KEY", "EQUIMESH_"}
+    known |= {"EQUIMESH_URL", "EQUIMESH_KEY", "EQUIMESH_QUIET", "EQUIMESH_"}
     for name, path in PAGES.items():
         assert set(re.findall(r"EQUIMESH_\w*", path.read_text())) <= known, name
 

@@ -6,10 +6,10 @@ import importlib.metadata
 import platform
 
 import pytest
-from numba.core.caching import CompileResultCacheImpl
 
 import equimesh
 from cli.conftest import look
+from equimesh.numerics import compiled
 from equimesh_cli.checks import installation
 from equimesh_cli.checks.findings import Level
 from equimesh_service import Settings
@@ -50,10 +50,20 @@ def test_a_misspelled_variable(here: Settings, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_no_folder_for_compiled_loops(here: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(CompileResultCacheImpl, "_locator_classes", [])
+    monkeypatch.setattr(compiled, "cache_folder", lambda: None)
     found = look(installation.kernels, here)
     assert found.level is WARNING
     assert "NUMBA_CACHE_DIR" in found.remedy
+    assert "about a minute" in found.message
+
+
+@pytest.mark.parametrize("count", [37, 153])
+def test_how_many_loops_are_compiled(here: Settings, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    monkeypatch.setattr(compiled, "count_compiled", lambda: compiled.Compiled(count, 153))
+    found = look(installation.kernels, here)
+    assert found.level is OK
+    assert found.message.startswith(f"{count} of 153 numerical loops are compiled")
+    assert ("the first start compiles the others" in found.message) == (count < 153)
 
 
 def test_a_solver_that_makes_another_mesh(here: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
