@@ -33,12 +33,12 @@ class Line:
         self._is_told = False
         self._shown = ""
 
-    def show(self, count: Compiled) -> None:
-        """Show how many loops are compiled."""
+    def show(self, count: Compiled, *, are_all_needed: bool = True) -> None:
+        """Show how many loops are compiled; one solve needs some of them."""
         if sys.stderr is None or os.environ.get("EQUIMESH_QUIET", "0") not in ("", "0"):
             return
         if is_live():
-            text = f"{SENTENCE}: {count.compiled} of {count.of}"
+            text = f"{SENTENCE}: {count.compiled} of {'' if are_all_needed else 'at most '}{count.of}"
             text = text[: shutil.get_terminal_size().columns - 1]
             self._write("\r" + text.ljust(len(self._shown)))
             self._shown = text
@@ -72,7 +72,7 @@ class _Listener(event.Listener):
         self._depth += 1
         if time.monotonic() - self._counted > _COUNT_SECONDS:
             self._count, self._counted = count_compiled(), time.monotonic()
-        self.line.show(self._count)
+        self.line.show(self._count, are_all_needed=False)
 
     def on_end(self, found: Any) -> None:
         if self.line is None or not is_loop(found.data["dispatcher"]):
@@ -87,7 +87,7 @@ _listener = _Listener()
 
 def watch() -> None:
     """Show a line from now on, whenever this process compiles a loop at a terminal or in a notebook."""
-    event.register("numba:compile", _listener)
+    event.register("numba:compile", _listener)  # type: ignore[no-untyped-call]
 
 
 def silence() -> None:

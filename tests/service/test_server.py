@@ -76,7 +76,8 @@ class Shown(Line):
         super().__init__()
         self.counts: list[Compiled] = []
 
-    def show(self, count: Compiled) -> None:
+    def show(self, count: Compiled, *, are_all_needed: bool = True) -> None:
+        assert are_all_needed
         self.counts.append(count)
 
 

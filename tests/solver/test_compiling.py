@@ -44,7 +44,7 @@ def test_a_person_sees_how_many_loops_are_compiled(loop: Any, stream: Any, monke
     monkeypatch.setattr(sys, "stderr", stream())
     loop(1)
     first, *_, last = sys.stderr.getvalue().split("\r")[1:]
-    assert first == "Compiling the numerical loops, once in this environment: 0 of 2"
+    assert first == "Compiling the numerical loops, once in this environment: 0 of at most 2"
     assert last == "", "the line is removed"
     shown = sys.stderr.getvalue()
     loop(2)

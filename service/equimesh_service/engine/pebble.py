@@ -249,7 +249,7 @@ def _start_server() -> None:
 
 def _log_warm_up(done: Future[float]) -> None:
     if not done.cancelled() and done.exception() is None and done.result() > _SHORT_WARM_UP:
-        _log.info("a worker warmed up in %.1f s; the first on a machine compiles the kernels", done.result())
+        _log.info("a worker warmed up in %.1f s", done.result())
 
 
 def _stop(pool: ProcessPool) -> None:
