@@ -127,8 +127,10 @@ def run(settings: Settings) -> None:
         sentence = f"equimesh is at {url} - open this address in a browser. Ctrl-C stops the service."
         start = _Start(server, sentence if at_terminal else "")
         threading.Thread(target=start.follow, name="equimesh-start", daemon=True).start()
-        server.run(sockets=[listener])
-        start.is_over.set()
+        try:
+            server.run(sockets=[listener])
+        finally:
+            start.is_over.set()
 
 
 @contextmanager
