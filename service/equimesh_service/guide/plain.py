@@ -55,7 +55,7 @@ def guide_pages(root: Path = ROOT) -> Mapping[str, Path]:
     if not (docs / "index.md").is_file():
         return {}
     found = {f"{path.relative_to(docs).with_suffix('').as_posix()}.html": path for path in docs.rglob("*.md")}
-    found |= {path.relative_to(docs).as_posix(): path for path in (docs / "images").iterdir() if path.is_file()}
+    found |= {path.relative_to(docs).as_posix(): path for path in (docs / "images").rglob("*") if path.is_file()}
     found |= {f"examples/{path.stem}.html": path for path in (root / "examples").glob("*.py")}
     return found | {name: root / path for path, name in _NAMED.items() if (root / path).is_file()}
 
