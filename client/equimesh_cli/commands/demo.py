@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -66,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     output: Path = options.output
     output.mkdir(parents=True, exist_ok=True)
     with (
-        logged(output / "demo.log") as log,
+        logged(output / "demo.log"),
         tempfile.TemporaryDirectory(prefix="equimesh-demo-", ignore_cleanup_errors=True) as folder,
     ):
         chosen = {
@@ -82,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
             try:
                 url = stack.enter_context(equimesh_service.running(settings, line=Line(plain=True)))
             except CannotServeError as error:
-                raise Refused(f"{error}\nThe log is {log}", Exit.UNREACHABLE) from None
+                raise Refused(str(error), Exit.UNREACHABLE) from None
             except OSError as error:
                 raise Refused(start_error(settings, error), Exit.UNREACHABLE) from error
             client = stack.enter_context(Client(url, key=""))
@@ -97,8 +98,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 @contextmanager
-def logged(path: Path) -> Iterator[Path]:
-    """Write the log of the service to a file, which stays there when something fails."""
+def logged(path: Path) -> Iterator[None]:
+    """Write the log of the service to a file, which stays there when something fails, and say so."""
     from equimesh_service.telemetry.logs import formatter
 
     root, handler = logging.getLogger(), logging.FileHandler(path, mode="w", encoding="utf-8")
@@ -107,8 +108,11 @@ def logged(path: Path) -> Iterator[Path]:
     root.addHandler(handler)
     root.setLevel(logging.INFO)
     try:
-        yield path
+        yield
         path.unlink()
+    except BaseException:
+        print(f"The log is in {path}", file=sys.stderr)
+        raise
     finally:
         root.removeHandler(handler)
         root.setLevel(level)
