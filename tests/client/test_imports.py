@@ -56,7 +56,6 @@ def test_the_command_generates_with_the_base_install(service: Any, tmp_path: Any
     ("arguments", "extra"),
     [
         (["solve", "x"], "solver"),
-        (["bench"], "solver"),
         *((words, "service") for words in (["serve"], ["serve", "--port", "8000"], ["doctor"], ["demo"])),
     ],
 )

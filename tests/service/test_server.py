@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
+import os
 import socket
 import sys
 import threading
@@ -133,6 +134,9 @@ def test_at_a_terminal_the_address_stands_alone(
         used.append(settings)
         return Ready(loops=0)
 
+    for name in [name for name in os.environ if name.startswith("EQUIMESH_")]:
+        monkeypatch.delenv(name)  # a line would tell of each that is no setting
+    monkeypatch.setattr(logging.getLogger("uvicorn.error"), "level", logging.NOTSET)  # uvicorn sets it, for good
     root = logging.getLogger()
     monkeypatch.setattr(root, "handlers", [])
     monkeypatch.setattr(root, "level", root.level)

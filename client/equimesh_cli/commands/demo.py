@@ -102,16 +102,18 @@ def logged(path: Path) -> Iterator[None]:
     """Write the log of the service to a file, which stays there when something fails, and say so."""
     from equimesh_service.telemetry.logs import formatter
 
-    root, handler = logging.getLogger(), logging.FileHandler(path, mode="w", encoding="utf-8")
+    path.unlink(missing_ok=True)  # that of an earlier failure
+    root, handler = logging.getLogger(), logging.FileHandler(path, mode="w", encoding="utf-8", delay=True)
     handler.setFormatter(formatter("text"))
     level = root.level
     root.addHandler(handler)
     root.setLevel(logging.INFO)
     try:
         yield
-        path.unlink()
+        path.unlink(missing_ok=True)
     except BaseException:
-        print(f"The log is in {path}", file=sys.stderr)
+        if path.exists():  # nothing is logged where the service could not even begin
+            print(f"The log is in {path}", file=sys.stderr)
         raise
     finally:
         root.removeHandler(handler)
