@@ -24,8 +24,7 @@ from service.sent_work import (
     check_downloads,
     check_files,
     check_meshes,
-    hold,
-    kill_held,
+    kill_at_work,
     lives,
     unfinished,
 )
@@ -110,9 +109,8 @@ def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(
         try:
             work = Work(service.url, jobs)
             saboteur = Saboteur(service, cluster, seed=jobs)
-            hold(held := until(saboteur.pool_processes, _PATIENCE))
             threads = work.start()
-            kill_held(service.url, held)
+            kill_at_work(store, saboteur.pool_processes)
             saboteur.rage(store, jobs, [deed for deed, times in deeds.items() for _ in range(times)])
             for thread in threads:
                 thread.join()

@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -23,8 +24,7 @@ from service.sent_work import (
     check_downloads,
     check_files,
     check_meshes,
-    hold,
-    kill_held,
+    kill_at_work,
     lives,
     unfinished,
 )
@@ -82,20 +82,18 @@ def test_nothing_is_lost_while_workers_and_services_are_killed(
         saboteur = Saboteur(service, seed=jobs)
         until(lambda: lives(service.url), PATIENCE)
         service.ready()
-        hold(held := service.worker_pids())
-        threads = work.start()
-        kill_held(service.url, held)
-        saboteur.rage(work, [deed for deed, times in deeds.items() for _ in range(times)])
-        for thread in threads:
-            thread.join()
-        assert work.faults == []
-        assert len(work.accepted) == jobs
-        assert saboteur.killed["service"] == sum(times for deed, times in deeds.items() if deed != "worker")
-        assert saboteur.killed["worker"] >= deeds["worker"]
-        assert work.repeated > 0, "no request was cut off: this proves nothing"
+        with closing(Store(database_url)) as store:
+            threads = work.start()
+            kill_at_work(store, service.worker_pids)
+            saboteur.rage(work, [deed for deed, times in deeds.items() for _ in range(times)])
+            for thread in threads:
+                thread.join()
+            assert work.faults == []
+            assert len(work.accepted) == jobs
+            assert saboteur.killed["service"] == sum(times for deed, times in deeds.items() if deed != "worker")
+            assert saboteur.killed["worker"] >= deeds["worker"]
+            assert work.repeated > 0, "no request was cut off: this proves nothing"
 
-        store = Store(database_url)
-        try:
             until(lambda: unfinished(store) == 0, PATIENCE)
             assert service.stop() == 0
             age_files(service.folder / "data" / "files")
@@ -106,8 +104,6 @@ def test_nothing_is_lost_while_workers_and_services_are_killed(
             check_downloads(service.url, store)
             assert service.stop() == 0
             until(lambda: not service.left())
-        finally:
-            store.close()
     file = sqlite_file(database_url)
     if file is not None:
         with sqlite3.connect(file) as connection:

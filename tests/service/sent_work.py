@@ -10,7 +10,10 @@ import queue
 import signal
 import threading
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -116,17 +119,36 @@ def lives(url: str) -> bool:
         return False
 
 
-def hold(pids: list[int]) -> None:
-    """Stop the processes of workers, so that the meshes that they begin do not end."""
-    for pid in pids:
-        os.kill(pid, signal.SIGSTOP)
+def kill_at_work(store: Store, processes: Callable[[], list[int]]) -> None:
+    """Kill the processes of workers while one of them has a mesh at work, so that this mesh begins again.
+
+    A mesh is "running" from its lease on, which may be before it has reached a process. A process that is
+    killed then costs nothing. So this is repeated, each time later after the lease, until a mesh began twice.
+    """
+    pause, deadline = 0.25, time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        held = until(processes, PATIENCE)
+        _signal(held, signal.SIGSTOP)
+        until(lambda: store.meshes.page(status="running"), PATIENCE)
+        time.sleep(pause)
+        names = {row.id for row in store.meshes.page(status="running", limit=1000)}
+        _signal(held, signal.SIGKILL)
+        if max(until(partial(_attempts_after, store, names), PATIENCE)) > 1:
+            return
+        pause *= 2
+    raise AssertionError("no mesh was begun twice")
 
 
-def kill_held(url: str, pids: list[int]) -> None:
-    """Kill processes that are held, when one of them at least has begun a mesh."""
-    until(lambda: httpx.get(f"{url}/v1/meshes?status=running").json()["items"], PATIENCE)
+def _signal(pids: list[int], number: signal.Signals) -> None:
     for pid in pids:
-        os.kill(pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.kill(pid, number)
+
+
+def _attempts_after(store: Store, names: set[str]) -> list[int]:
+    """The attempts of the meshes that began again or ended."""
+    rows = [row for row in store.meshes.page(limit=1000) if row.id in names]
+    return [row.attempt for row in rows if row.attempt > 1 or row.status not in ("queued", "running")]
 
 
 def unfinished(store: Store) -> int:

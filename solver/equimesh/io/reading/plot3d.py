@@ -249,7 +249,8 @@ def _no_plot3d() -> InputError:
 
 def _records(data: bytes, order: str) -> list[bytes]:
     """Fortran's records without their marks; none where the file has no such marks."""
-    found, at, mark = [], 0, np.dtype(f"{order}u4")
+    found: list[bytes] = []
+    at, mark = 0, np.dtype(f"{order}u4")
     while at + 8 <= len(data) and len(found) < MAX_RECORDS:
         size = int(np.frombuffer(data, mark, 1, at)[0])
         end = at + 4 + size
