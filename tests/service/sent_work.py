@@ -133,7 +133,7 @@ def kill_at_work(store: Store, processes: Callable[[], list[int]]) -> None:
         time.sleep(pause)
         names = {row.id for row in store.meshes.page(status="running", limit=1000)}
         _signal(held, signal.SIGKILL)
-        if max(until(partial(_attempts_after, store, names), PATIENCE)) > 1:
+        if names and max(until(partial(_attempts_after, store, names), PATIENCE)) > 1:
             return
         pause *= 2
     raise AssertionError("no mesh was begun twice")
