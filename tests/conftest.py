@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import faulthandler
+import os
 import subprocess
 import sys
 from collections import Counter
@@ -13,6 +15,8 @@ from programs import PROGRAMS, missing_program, must_be_here
 from scheduler import FileScheduling
 
 LEFT_OUT = pytest.StashKey[Counter[str]]()
+# Seconds from the last test until the process ends, with all that it started.
+END_SECONDS = 300.0
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -60,8 +64,18 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.fail(f"{PROGRAMS[name].name} is not installed: {PROGRAMS[name].remedy}", pytrace=False)
 
 
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Name a test that failed at once: a run that is cut off never reaches its summary."""
+    if report.failed and "PYTEST_XDIST_WORKER" not in os.environ:
+        print(f"\n{report.nodeid} failed ({report.when}):\n{report.longreprtext}", file=sys.__stderr__, flush=True)
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Report to the process that started this one how many tests were left out: with `-n`, every process reports."""
+    """Report to the process that started this one how many tests were left out: with `-n`, every process reports.
+
+    A process that does not end afterwards says where it stands, and is ended.
+    """
+    faulthandler.dump_traceback_later(END_SECONDS, exit=True, file=sys.__stderr__)
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput["left_out"] = dict(session.config.stash.get(LEFT_OUT, Counter()))
 

@@ -175,6 +175,14 @@ def runs(pid: int) -> bool:
         return False
 
 
+def command_of(pid: int) -> str:
+    """The command line of a process, "" when it has ended."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
+    except OSError:
+        return ""
+
+
 def is_ready(url: str) -> bool:
     """Whether a service reports that it is ready."""
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import logging
 import multiprocessing
@@ -10,9 +11,10 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, InvalidStateError
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
@@ -33,6 +35,8 @@ _MAX_BROKEN = 3
 # Seconds before workers that could not warm up are replaced.
 _PAUSE_SECONDS = 5.0
 _fault: Exception | None = None  # what the warm-up of this worker raised
+# Seconds for the threads of a pool to end; they need less than one.
+_STOP_SECONDS = 30.0
 # The time between two checks of the pool, and of a worker's parent.
 _WATCH_SECONDS = 0.2
 _server_lock = threading.Lock()
@@ -226,7 +230,8 @@ if sys.platform != "win32":
 
         def start(self) -> None:
             _start_server()
-            super().start()
+            with _main_hidden():
+                super().start()
 
     class _Forking(ForkServerContext):
         Process = _Worker
@@ -237,6 +242,8 @@ def _start_server() -> None:
     # One thread in each worker, as there are as many workers as processors. Libraries read this when the server loads
     # them.
     with _server_lock:
+        atexit.unregister(_end_server)
+        atexit.register(_end_server)
         missing = [name for name in _THREAD_COUNTS if name not in os.environ]
         try:
             for name in missing:
@@ -247,14 +254,52 @@ def _start_server() -> None:
                 del os.environ[name]
 
 
+@contextmanager
+def _main_hidden() -> Iterator[None]:
+    """Keep a new process from importing the main module, which it does not need.
+
+    A script that calls :func:`~equimesh_service.running` outside of ``if __name__ == "__main__"`` would otherwise start
+    a service in every worker of its service.
+    """
+    main = vars(sys.modules["__main__"])
+    with _server_lock:
+        hidden = {name: main[name] for name in ("__spec__", "__file__") if name in main}
+        main.update(dict.fromkeys(hidden))
+        try:
+            yield
+        finally:
+            main.update(hidden)
+
+
+def _end_server() -> None:
+    """End the process that workers are forked from: by itself it would first load all that it was told to load."""
+    with _server_lock:
+        server = forkserver._forkserver  # type: ignore[attr-defined]
+        if server._forkserver_pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(server._forkserver_pid, signal.SIGKILL)
+            server._stop()
+
+
 def _log_warm_up(done: Future[float]) -> None:
     if not done.cancelled() and done.exception() is None and done.result() > _SHORT_WARM_UP:
         _log.info("a worker warmed up in %.1f s", done.result())
 
 
 def _stop(pool: ProcessPool) -> None:
+    """Stop the workers of a pool at once, and wait for its threads, but not for ever.
+
+    A thread of the pool may be reading a result when the pool closes the pipe. It then waits for the rest, which
+    never comes.
+    """
     pool.stop()  # type: ignore[no-untyped-call]
-    pool.join()
+    joining = threading.Thread(target=pool.join, name="equimesh-pool-stop", daemon=True)
+    joining.start()
+    joining.join(_STOP_SECONDS)
+    if joining.is_alive():
+        _log.warning("the threads of a worker pool did not end; its workers are killed")
+        for worker in [*pool._pool_manager.worker_manager.workers.values()]:
+            worker.kill()
 
 
 def _run(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
