@@ -20,6 +20,7 @@ import least_error_goals
 import numpy as np
 import parted_files
 import pytest
+import road
 from costs import budget, newton, peers, solves
 from costs.budget import Bought, Curve
 from costs.quadrature import errors, l2_error
@@ -346,3 +347,16 @@ def test_geometries_are_measured_with_fronts_on_their_window() -> None:
     assert not found.folded
     assert 0.5 < found.within <= 1.0
     assert geometry.mean([2.0, 8.0]) == pytest.approx(4.0)
+
+
+def test_the_roads_are_counted() -> None:
+    """The files that calls visit come in the order of their paths, and exist."""
+    counted = {count.name: count for count in road.roads(posted=False)}
+    assert {*counted} == {"auto", "arc_length"}
+    for count in counted.values():
+        assert count.value == len(count.files) > 5
+        assert all((road.ROOT / file).is_file() for file in count.files)
+    assert "solver/equimesh/solving/solve.py" in counted["auto"].files
+    assert {count.name: count.value > 0 for count in road.sizes()} == dict.fromkeys(
+        ("lines", "files", "tests", "words"), True
+    )

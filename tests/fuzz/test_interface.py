@@ -94,7 +94,7 @@ def things(fuzz_http: httpx.Client) -> Things:
     ]
     stay = [fuzz_http.post("/v1/meshes", json=spec, headers=wait).json()["id"] for spec in specs]
     for mesh in stay:
-        until(lambda mesh=mesh: fuzz_http.get(f"/v1/meshes/{mesh}").json()["finished_at"], 60)
+        until(lambda mesh=mesh: fuzz_http.get(f"/v1/meshes/{mesh}").json()["finished_at"])
     body = {"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [2, 3]]}}
     return Things(stay=stay, samples=[fuzz_http.post("/v1/samples", json=body).json()["id"]])
 

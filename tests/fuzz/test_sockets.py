@@ -155,7 +155,7 @@ def test_requests_one_after_the_other_without_waiting(fuzz_url: str) -> None:
 
 def test_who_hangs_up_leaves_nothing_behind(fuzz_url: str, fuzz_http: httpx.Client) -> None:
     mesh = fuzz_http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()
-    until(lambda: fuzz_http.get(mesh["links"]["self"]).json()["status"] == "succeeded", 60)
+    until(lambda: fuzz_http.get(mesh["links"]["self"]).json()["status"] == "succeeded")
     body = json.dumps(small()).encode()
     head = b"POST /v1/meshes HTTP/1.1\r\n" + JSON + b"Content-Length: %d\r\n\r\n"
     name = mesh["id"].encode()
@@ -178,8 +178,8 @@ def test_who_hangs_up_leaves_nothing_behind(fuzz_url: str, fuzz_http: httpx.Clie
             wire.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\x00\x00\x00\x00\x00\x00\x00")  # a reset
         wire.close()
         assert fuzz_http.get("/livez").status_code == 200
-    until(lambda: connections(fuzz_url) <= before, 30)
+    until(lambda: connections(fuzz_url) <= before)
     answer = fuzz_http.post("/v1/meshes", json=small(cells="triangle"), headers={"Prefer": "wait=30"})
-    mesh = until(lambda: (m := fuzz_http.get(answer.json()["links"]["self"]).json())["finished_at"] and m, 60)
+    mesh = until(lambda: (m := fuzz_http.get(answer.json()["links"]["self"]).json())["finished_at"] and m)
     assert mesh["status"] == "succeeded"
     assert fuzz_http.get("/readyz").json()["status"] == "ok"

@@ -63,7 +63,7 @@ def test_broken_uploads_over_http(fuzz_http: httpx.Client) -> None:
 
 def test_a_mesh_comes_back_as_samples(fuzz_http: httpx.Client) -> None:
     mesh = fuzz_http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()
-    until(lambda: fuzz_http.get(mesh["links"]["self"]).json()["status"] == "succeeded", 60)
+    until(lambda: fuzz_http.get(mesh["links"]["self"]).json()["status"] == "succeeded")
     for form in ("xdmf", "vtu", "vtk"):
         file = fuzz_http.get(mesh["links"]["file"], params={"format": form})
         kind = {"Content-Type": file.headers["content-type"]}

@@ -144,8 +144,8 @@ def test_a_cancelled_mesh_leaves_nothing_on_the_workers(http: httpx.Client, clus
     mesh = ask(http, LONG)
     until(lambda: running_parts(cluster) == 2)
     assert http.post(mesh["links"]["cancel"]).json()["status"] == "canceled"
-    until(lambda: running_parts(cluster) == 0, seconds=10.0)
-    until(lambda: kept_results(cluster) == 0, seconds=10.0)
+    until(lambda: running_parts(cluster) == 0)
+    until(lambda: kept_results(cluster) == 0)
 
 
 def test_what_the_grid_cannot_have_is_said(http: httpx.Client) -> None:

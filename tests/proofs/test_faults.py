@@ -296,7 +296,7 @@ def test_a_stop_answers_everybody_and_hands_back_what_was_computed(tmp_path: Pat
 def test_a_service_that_is_stopped_as_it_starts_its_workers_leaves_nothing(tmp_path: Path) -> None:
     with service_process(tmp_path / "service", workers=1) as service:
         service.start()
-        until(lambda: children(service.pid), 60.0)
+        until(lambda: children(service.pid))
         assert service.stop() == 0
         _check_nothing_is_left(service)
         assert "Traceback" not in service.log

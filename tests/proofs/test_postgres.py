@@ -79,7 +79,7 @@ def test_meshes_of_the_first_release_are_listed_downloaded_and_computed(served: 
     old = served.http.get("/v1/meshes?label=old").json()["items"]
     assert [item["id"] for item in old] == ["m-2", "m-1"]
     assert served.http.get("/v1/meshes/m-1/file?format=npz").content == b"an old mesh"
-    until(lambda: served.http.get("/v1/meshes/m-2?wait=10").json()["status"] == "succeeded", 60.0)
+    until(lambda: served.http.get("/v1/meshes/m-2?wait=10").json()["status"] == "succeeded")
 
 
 def test_the_same_request_is_answered_with_the_same_mesh(served: Served) -> None:
@@ -135,7 +135,7 @@ def test_a_server_that_restarts_and_one_that_is_down(served: Served, caplog: pyt
     caplog.set_level(logging.CRITICAL)
     running_mesh = served.http.post("/v1/meshes", json=SLOW).json()
     here = running_mesh["links"]["self"]
-    until(lambda: served.http.get(here).json()["status"] == "running", 60.0)
+    until(lambda: served.http.get(here).json()["status"] == "running")
     served.server.stop()
     try:
         answer = served.http.get("/v1/meshes")
@@ -171,7 +171,7 @@ def test_two_services_share_the_work_and_nothing_runs_twice(served: Served) -> N
         specs = [small(grid={"n_xi": 12, "n_eta": 8 + number}, label="shared") for number in range(16)]
         for spec in specs:
             served.http.post("/v1/meshes", json=spec).raise_for_status()
-        until(lambda: len(other.get("/v1/meshes?label=shared&status=succeeded").json()["items"]) == len(specs), 90.0)
+        until(lambda: len(other.get("/v1/meshes?label=shared&status=succeeded").json()["items"]) == len(specs))
         meshes = other.get("/v1/meshes?label=shared").json()["items"]
         assert [mesh["attempts"] for mesh in meshes] == [1] * len(specs)
         until(lambda: done(served.http) - before + done(other) == len(specs))

@@ -90,7 +90,7 @@ def look(service: ServiceProcess, mesh_id: str, query: str = "") -> dict[str, An
 
 def finished(service: ServiceProcess, mesh_id: str) -> dict[str, Any]:
     """A finished mesh as a replica shows it."""
-    found: dict[str, Any] = until(lambda: (mesh := look(service, mesh_id, "?wait=5"))["finished_at"] and mesh, 90.0)
+    found: dict[str, Any] = until(lambda: (mesh := look(service, mesh_id, "?wait=5"))["finished_at"] and mesh)
     return found
 
 

@@ -35,7 +35,7 @@ def small(**more: Any) -> dict[str, Any]:
     return {"monitor": {"kind": "arc_length", "u": {"expression": PAPER}}, "grid": {"n_xi": 8, "n_eta": 9}, **more}
 
 
-def until(condition: Callable[[], Any], seconds: float = 60.0) -> Any:
+def until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
     """The first true value of ``condition``; fails after this many seconds, far more than a busy machine takes."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:

@@ -73,13 +73,13 @@ def observe(folder: Path) -> Iterator[Observed]:
         process = subprocess.Popen([Path(sys.executable).parent / "equimesh", "serve"], env=environment, stderr=log)
     service.pid = process.pid
     try:
-        service.url = _until(lambda: _address(service), 90.0)
-        _until(lambda: _ready(service.url), 90.0)
+        service.url = _until(lambda: _address(service), 300.0)
+        _until(lambda: _ready(service.url), 300.0)
         yield service
     finally:
         process.send_signal(signal.SIGTERM)
         try:
-            process.wait(20.0)
+            process.wait(120.0)
         finally:
             process.kill()
             process.wait()

@@ -58,9 +58,9 @@ def test_the_last_mesh_of_a_sequence_goes_while_the_sequence_is_locked(store: St
     with store.database.write() as connection:
         hold(connection, sequences)  # as its own deletion begins, which asks for the mesh next
         thread = beside(lambda: store.meshes.delete(name, lambda _: None))
-        until(lambda: store.meshes.get(name) is None, 5.0)
+        until(lambda: store.meshes.get(name) is None)
         hold(connection, meshes, nowait=True)
-    thread.join(20.0)
+    thread.join(300.0)
     with store.database.read() as connection:
         assert connection.execute(select(sequences.c.id)).first() is None
 
@@ -71,10 +71,10 @@ def test_a_step_that_waits_for_its_sequence_holds_nothing(store: Store) -> None:
     with store.database.write() as connection:
         hold(connection, sequences)
         thread = beside(lambda: take(store, 1, name="again"))  # with the samples of the one that failed
-        until(lambda: keeps_somebody_waiting(connection), 5.0)
+        until(lambda: keeps_somebody_waiting(connection))
         hold(connection, meshes, nowait=True)
         hold(connection, samples, nowait=True)
-    thread.join(20.0)
+    thread.join(300.0)
     row = store.meshes.get("again")
     assert row is not None
     assert (row.status, store.meshes.get("m-1True")) == ("succeeded", None)
@@ -87,9 +87,9 @@ def test_samples_that_are_deleted_while_they_come_again_are_there(store: Store) 
     with store.database.write() as connection:
         hold(connection, samples)
         thread = beside(lambda: store.samples.add(row, lambda _: published.append("again"), key_id="b"))
-        until(lambda: keeps_somebody_waiting(connection), 5.0)
+        until(lambda: keeps_somebody_waiting(connection))
         connection.execute(delete(samples_keys))
         connection.execute(delete(samples))
-    thread.join(20.0)
+    thread.join(300.0)
     assert store.samples.get("s-1", "b") is not None
     assert published == ["again"]

@@ -132,7 +132,7 @@ def kill_the_worker(watch: Watch) -> None:
     for _ in range(5):
         os.kill(busiest(), signal.SIGKILL)
         with suppress(AssertionError):
-            until(lambda: watch.moved("equimesh_workers_lost_total") == 1, 5.0)
+            until(lambda: watch.moved("equimesh_workers_lost_total") == 1, 30.0)
             return
     raise AssertionError("no kill was noticed")
 
