@@ -30,6 +30,7 @@ __all__ = ["FUNCTIONS", "LIMITS", "Expression"]
 class Expression:
     """The function of x and y that ``text`` describes; a :class:`~equimesh.fields.field.Field`.
 
+    ``text`` stays what was typed; :attr:`understood` is the same in the language itself: ``2*x`` for ``2x``.
     ``parameters`` gives values to further names, ``t`` (default 0) to the name t; both are constants.
     Raises :class:`~equimesh.errors.ExpressionError`, with the position in the text, for text that is not in the
     language, and with ``field`` ``"parameters.<name>"`` or ``"t"`` for values that cannot be used.
@@ -48,6 +49,14 @@ class Expression:
 
     def __reduce__(self) -> tuple[object, ...]:
         return _restore, (self.text, dict(self.parameters), self.t)
+
+    @property
+    def understood(self) -> str:
+        """The text as it was understood, in the language itself; what is in the language already is unchanged.
+
+        As a text it gives the same function. See the page of expressions for the rules.
+        """
+        return self._program.understood
 
     @property
     def names(self) -> frozenset[str]:
@@ -98,13 +107,14 @@ class Expression:
         raise_culprit(self._program, at, wrong, LIMITS.magnitude, where=where)
 
     def summary(self, n: int = 33, domain: Domain | Blocks = UNIT_SQUARE) -> dict[str, Any]:
-        """The names, and the extremes of u and of the length of its gradient on ``n`` x ``n`` points of ``domain``.
+        """The text as it was understood, its names, and the extremes of u and of the length of its gradient.
 
-        Of blocks the points are the nodes of their initial mesh.
+        They are those on ``n`` x ``n`` points of ``domain``. Of blocks the points are the nodes of their initial mesh.
         """
         u, u_x, u_y = self.evaluate(*_places(domain, n), order=1)
         gradient = np.hypot(u_x, u_y)
         return {
+            "understood": self.understood,
             "names": sorted(self.names),
             "u": {"min": float(u.min()), "max": float(u.max())},
             "gradient": {"min": float(gradient.min()), "max": float(gradient.max())},

@@ -11,7 +11,7 @@ import numpy as np
 from equimesh.errors import ExpressionError
 from equimesh.formulas.program import Program
 from equimesh.formulas.syntax import parse
-from equimesh.formulas.tokens import refuse, shorten
+from equimesh.formulas.typed import refuse, shorten
 from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, RESERVED, Language
 
 _REMEDIES = {
@@ -40,9 +40,9 @@ def compile_formula(text: object, parameters: Mapping[str, float], language: Lan
     """
     if not isinstance(text, str):
         raise ExpressionError(f"an expression is text, for instance '{language.example}'", field="expression")
-    operations = parse(text, (*language.names, *parameters), language)
+    parsed = parse(text, (*language.names, *parameters), language)
     values = {"pi": math.pi, "e": math.e, **constants, **parameters}
-    return Program(text, operations, values, language.variables)
+    return Program(text, parsed, values, language.variables)
 
 
 def raise_culprit(program: Program, at: tuple[float, float], wrong: str, limit: float, *, where: str) -> NoReturn:

@@ -8,8 +8,8 @@ import numpy as np
 from equimesh.formulas.functions import OPERATIONS
 from equimesh.formulas.jet import Component, Jet, constant, coordinates
 from equimesh.formulas.routine import Routine
-from equimesh.formulas.syntax import Operation
-from equimesh.formulas.tokens import refuse
+from equimesh.formulas.syntax import Operation, Parsed
+from equimesh.formulas.typed import refuse
 from equimesh.formulas.vocabulary import LIMITS, PLANE
 from equimesh.numerics.types import Array
 
@@ -30,6 +30,7 @@ class Step:
 class Program:
     """Evaluates the operations of one expression.
 
+    ``text`` is what was typed, ``understood`` the same in the language.
     ``slots[i]`` is the slot with the result of ``operations[i]``: the first operation with the same result.
     ``constants`` holds the jets of constants, ``steps`` the remaining operations, in order.
     """
@@ -37,19 +38,20 @@ class Program:
     def __init__(
         self,
         text: str,
-        operations: Sequence[Operation],
+        parsed: Parsed,
         values: Mapping[str, float],
         variables: Sequence[str] = PLANE.variables,
     ) -> None:
         """``values``: numbers for the names other than the one or two ``variables``."""
         self.text = text
-        self.operations = tuple(operations)
+        self.understood = parsed.understood
+        self.operations = tuple(parsed.operations)
         self.variables = tuple(variables)
         self.slots: list[int] = []
         self.constants: dict[int, Jet] = {}
         seen: dict[tuple[object, ...], int] = {}
         with np.errstate(all="ignore"):
-            for number, operation in enumerate(operations):
+            for number, operation in enumerate(self.operations):
                 arguments = tuple(self.slots[a] for a in operation.arguments)
                 jet = self._constant(operation, arguments, values)
                 if operation.name == "**":

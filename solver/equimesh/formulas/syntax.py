@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from equimesh.errors import ExpressionError
-from equimesh.formulas.tokens import Token, refuse, tokenize
+from equimesh.formulas.spelling import written
+from equimesh.formulas.tokens import tokenize
+from equimesh.formulas.typed import Token, refuse
 from equimesh.formulas.vocabulary import ARGUMENTS, FUNCTIONS, LIMITS, PLANE, Language
 
 # Threads of Python 3.11 that build syntax trees at once share a count of depth, which may end in a SystemError.
@@ -49,13 +51,24 @@ class Operation:
     symbol: str = ""
 
 
-def parse(text: str, names: Collection[str], language: Language = PLANE) -> list[Operation]:
-    """The operations of ``text`` in the order of evaluation, the result last.
+@dataclass(frozen=True, slots=True)
+class Parsed:
+    """The ``operations`` of an expression in the order of evaluation, the result last; and it in the language."""
+
+    operations: list[Operation]
+    understood: str
+
+
+def parse(text: str, names: Collection[str], language: Language = PLANE) -> Parsed:
+    """The operations of ``text``, and the text as it was understood.
 
     ``names`` are those that may occur, in addition to the functions of :data:`~equimesh.formulas.vocabulary.FUNCTIONS`.
     Raises :class:`~equimesh.errors.ExpressionError`, which carries the position, for everything else.
     """
     tokens = tokenize(text, names, language)
+    understood = written(text, tokens)
+    if len(understood) > LIMITS.length:
+        refuse(text, 0, f"the expression is longer than {LIMITS.length} characters with all its signs: simplify it")
     try:
         with _PARSING:
             tree = ast.parse(" ".join(token.text for token in tokens), mode="eval")
@@ -67,7 +80,7 @@ def parse(text: str, names: Collection[str], language: Language = PLANE) -> list
         at = getattr(error, "offset", None) or 1  # what tokenize lets through, and the parser's own bounds
         what = "cannot be read here" if isinstance(error, SyntaxError) else "is too large or too deeply nested"
         refuse(text, _place(tokens, at), f"the expression {what}: simplify it")
-    return walk.operations
+    return Parsed(walk.operations, understood)
 
 
 def _place(tokens: list[Token], column: int) -> int:

@@ -10,38 +10,13 @@ import math
 import re
 import unicodedata
 from collections.abc import Collection
-from dataclasses import dataclass
-from typing import NoReturn
 
-from equimesh.errors import ExpressionError, Position
-from equimesh.formulas.vocabulary import CHARACTER_REMEDIES, FUNCTIONS, LIMITS, OTHER_NAMES, PLANE, Language
+from equimesh.formulas.spelling import spell
+from equimesh.formulas.typed import Token, describe, refuse, shorten, skip_space
+from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, OTHER_NAMES, PLANE, Language
 
-_NUMBER = re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_WORD = re.compile(r"\w+")
-_OPERATOR = re.compile(r"\*\*|<=|>=|==|!=|[-+*/<>(),]")
-_SPACE = re.compile(r"[ \t\r\n]*")
-_BINARY = frozenset(("+", "-", "*", "/", "**", "<", "<=", ">", ">=", "==", "!=", "and", "or"))
-
-
-@dataclass(frozen=True, slots=True)
-class Token:
-    """A number, a name or a sign (operator, bracket, comma, ``and``, ``or``, ``not``) and where it starts."""
-
-    kind: str  # "number", "name" or "sign"
-    text: str
-    start: int
-
-    @property
-    def end(self) -> int:
-        """Offset behind the last character."""
-        return self.start + len(self.text)
-
-
-def refuse(text: str, offset: int, message: str) -> NoReturn:
-    """Raise :class:`~equimesh.errors.ExpressionError` at ``offset`` (in characters, from 0)."""
-    line = text.count("\n", 0, offset) + 1
-    column = offset - (text.rfind("\n", 0, offset) + 1) + 1
-    raise ExpressionError(message, position=Position(offset, line, column), field="expression")
+# A name as long as this, or longer, is not taken apart.
+_MAX_GLUED = 13
 
 
 def tokenize(text: str, names: Collection[str], language: Language = PLANE) -> list[Token]:
@@ -52,56 +27,10 @@ def tokenize(text: str, names: Collection[str], language: Language = PLANE) -> l
     if len(text) > LIMITS.length:
         refuse(text, LIMITS.length, f"the expression is longer than {LIMITS.length} characters")
     reader = _Reader(text, names, language)
-    offset = _skip_space(text, 0)
-    while offset < len(text):
-        token = _token_at(text, offset)
+    for token in spell(text, names):
         reader.take(token)
-        offset = _skip_space(text, token.end)
     reader.finish()
     return reader.tokens
-
-
-def describe(character: str) -> str:
-    """The name of a character in a message: itself when it can be printed, and its Unicode name when not ASCII."""
-    if character.isascii() and character.isprintable():
-        return f"'{character}'"
-    shown = f"'{character}' " if character.isprintable() else ""
-    name = unicodedata.name(character, "")
-    return f"{shown}(U+{ord(character):04X}{' ' + name if name else ''})"
-
-
-def shorten(source: str, size: int = 40) -> str:
-    """``source`` on one line, cut in the middle to ``size`` characters."""
-    line = " ".join(source.split())
-    return line if len(line) <= size else f"{line[: size - 13]}...{line[-10:]}"
-
-
-def _skip_space(text: str, offset: int) -> int:
-    match = _SPACE.match(text, offset)
-    return match.end() if match else offset
-
-
-def _token_at(text: str, offset: int) -> Token:
-    if match := _NUMBER.match(text, offset):
-        return Token("number", match.group(), offset)
-    word = match.group() if (match := _WORD.match(text, offset)) else ""
-    while word and not word.isidentifier():  # \w also has superscripts and the digits of other scripts
-        word = word[:-1]
-    if word:
-        return Token("sign" if word in ("and", "or", "not") else "name", word, offset)
-    pair = text[offset : offset + 2]
-    if pair not in CHARACTER_REMEDIES and (match := _OPERATOR.match(text, offset)):
-        return Token("sign", match.group(), offset)
-    sign = pair if pair in CHARACTER_REMEDIES else text[offset]
-    shown = describe(sign) if len(sign) == 1 else f"'{sign}'"
-    return refuse(text, offset, f"{shown} does not belong in an expression: {_character_remedy(sign)}")
-
-
-def _character_remedy(sign: str) -> str:
-    plain = unicodedata.normalize("NFKC", sign)
-    if plain.isspace():
-        return "use an ordinary space"
-    return CHARACTER_REMEDIES.get(sign, f"write {plain}" if plain != sign and plain.isascii() else "remove it")
 
 
 class _Reader:
@@ -132,7 +61,7 @@ class _Reader:
         if self.last is None:
             refuse(self.text, 0, f"the expression is empty: write for instance {self.language.example}")
         if self.wants_operand:
-            refuse(self.text, self.last.end, f"something is missing after '{self.last.text}'")
+            refuse(self.text, self.last.end, f"something is missing after '{self._typed(self.last)}'")
         if self.open:
             refuse(self.text, self.open[-1][0].start, "this '(' is never closed: add ')'")
 
@@ -153,9 +82,10 @@ class _Reader:
         elif token.text == ")" and previous == "(" and self.open[-1][1]:
             self.open.pop()  # no arguments: the parser refuses this with the right number
         elif previous == "":
-            refuse(self.text, token.start, f"something is missing before '{token.text}'")
+            refuse(self.text, token.start, f"something is missing before '{self._typed(token)}'")
         else:
-            what = f"between '{previous}' and '{token.text}'"
+            before = self._typed(self.last) if self.last else ""
+            what = f"between '{before}' and '{self._typed(token)}'"
             refuse(self.text, token.start, f"a number, a name or a bracket is missing {what}")
         self.signs = 0
 
@@ -171,26 +101,11 @@ class _Reader:
             if not (self.open and self.open[-1][1]):
                 remedy = "a comma separates the arguments of a function; decimals take a point, as in 0.5"
                 refuse(self.text, token.start, f"',' is out of place: {remedy}")
-        elif token.text not in _BINARY:
-            self._missing_operator(last, token)
+        elif token.text == "not":
+            refuse(self.text, token.start, f"'not' cannot follow '{self._typed(last)}'")
 
-    def _missing_operator(self, last: Token, token: Token) -> NoReturn:
-        if token.text == "not":
-            refuse(self.text, token.start, f"'not' cannot follow '{shorten(last.text)}'")
-        if keyword.iskeyword(token.text):
-            self._name(token)
-        if last.kind == "name" and last.text in FUNCTIONS:
-            refuse(self.text, token.start, f"write {last.text}(...), with its argument in brackets")
-        if last.kind == "number" and token.text in ("j", "J") and last.end == token.start:
-            refuse(self.text, last.start, "complex numbers are not part of the language")
-        if last.kind == "number" and token.text[0] == "_" and last.end == token.start:
-            refuse(self.text, token.start, "a number is written without _ between its digits")
-        left, right = shorten(last.text), shorten(token.text)
-        refuse(
-            self.text,
-            token.start,
-            f"no operator between '{left}' and '{right}': write {left}*{right} for a product",
-        )
+    def _typed(self, token: Token) -> str:
+        return shorten(self.text[token.start : token.end]) or token.text
 
     def _push(self, token: Token, *, is_call: bool) -> None:
         self.open.append((token, is_call))
@@ -215,13 +130,11 @@ class _Reader:
             )
 
     def _name(self, token: Token) -> None:
-        name, follows = token.text, self.text[_skip_space(self.text, token.end) :][:1]
-        if name in FUNCTIONS:
-            if follows != "(" and (follows in "+-*/<>=!)," or not follows):
-                refuse(self.text, token.start, f"{name} is a function: write {name}(...)")
-        elif name not in self.names:
+        name, follows = token.text, self.text[skip_space(self.text, token.end) :][:1]
+        if name not in FUNCTIONS and name not in self.names:
             if follows == ".":
-                refuse(self.text, token.start, f"'{shorten(name)}.' is not known: write sin(x), not np.sin(x)")
+                shown = shorten(name)
+                refuse(self.text, token.start, f"'{shown}.' is not known: write sin(x), not {shown}.sin(x)")
             refuse(self.text, token.start, self._unknown(name, is_call=follows == "("))
 
     def _unknown(self, name: str, *, is_call: bool) -> str:
@@ -235,8 +148,8 @@ class _Reader:
             return f"{shown} is not part of the language: write {OTHER_NAMES[name]}"
         if keyword.iskeyword(name):
             return f"{shown} is a word of Python that is not part of the language: remove it"
-        if not is_call and 1 < len(name) <= 3 and all(letter in self.names for letter in name):
-            return f"{shown} is not known: write {'*'.join(name)} for a product"
+        if remedy := self._taken_apart(name, is_call=is_call):
+            return f"{shown} is not known: write {remedy}"
         known = [*FUNCTIONS] if is_call else [*self.names, *FUNCTIONS]
         same = [other for other in known if other.casefold() == name.casefold()]
         if close := same or difflib.get_close_matches(name[:40], known, n=1, cutoff=0.6):
@@ -248,3 +161,18 @@ class _Reader:
         if is_call:
             return f"{shown} is not a known function: known are {listed}"
         return f"{shown} is not a known name: known are {listed} and the functions; declare others as parameters"
+
+    def _taken_apart(self, name: str, *, is_call: bool) -> str:
+        """What to write for two or three names, functions or numbers without a blank; empty for other names."""
+        known = sorted((*self.names, *FUNCTIONS), key=len, reverse=True)
+        piece = f"(?:{'|'.join(map(re.escape, known))}|[0-9]+)"
+        if len(name) >= _MAX_GLUED or not re.fullmatch(f"{piece}{{2,3}}", name):
+            return ""
+        first, *others = re.findall(piece, name)
+        if first in FUNCTIONS:
+            return "" if is_call else f"{first}({'*'.join(others)})"
+        if others[-1].isdigit() and len(others) == 1 and first in self.names:
+            return f"{first}*{others[0]} for a product, {first}**{others[0]} for a power"
+        if any(part in FUNCTIONS for part in others[:-1]) or (others[-1] in FUNCTIONS) is not is_call:
+            return ""
+        return f"{first}*{'*'.join(others)}{'(...)' if is_call else ' for a product'}"

@@ -88,10 +88,45 @@ ARGUMENTS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
     {"atan2": (2, 2), "hypot": (2, 2), "min": (2, None), "max": (2, None), "where": (3, 3)}
 )
 
+#: Signs that people type or paste, and those of the language.
+SAME_SIGNS: Mapping[str, str] = MappingProxyType(
+    {
+        "^": "**",
+        **dict.fromkeys("\u00d7\u00b7\u22c5\u2219\u2217", "*"),  # times, dots, asterisk
+        **dict.fromkeys("\u00f7\u2215\u2044", "/"),  # division, slashes
+        **dict.fromkeys("\u2212\u2013\u2010\u2011", "-"),  # minus, en dash, hyphens
+        "\u2264": "<=",
+        "\u2265": ">=",
+        "\u2260": "!=",
+    }
+)
+
+#: Raised digits, which are a power, and the sign in front of them.
+RAISED: Mapping[str, str] = MappingProxyType(
+    {digit: str(k) for k, digit in enumerate("\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")}
+)
+RAISED_MINUS = "\u207b"
+
+#: The Greek letter, a name of its own in every word.
+PI = "\u03c0"
+
+#: Names that mean the same elsewhere, and the names here. A parameter of such a name stays what it is.
+SAME_NAMES: Mapping[str, str] = MappingProxyType(
+    {
+        PI: "pi",
+        "ln": "log",
+        **{f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "tan2", "sinh", "cosh", "tanh")},
+        "fabs": "abs",
+        "absolute": "abs",
+        "maximum": "max",
+        "minimum": "min",
+        "sgn": "sign",
+    }
+)
+
 #: Advice for characters that do not belong to the language.
 CHARACTER_REMEDIES: Mapping[str, str] = MappingProxyType(
     {
-        "^": "use ** for powers",
         "//": "use / for a quotient",
         "%": "there is no remainder",
         ":=": "nothing can be assigned; declare a parameter instead",
@@ -99,7 +134,6 @@ CHARACTER_REMEDIES: Mapping[str, str] = MappingProxyType(
         "=<": "write <=",
         "=": "write == to compare, inside where(...); declare parameters apart from the expression",
         "&": "write and, inside where(...)",
-        "|": "write or, inside where(...); the absolute value is abs(...)",
         "~": "write not, inside where(...)",
         "!": "write not, inside where(...)",
         "@": "use * for a product",
@@ -109,45 +143,21 @@ CHARACTER_REMEDIES: Mapping[str, str] = MappingProxyType(
         "}": "group with ( and )",
         "'": "text is not part of the language",
         '"': "text is not part of the language",
-        ".": "a point belongs inside a number; write sin(x), not np.sin(x) or math.sin(x)",
+        ".": "a point belongs inside a number; x.sin() and the like are not part of the language",
         "#": "comments are not part of the language",
-        "×": "use * for a product",
-        "·": "use * for a product",
-        "⋅": "use * for a product",
-        "∙": "use * for a product",
-        "÷": "use / for a quotient",
-        "∕": "use / for a quotient",
-        "⁄": "use / for a quotient",
-        "−": "use the plain minus sign -",
-        "–": "use the plain minus sign -",
         "—": "use the plain minus sign -",
-        "²": "write **2",
-        "³": "write **3",
         "√": "write sqrt(...)",
         "∞": "there is no infinity",
-        "≤": "write <=",
-        "≥": "write >=",
-        "≠": "write !=",
     }
 )
 
 #: Names of other languages, and the names here.
 OTHER_NAMES: Mapping[str, str] = MappingProxyType(
     {
-        "π": "pi",
-        "ln": "log",
-        "arcsin": "asin",
-        "arccos": "acos",
-        "arctan": "atan",
-        "arctan2": "atan2",
-        "arcsinh": "asinh",
-        "arccosh": "acosh",
-        "arctanh": "atanh",
-        "fabs": "abs",
         "pow": "** for powers",
+        "power": "** for powers",
         "step": "where(condition, a, b)",
         "heaviside": "where(condition, a, b)",
-        "sgn": "sign",
         "Piecewise": "where(condition, a, b)",
         "if": "where(condition, a, b)",
         "else": "where(condition, a, b)",

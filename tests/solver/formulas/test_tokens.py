@@ -20,28 +20,27 @@ POSITIONS = [
     ("()", 1, "missing between"),
     ("x)", 1, "closes nothing"),
     ("2*(x + (y)", 2, "never closed"),
-    ("x^2", 1, "use ** for powers"),
-    ("2x", 1, "write 2*x"),
-    ("2 x", 2, "write 2*x"),
-    ("(x)(y)", 3, "write )*("),
-    ("x(y)", 1, "write x*("),
-    ("2(x)", 1, "write 2*("),
-    ("pi y", 3, "write pi*y"),
     ("(sin)(x)", 1, "write sin(...)"),
-    ("sin x", 4, "write sin(...)"),
     ("1 + sin", 4, "write sin(...)"),
     ("xy", 0, "write x*y"),
+    ("xyt", 0, "write x*y*t"),
+    ("pix", 0, "write pi*x"),
+    ("e2", 0, "write e*2 for a product, e**2 for a power"),
+    ("x2", 0, "write x*2 for a product, x**2 for a power"),
+    ("sinx", 0, "write sin(x)"),
+    ("sin2x", 0, "write sin(2*x)"),
+    ("xsin(x)", 0, "write x*sin(...)"),
+    ("sinalpha", 0, "write sin(alpha)"),
+    ("x^", 2, "missing after '^'"),
+    ("x·/y", 2, "missing between '·' and '/'"),
     ("0,5*x", 1, "point"),
     ("snh(x)", 0, "did you mean sinh?"),
     ("X", 0, "did you mean x?"),
     ("x + alpa", 4, "did you mean alpha?"),
-    ("ln(x)", 0, "write log"),
-    ("1 + π*x", 4, "write pi"),
     ("foo(x)", 0, "not a known function"),
     ("z", 0, "not a known name"),
     ("__import__('os')", 0, "not a known function"),
     ("x.real", 1, "point"),
-    ("np.sin(x)", 0, "write sin(x)"),
     ("x[0]", 1, "group with ( and )"),
     ("'x'", 0, "text"),
     ("f'{x}'", 0, "not a known name"),
@@ -60,6 +59,7 @@ POSITIONS = [
     ("x % y", 2, "remainder"),
     ("x @ y", 2, "use *"),
     ("x & y", 2, "write and"),
+    ("scipy.sin(x)", 0, "write sin(x), not scipy.sin(x)"),
     ("1_000", 1, "without _"),
     ("007", 0, "write 7"),
     ("1e400", 0, "too large"),
@@ -74,10 +74,7 @@ POSITIONS = [
     ("x\ud800", 1, "U+D800"),
     ("x + ｙ", 4, "write y"),
     ("х", 0, "CYRILLIC"),
-    ("x²", 1, "write **2"),
-    ("x − y", 2, "minus sign"),
     ("２*x", 0, "write 2"),
-    ("x\u00a0+ y", 1, "ordinary space"),
     ("x\u200b", 1, "ZERO WIDTH SPACE"),
 ]
 
@@ -99,7 +96,7 @@ def test_positions_count_characters_and_lines(text: str, line: int, column: int)
 
 @seeded
 @given(
-    tree=trees, where=st.integers(0, 10**6), bad=st.sampled_from(["$", "^", "[", "'x'", "é", "]", ";", "=", "?", "π"])
+    tree=trees, where=st.integers(0, 10**6), bad=st.sampled_from(["$", "[", "'x'", "é", "]", ";", "=", "?", "—"])
 )
 def test_a_formula_with_a_foreign_sign_is_refused_there(tree: Tree, where: int, bad: str) -> None:
     tokens = [token for token in write(tree) if token]
