@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -755,12 +756,16 @@ def test_solver_and_client_print_a_certificate_alike() -> None:
         em.Certificate(**{**bare, "equation_residual": math.inf}),
         em.Certificate(**{**bare, "equation_residual": None}, comparison=compared, target=aim),
         em.Certificate(**{**bare, "equation_residual": None}, estimate=estimate),
+        em.Certificate(**bare, understood={"monitor.u": "2*x"}, interpolation=replace(gain, l2=6e-3)),
+        em.Certificate(**bare, interpolation=replace(gain, l2=5.2e-3, l2_uniform=5.4e-3), compared_with="initial"),
+        em.Certificate(**bare, interpolation=replace(gain, l2=0.0)),
+        em.Certificate(**{**bare, "status": status.NEWTON_FAILED}),
         em.Certificate(**{**bare, "equation_residual": None}, comparison=compared),
     ):
         assert str(certificate) == str(Certificate.from_json(certificate.summary()))
     assert "equation residual" not in str(certificate)
-    assert "least_error (distortion 0.5): 12 in L2, 3 in H1  (chosen)" in str(certificate)
-    assert "curvature: no mesh" in str(certificate)
+    assert "least error (distortion 0.5): 12 in L2, 3 in H1  (chosen)" in str(certificate)
+    assert "curvature: no valid mesh" in str(certificate)
     certificate = em.Certificate(**{**bare, "equation_residual": 1e-3}, relaxed=relaxed, warnings=("Beware.",))
     assert "warning: Beware." in str(certificate)
     assert "estimated error       not known\n" in str(certificate)
@@ -770,6 +775,8 @@ def test_solver_and_client_print_a_certificate_alike() -> None:
         "monitor: 1 requested, 0.12 reached",
     ):
         assert words in str(certificate)
+    typed = str(em.Certificate(**bare, understood={"monitor.u": "2*x"}))
+    assert "  read as               monitor.u = 2*x\n" in typed
     known = str(em.Certificate(**bare, algebraic_error=0.0, discretization_error=1.2345e-4, interpolation=gain))
     assert "0.00012 of the grid, exact of the solution on it" in known
     assert "5.4 in L2, 200 in H1" in known

@@ -55,6 +55,8 @@ def run(options: argparse.Namespace) -> int:
     local = options.url is None and importlib.util.find_spec("scipy") is not None
     report = _check_here(options) if local else _check_at_service(options)
     print("ok")
+    if report.get("understood", options.u) != options.u:
+        print(f"  understood: {report['understood']}")
     for name in ("names", "u", "gradient", "constant"):
         if name in report:
             print(f"  {name}: {_words(report[name])}")

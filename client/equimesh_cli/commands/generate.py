@@ -82,6 +82,7 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Request a mesh, wait, download, report."""
     check_options(options, suffixes=(*MESH_SUFFIXES, *PART_SUFFIXES))
+    from equimesh_cli.report import print_report
     from equimesh_client import Client, DeadlineExceeded, MeshFailed
     from equimesh_client.spec.domains import has_own_points
 
@@ -100,19 +101,17 @@ def run(options: argparse.Namespace) -> int:
             parts = {"quality": mesh.quality.record, "convergence": mesh.convergence.record}
             print(json.dumps({"mesh": mesh.record, **parts, "files": files}, indent=2))
         elif not options.quiet:
-            print(f"mesh {mesh.id} of {client.url}")
-            if mesh.reused_from is not None:
-                print(f"computed earlier, as mesh {mesh.reused_from}; --no-reuse computes it again")
             certificate = mesh.certificate
             aim = None if certificate is None else certificate.target
             n_xi, n_eta = points_of(options) if aim is None else aim.grid
             points = mesh.record["points"] if has_own_points(options.domain) else f"{n_xi} x {n_eta}"
-            print(f"{points} points: {mesh.record['convergence']['message']}")
-            if certificate is not None:
-                print(certificate)
+            print_report(certificate, points, mesh.record["convergence"]["message"])
             print(mesh.quality)
             if options.subdomains is not None:
                 print(f"\n{mesh.convergence}")
+            print(f"mesh {mesh.id} of {client.url}")
+            if mesh.reused_from is not None:
+                print(f"computed earlier, as mesh {mesh.reused_from}; --no-reuse computes it again")
             for file in files:
                 print(f"wrote {file}")
     if picture is not None and options.open:

@@ -81,6 +81,7 @@ def run(options: argparse.Namespace) -> int:
     load_solver()
     import equimesh as em
     from equimesh_cli.options.problem import build
+    from equimesh_cli.report import print_report
     from equimesh_client import Certificate, Convergence, Quality
 
     n_xi, n_eta = points_of(options)
@@ -102,8 +103,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         _print_json(solution, files, certificate=certificate, quality=quality, convergence=convergence)
     elif not options.quiet:
-        print(f"{_points_of(solution)} points: {solution.message}")
-        print(Certificate.from_json(certificate))
+        print_report(Certificate.from_json(certificate), _points_of(solution), solution.message)
         print(Quality.from_json(quality))
         if options.subdomains is not None:
             print(f"\n{Convergence.from_json(convergence)}")

@@ -15,6 +15,11 @@ NAMES = {
     "points": "points a side of the grid it was solved on",
 }
 UNKNOWN = "not known"
+# Errors that differ by less are called the same, as a share.
+MIN_DIFFERENCE = 0.005
+# Smaller ratios of errors are given in percent.
+MIN_RATIO = 1.1
+FAILED = ("not_converged", "newton_failed", "folded")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +38,6 @@ class Relaxed:
     def __str__(self) -> str:
         if self.what == "cross_line":
             return f"cross-line term of weight {_short(self.reached)} added"
-        if self.what == "rectilinear":
-            return "straight lines in place of free nodes"
         if self.what == "rectilinear":
             return "straight lines in place of free nodes"
         return f"{NAMES.get(self.what, self.what)}: {_short(self.asked)} requested, {_short(self.reached)} reached"
@@ -72,8 +75,9 @@ class Candidate:
         gains = f"{_short(self.gain_l2)} in L2, {_short(self.gain_h1)} in H1"
         if math.isfinite(self.gain_cells):
             gains = f"{_short(self.gain_cells)} at cell centres, {gains}"
-        shown = "no mesh" if math.isnan(self.gain_l2) else gains
-        return f"{self.kind}{f' ({settings})' if settings else ''}: {shown}{'  (chosen)' if self.chosen else ''}"
+        shown = "no valid mesh" if math.isnan(self.gain_l2) else gains
+        kind = self.kind.replace("_", " ")
+        return f"{kind}{f' ({settings})' if settings else ''}: {shown}{'  (chosen)' if self.chosen else ''}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +151,8 @@ class Certificate:
     ``"uniform"``, or ``"initial"`` on a domain in blocks. ``resolved`` is False where a gain is not known, because a
     layer of u lies inside a cell; it is nan then. ``target`` is the requested error and what was reached, None where a
     grid was given. ``comparison`` lists the monitors among which ``auto`` has chosen, the best one first. ``estimate``
-    is that of a round of adapting. ``record`` is the JSON of the service.
+    is that of a round of adapting. ``understood`` has the formulas that were typed in another spelling, as they were
+    understood, by their place. ``record`` is the JSON of the service.
     """
 
     status: str
@@ -167,6 +172,7 @@ class Certificate:
     comparison: tuple[Candidate, ...] = ()
     estimate: Estimate | None = None
     compared_with: str = "uniform"
+    understood: Mapping[str, str] = field(default_factory=dict)
     record: Mapping[str, Any] = field(repr=False)
 
     @classmethod
@@ -199,12 +205,30 @@ class Certificate:
             comparison=tuple(map(Candidate.from_json, record.get("comparison") or ())),
             estimate=None if record.get("estimate") is None else Estimate.from_json(record["estimate"]),
             compared_with=str(record.get("compared_with") or "uniform"),
+            understood={str(place): str(text) for place, text in (record.get("understood") or {}).items()},
             record=record,
         )
 
-    def table(self) -> str:
-        """The certificate in a few lines."""
-        lines = [f"certificate: {self.status.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
+    @property
+    def headline(self) -> str:
+        """What the mesh is worth, in one sentence."""
+        if self.status in FAILED:
+            return f"The solve failed: {self.status.replace('_', ' ')}."
+        if self.interpolation_gain is None:
+            return "The mesh is finished. There is no u, so no error of interpolation is measured."
+        l2, h1 = self.interpolation_gain.get("l2", math.nan), self.interpolation_gain.get("h1", math.nan)
+        if not (math.isfinite(l2) and l2 > 0.0):
+            return "The mesh is finished. How much smaller the error of interpolation is, is not known."
+        (here, word), there = _compared(l2), "uniform" if self.compared_with == "uniform" else "initial"
+        of_gradient = f"; that of its gradient is {_compared(h1)[0]}" if math.isfinite(h1) and h1 > 0.0 else ""
+        return f"The error of interpolating u is {here} {word} on the {there} mesh{of_gradient}."
+
+    @property
+    def details(self) -> str:
+        """The numbers behind the headline, one on each line, without the warnings."""
+        status = self.status.replace("_", " ") + (f", mode {self.mode}" if self.mode else "")
+        lines = [f"  status                {status}"]
+        lines += [f"  read as               {place} = {text}" for place, text in self.understood.items()]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
         if self.equation_residual is not None:
             residual = _short(self.equation_residual)
@@ -229,7 +253,11 @@ class Certificate:
         lines += [f"  compared              {candidate}" for candidate in self.comparison]
         if self.estimate is not None:
             lines.append(f"  estimate              {self.estimate}  (of the given values, on their own mesh)")
-        return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
+        return "\n".join(lines)
+
+    def table(self) -> str:
+        """The certificate in a few lines: the headline first, the warnings last."""
+        return "\n".join([self.headline, self.details, *(f"  warning: {warning}" for warning in self.warnings)])
 
     def __str__(self) -> str:
         return self.table()
@@ -244,3 +272,13 @@ def _short(value: float) -> str:
 
 def _error(value: float) -> str:
     return "exact" if value == 0.0 else _short(value)
+
+
+def _compared(gain: float) -> tuple[str, str]:
+    """An error next to one that is ``gain`` times as large, and the word that leads to it."""
+    if abs(gain - 1.0) < MIN_DIFFERENCE:
+        return "the same", "as"
+    ratio, word = (gain, "smaller") if gain > 1.0 else (1.0 / gain, "larger")
+    if ratio >= MIN_RATIO:
+        return f"{_short(ratio)} times {word}", "than"
+    return f"{100.0 * abs(1.0 - 1.0 / gain):.2g} % {word}", "than"

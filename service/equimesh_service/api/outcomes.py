@@ -115,6 +115,10 @@ class MeshCertificate(BaseModel):
     compared_with: Literal["uniform", "initial"] = Field(
         "uniform", description="The mesh that the gains refer to; initial for a domain in blocks."
     )
+    understood: dict[str, str] = Field(
+        default_factory=dict,
+        description="Formulas that were typed in another spelling, as they were understood, by their place.",
+    )
 
 
 class Timings(BaseModel):

@@ -212,6 +212,7 @@ class ExpressionReport(BaseModel):
     """The values of an expression on a domain."""
 
     valid: Literal[True] = True
+    understood: str = Field(description="The expression in the language itself: 2*x for 2x.")
     names: list[str] = Field(description="The variables and parameters that occur.")
     u: Range
     gradient: Range = Field(description="Length of the gradient.")

@@ -139,6 +139,12 @@ class FormulaPath:
         return x.reshape(t.shape), y.reshape(t.shape), x_t.reshape(t.shape), y_t.reshape(t.shape)
 
     @property
+    def understood(self) -> tuple[str, str]:
+        """Both formulas as they were understood; see :attr:`~equimesh.fields.expression.Expression.understood`."""
+        x, y = self._programs
+        return x.understood, y.understood
+
+    @property
     def breaks(self) -> Array:
         """The ends of equal parts: the kinks of a formula are not known."""
         return np.linspace(0.0, 1.0, PANELS + 1)

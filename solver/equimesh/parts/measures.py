@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from equimesh.equations.understood import understood
 from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh_part import MeshPart
 from equimesh.meshes.mesh_window import MeshWindow, WindowRows
@@ -63,6 +64,7 @@ def measure_part(part: PartSolution, channel: Channel) -> PartMeasures:
             relaxed=part.relaxed,
             warnings=measured.warnings(part.status, part.relaxed, errors, faces),
             interpolation=errors,
+            understood=understood(part.problem),
         )
         return PartMeasures(quality=quality.without_cells(), certificate=certificate, q_eq=quality.q_eq.cells)
 

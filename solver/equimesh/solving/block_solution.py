@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from equimesh.equations.block_problem import BlockProblem
+from equimesh.equations.understood import understood
 from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -141,6 +142,7 @@ class BlockSolution:
             comparison=self.comparison,
             estimate=self.estimate,
             compared_with="initial",
+            understood=understood(self.problem),
         )
 
     def convergence(self) -> dict[str, Any]:

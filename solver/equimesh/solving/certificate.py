@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from equimesh.inputs import finite_or_none
@@ -18,6 +18,10 @@ NAMES = {
     "points": "points a side of the grid it was solved on",
 }
 UNKNOWN = "not known"
+# Errors that differ by less are called the same, as a share.
+MIN_DIFFERENCE = 0.005
+# Smaller ratios of errors are given in percent.
+MIN_RATIO = 1.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,9 +68,12 @@ class Candidate:
 
     def __str__(self) -> str:
         settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
-        gains = "no mesh" if self.gain_l2 is None else f"{_short(self.gain_l2)} in L2, {_short(self.gain_h1)} in H1"
+        gains = (
+            "no valid mesh" if self.gain_l2 is None else f"{_short(self.gain_l2)} in L2, {_short(self.gain_h1)} in H1"
+        )
         gains = gains if self.gain_cells is None else f"{_short(self.gain_cells)} at cell centres, {gains}"
-        return f"{self.kind}{f' ({settings})' if settings else ''}: {gains}{'  (chosen)' if self.chosen else ''}"
+        kind = self.kind.replace("_", " ")
+        return f"{kind}{f' ({settings})' if settings else ''}: {gains}{'  (chosen)' if self.chosen else ''}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,6 +161,8 @@ class Certificate:
     """The estimated error of the values that a round of adapting was given; ``None`` for other meshes."""
     compared_with: Literal["uniform", "initial"] = "uniform"
     """The mesh that the gains of interpolation refer to: the uniform one, on a domain in blocks the initial one."""
+    understood: Mapping[str, str] = field(default_factory=dict)
+    """The formulas that were typed in another spelling, as they were understood: ``{"monitor.u": "2*x"}`` for 2x."""
 
     @property
     def resolved(self) -> bool:
@@ -179,12 +188,30 @@ class Certificate:
             "estimate": self.estimate and asdict(self.estimate),
             "resolved": self.resolved,
             "compared_with": self.compared_with,
+            "understood": dict(self.understood),
             "interpolation_gain": gain and {"l2": finite_or_none(gain.gain_l2), "h1": finite_or_none(gain.gain_h1)},
         }
 
-    def __str__(self) -> str:
-        """The certificate in a few lines."""
-        lines = [f"certificate: {self.status.value.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
+    @property
+    def headline(self) -> str:
+        """What the mesh is worth, in one sentence."""
+        if not self.status.succeeded:
+            return f"The solve failed: {self.status.value.replace('_', ' ')}."
+        if self.interpolation is None:
+            return "The mesh is finished. There is no u, so no error of interpolation is measured."
+        l2, h1 = self.interpolation.gain_l2, self.interpolation.gain_h1
+        if not (math.isfinite(l2) and l2 > 0.0):
+            return "The mesh is finished. How much smaller the error of interpolation is, is not known."
+        (here, word), there = _compared(l2), "uniform" if self.compared_with == "uniform" else "initial"
+        of_gradient = f"; that of its gradient is {_compared(h1)[0]}" if math.isfinite(h1) and h1 > 0.0 else ""
+        return f"The error of interpolating u is {here} {word} on the {there} mesh{of_gradient}."
+
+    @property
+    def details(self) -> str:
+        """The numbers behind the headline, one on each line, without the warnings."""
+        status = self.status.value.replace("_", " ") + (f", mode {self.mode}" if self.mode else "")
+        lines = [f"  status                {status}"]
+        lines += [f"  read as               {place} = {text}" for place, text in self.understood.items()]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
         if finite_or_none(self.equation_residual) is not None:
             residual = _short(self.equation_residual)
@@ -209,7 +236,11 @@ class Certificate:
         lines += [f"  compared              {candidate}" for candidate in self.comparison]
         if self.estimate is not None:
             lines.append(f"  estimate              {self.estimate}  (of the given values, on their own mesh)")
-        return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        """The certificate in a few lines: the headline first, the warnings last."""
+        return "\n".join([self.headline, self.details, *(f"  warning: {warning}" for warning in self.warnings)])
 
 
 def _short(value: float | None) -> str:
@@ -221,3 +252,13 @@ def _short(value: float | None) -> str:
 
 def _error(value: float | None) -> str:
     return "exact" if value == 0.0 else _short(value)
+
+
+def _compared(gain: float) -> tuple[str, str]:
+    """An error next to one that is ``gain`` times as large, and the word that leads to it."""
+    if abs(gain - 1.0) < MIN_DIFFERENCE:
+        return "the same", "as"
+    ratio, word = (gain, "smaller") if gain > 1.0 else (1.0 / gain, "larger")
+    if ratio >= MIN_RATIO:
+        return f"{_short(ratio)} times {word}", "than"
+    return f"{100.0 * abs(1.0 - 1.0 / gain):.2g} % {word}", "than"

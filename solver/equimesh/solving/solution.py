@@ -9,6 +9,7 @@ import numpy as np
 
 from equimesh.domains.closing import closed_of
 from equimesh.equations.problem import Problem
+from equimesh.equations.understood import understood
 from equimesh.errors import EquimeshError
 from equimesh.meshes.closed import tied_nodes
 from equimesh.meshes.joined import joined
@@ -168,6 +169,7 @@ class Solution:
             target=self.target,
             comparison=self.comparison,
             estimate=self.estimate,
+            understood=understood(self.problem),
         )
 
     @property

@@ -36,7 +36,7 @@ class Status(StrEnum):
 _SENTENCES = {
     Status.CONVERGED: "The mesh satisfies the equidistribution equations to the requested tolerance.",
     Status.RELAXED: "The mesh is valid, but solves weaker equations: those requested had no valid mesh within bounds.",
-    Status.COMPLETED: "All steps were taken; there was no tolerance to meet.",
+    Status.COMPLETED: "The mesh is finished: all its steps were taken.",
     Status.NOT_CONVERGED: "The Schwarz iteration did not reach its tolerance within the allowed iterations.",
     Status.NEWTON_FAILED: "No valid mesh was found that satisfies the requested equations.",
     Status.FOLDED: "The mesh has an inverted cell.",

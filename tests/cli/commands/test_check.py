@@ -31,6 +31,10 @@ def test_check_here(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Monk
     monkeypatch.delenv("EQUIMESH_URL", raising=False)
     assert main(["check", "c*x", "--parameter", "c=2"]) == 0
     assert "u: 0 to 2" in capsys.readouterr().out
+    assert main(["check", "x*y"]) == 0
+    assert "understood" not in capsys.readouterr().out
+    assert main(["check", "2x − π|y|"]) == 0
+    assert "  understood: 2*x - pi*abs(y)\n" in capsys.readouterr().out
     assert main(["check", "1 + foo(x)"]) == 2
     said = capsys.readouterr().err
     assert "foo" in said

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import pytest
+
 from client.fake_service import CERTIFICATE
 from equimesh_client import Certificate
 
@@ -39,6 +41,39 @@ def test_the_gains_of_blocks_refer_to_the_initial_mesh() -> None:
     assert "(error on the uniform mesh over that on this one)" in str(Certificate.from_json(CERTIFICATE))
 
 
+@pytest.mark.parametrize(
+    ("gains", "words"),
+    [
+        (
+            {"l2": 25.2, "h1": 5.93},
+            "is 25 times smaller than on the uniform mesh; that of its gradient is 5.9 times smaller.",
+        ),
+        ({"l2": 1.05, "h1": None}, "is 4.8 % smaller than on the uniform mesh."),
+        ({"l2": 0.5, "h1": 1.001}, "is 2 times larger than on the uniform mesh; that of its gradient is the same."),
+        ({"l2": 0.96, "h1": 1.0}, "is 4.2 % larger than on the uniform mesh; that of its gradient is the same."),
+        ({"l2": 1.0, "h1": 2.0}, "is the same as on the uniform mesh; that of its gradient is 2 times smaller."),
+        ({"l2": None, "h1": 2.0}, "How much smaller the error of interpolation is, is not known."),
+        (None, "There is no u, so no error of interpolation is measured."),
+    ],
+)
+def test_the_first_line_says_what_a_mesh_is_worth(gains: dict[str, float | None] | None, words: str) -> None:
+    certificate = Certificate.from_json({**CERTIFICATE, "interpolation_gain": gains})
+    assert certificate.headline.endswith(words)
+    assert str(certificate).splitlines()[0] == certificate.headline
+
+
+def test_a_failed_mesh_has_no_gain_in_its_first_line() -> None:
+    failed = Certificate.from_json({**CERTIFICATE, "status": "not_converged"})
+    assert failed.headline == "The solve failed: not converged."
+
+
+def test_what_was_understood_is_told() -> None:
+    certificate = Certificate.from_json({**CERTIFICATE, "understood": {"monitor.u": "2*x"}})
+    assert certificate.understood == {"monitor.u": "2*x"}
+    assert "  read as               monitor.u = 2*x\n" in str(certificate)
+    assert "read as" not in str(Certificate.from_json(CERTIFICATE))
+
+
 def test_a_mesh_of_least_error_has_a_comparison_in_place_of_a_residual() -> None:
     settings = {"norm": "l2", "distortion": 0.5, "smoothness": 1.0}
     best = {"kind": "least_error", "settings": settings, "gain_l2": 12.5, "gain_h1": 3.0, "chosen": True}
@@ -51,8 +86,8 @@ def test_a_mesh_of_least_error_has_a_comparison_in_place_of_a_residual() -> None
     assert math.isnan(second.gain_h1)
     said = str(certificate)
     assert "residual" not in said
-    assert "least_error (norm l2, distortion 0.5, smoothness 1.0): 12 in L2, 3 in H1  (chosen)" in said
-    assert "compared              curvature: no mesh" in said
+    assert "least error (norm l2, distortion 0.5, smoothness 1.0): 12 in L2, 3 in H1  (chosen)" in said
+    assert "compared              curvature: no valid mesh" in said
     assert Certificate.from_json(record).comparison == ()
     with_cells = Certificate.from_json({**record, "comparison": [{**best, "gain_cells": 2.5}]})
     assert with_cells.comparison[0].gain_cells == 2.5

@@ -63,8 +63,11 @@ def test_expression_check_tells_the_column(http: httpx.Client) -> None:
     assert good.status_code == 200
     report = good.json()
     assert (report["names"], report["constant"]) == (["x", "y"], False)
+    assert report["understood"] == PAPER
     assert report["u"]["max"] == pytest.approx(1.0, abs=0.01)
     assert report["gradient"]["max"] == pytest.approx(15.0, abs=0.01)
+    typed = http.post("/v1/expressions/check", json={"expression": "2x − |y|^2"})
+    assert typed.json()["understood"] == "2*x - abs(y)**2"
     bad = http.post("/v1/expressions/check", json={"expression": "x + foo"})
     assert bad.status_code == 422
     (error,) = bad.json()["errors"]

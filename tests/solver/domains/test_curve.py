@@ -64,7 +64,7 @@ def test_it_goes_on_along_the_tangent_where_a_formula_ends() -> None:
     [
         ("x", "t", "x", 0, "'x' has no meaning here: a curve is given by formulas in t: write t"),
         ("t", "2*y", "y", 2, "write t"),
-        ("t", "t^2", "y", 1, "use ** for powers"),
+        ("t", "t%2", "y", 1, "there is no remainder"),
         ("t", "s", "y", 0, "known are t, pi, e"),
         ("", "t", "x", 0, "cos(pi*t/2)"),
         ("where(t, 1, 2)", "t", "x", 6, "t < 0.5"),

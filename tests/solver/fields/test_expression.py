@@ -67,7 +67,7 @@ def test_an_expression_is_a_value() -> None:
     assert u != Expression("k*x", parameters={"k": 3.0})
     with pytest.raises(TypeError):
         u.parameters["k"] = 5.0  # type: ignore[index]
-    error = pickle.loads(pickle.dumps(refused("x^2")))
+    error = pickle.loads(pickle.dumps(refused("x%2")))
     assert error.position.offset == 1
 
 

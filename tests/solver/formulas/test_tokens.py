@@ -95,9 +95,7 @@ def test_positions_count_characters_and_lines(text: str, line: int, column: int)
 
 
 @seeded
-@given(
-    tree=trees, where=st.integers(0, 10**6), bad=st.sampled_from(["$", "[", "'x'", "é", "]", ";", "=", "?", "—"])
-)
+@given(tree=trees, where=st.integers(0, 10**6), bad=st.sampled_from(["$", "[", "'x'", "é", "]", ";", "=", "?", "—"]))
 def test_a_formula_with_a_foreign_sign_is_refused_there(tree: Tree, where: int, bad: str) -> None:
     tokens = [token for token in write(tree) if token]
     where %= len(tokens) + 1
