@@ -32,13 +32,25 @@ class AdaptRound(Generic[M]):
     its squares.
     """
     estimate_h1: float | None = None
-    """The estimated error of the gradient; ``None`` for an indicator. It must not rank meshes."""
+    """The estimated error of the gradient; ``None`` for an indicator. It must not rank meshes: see ``unresolved``."""
     unresolved: float | None = None
-    """``estimate_h1`` over the norm of the gradient: the share of the gradient that the mesh does not resolve."""
+    """``estimate_h1`` over the norm of the gradient: the share of the gradient that the mesh does not resolve.
+
+    It ranks meshes for the norm ``"h1"``. A mesh that resolves nothing has a small ``estimate_h1``, but a large share.
+    """
     moved_cells: float = 0.0
     """The root mean square of the moves of the nodes from the mesh before, in spacings of the uniform mesh."""
     start: str = "given"
     """The candidate that became this mesh, such as ``"lines"``; ``"given"`` for the first mesh."""
+
+    def rank(self, norm: str) -> float:
+        """The number by which rounds are compared for an error in ``norm``, the smallest is best; 0 where u is exact.
+
+        An error indicator says nothing of norms.
+        """
+        if norm == "l2" or self.unresolved is None or self.estimate == 0.0:
+            return self.estimate
+        return self.unresolved
 
     def numbers(self) -> dict[str, Any]:
         """The record without the arrays, as plain Python data, ready for JSON."""
@@ -55,7 +67,9 @@ class Adaptation(Generic[M]):
     rounds: tuple[AdaptRound[M], ...]
     """All rounds, the first mesh included."""
     best: int
-    """The number of the round with the smallest estimate."""
+    """The number of the round with the smallest estimate; for the norm ``"h1"`` that with the smallest share
+    :attr:`AdaptRound.unresolved`.
+    """
     resolved: bool
     """Whether the best mesh resolves the solution. Where it is ``False``, estimates are too small, and a solution may
     have layers that no mesh of this size has met.
@@ -77,7 +91,7 @@ class Adaptation(Generic[M]):
 
     @property
     def estimate(self) -> float:
-        """The estimated error of the best round."""
+        """The estimated L2 error of the best round, or what its error indicator sums up to."""
         return self.rounds[self.best].estimate
 
     def __repr__(self) -> str:
@@ -85,10 +99,10 @@ class Adaptation(Generic[M]):
         return f"<Adaptation: round {self.best} of {len(self.rounds) - 1}, estimate {self.estimate:.2g}, {how}>"
 
 
-def verdict_on(done: Sequence[AdaptRound[M]], rounds: int) -> Verdict:
-    """The verdict on the rounds that are done, of which at most ``rounds`` follow the first."""
+def verdict_on(done: Sequence[AdaptRound[M]], rounds: int, norm: str) -> Verdict:
+    """The verdict on the rounds that are done, by the error in ``norm``; at most ``rounds`` follow the first one."""
     return judge(
-        [RoundNumbers(estimate=one.estimate, unresolved=one.unresolved, moved_cells=one.moved_cells) for one in done],
+        [RoundNumbers(estimate=one.rank(norm), unresolved=one.unresolved, moved_cells=one.moved_cells) for one in done],
         rounds,
     )
 
@@ -104,9 +118,9 @@ def require_same_kind(done: Sequence[AdaptRound[M]], *, is_indicator: bool) -> N
         raise BadValues(f"this solve returned {now}, and those before it {before}: return one kind in all rounds")
 
 
-def ended(done: Sequence[AdaptRound[M]], rounds: int, failure: Exception | None = None) -> Adaptation[M]:
+def ended(done: Sequence[AdaptRound[M]], rounds: int, norm: str, failure: Exception | None = None) -> Adaptation[M]:
     """The result of the rounds that are done; ``failure`` is what ended the loop before its time."""
-    verdict = verdict_on(done, rounds)
+    verdict = verdict_on(done, rounds, norm)
     reason = verdict.reason
     if failure is not None:
         said = f"{type(failure).__name__}: {failure}".strip(": ")

@@ -24,7 +24,7 @@ class RoundNumbers:
     """What is known of the solution on the mesh of one round; round 0 is that of the first mesh."""
 
     estimate: float
-    """The estimated error of the solution on its own mesh. Only its proportions matter."""
+    """The estimated error of the solution on its own mesh, in the norm that ranks. Only its proportions matter."""
     unresolved: float | None = None
     """The estimated error of the gradient over the norm of the gradient; ``None`` where it is not known."""
     moved_cells: float = 0.0

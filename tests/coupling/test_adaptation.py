@@ -13,8 +13,9 @@ from equimesh_coupling.adaptation import ended, verdict_on
 MESH = em.Mesh.uniform(em.Grid(n_xi=4, n_eta=5))
 
 
-def record(number: int, estimate: float) -> em.AdaptRound:
-    return em.AdaptRound(number=number, mesh=MESH, values=np.full((4, 5), float(number)), estimate=estimate)
+def record(number: int, estimate: float, unresolved: float | None = None) -> em.AdaptRound:
+    values = np.full((4, 5), float(number))
+    return em.AdaptRound(number=number, mesh=MESH, values=values, estimate=estimate, unresolved=unresolved)
 
 
 def test_the_result_is_that_of_the_best_round() -> None:
@@ -37,12 +38,25 @@ def test_the_numbers_of_a_round_are_ready_for_json(estimate: float) -> None:
 
 
 def test_a_failure_keeps_the_best_round_and_is_told() -> None:
-    found = ended([record(0, 3.0), record(1, 1.0)], 5, ValueError("the solver diverged"))
+    found = ended([record(0, 3.0), record(1, 1.0)], 5, "l2", ValueError("the solver diverged"))
     assert (found.best, found.estimate) == (1, 1.0)
     assert found.reason == "Round 2 failed, and the best mesh before it is kept: ValueError: the solver diverged"
     assert isinstance(found.failure, ValueError)
 
 
 def test_the_verdict_is_that_on_the_numbers() -> None:
-    assert not verdict_on([record(0, 3.0), record(1, 1.0)], 5).is_done
-    assert verdict_on([record(0, 3.0), record(1, 1.0)], 1).is_done
+    assert not verdict_on([record(0, 3.0), record(1, 1.0)], 5, "l2").is_done
+    assert verdict_on([record(0, 3.0), record(1, 1.0)], 1, "l2").is_done
+
+
+def test_the_requested_norm_ranks_the_rounds_and_ends_the_loop() -> None:
+    done = [record(0, 3.0, 0.3), record(1, 2.0, 0.05), record(2, 1.0, 0.06), record(3, 0.5, 0.07)]
+    assert (ended(done, 5, "l2").best, ended(done, 5, "h1").best) == (3, 1)
+    assert not verdict_on(done, 5, "l2").is_done
+    assert "stands still" in verdict_on(done, 5, "h1").reason
+
+
+def test_an_indicator_and_an_exact_solution_rank_by_their_estimate_in_every_norm() -> None:
+    assert ended([record(0, 3.0), record(1, 1.0)], 5, "h1").best == 1
+    exact = verdict_on([record(0, 0.0, 1e-16)], 5, "h1")
+    assert (exact.is_done, exact.best) == (True, 0)

@@ -123,9 +123,8 @@ class Client:
         ``solve(mesh)`` solves on a :class:`Mesh`, which has the methods ``to_skfem()``, ``to_dolfinx(comm)`` and so
         on, and returns one of these: values at the nodes, a field of a library with an adaptor, ``CellAverages``, or
         an ``ErrorIndicator`` of the cells. It is called first on the uniform mesh, on blocks the initial one, then at
-        most ``rounds`` times. ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``; the best mesh
-        has the smallest estimate in L2. ``observe`` is called with every round. ``deadline`` is that of each mesh, in
-        seconds.
+        most ``rounds`` times. ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``, and by
+        which rounds are ranked. ``observe`` is called with every round. ``deadline`` is that of each mesh, in seconds.
 
         Raises ``BadValues`` where the values of the first solve cannot be used, and what the first solve raises. Later
         the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the exception. Raises

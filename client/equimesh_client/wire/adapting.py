@@ -83,7 +83,7 @@ class AdaptLoop(Generic[M]):
     @property
     def is_done(self) -> bool:
         """Whether the loop ends."""
-        return verdict_on(self.done, self.rounds).is_done
+        return verdict_on(self.done, self.rounds, self.norm).is_done
 
     def first(self) -> GenerateArguments:
         """The request for the uniform mesh."""
@@ -136,7 +136,7 @@ class AdaptLoop(Generic[M]):
 
     def ended(self, failure: Exception | None = None) -> Adaptation[M]:
         """The result; ``failure`` is what ended the loop before its time."""
-        return ended(self.done, self.rounds, failure)
+        return ended(self.done, self.rounds, self.norm, failure)
 
     def _request(self, u: object, monitor: LeastError | NodalSolution | Weight) -> GenerateArguments:
         options: MeshOptions = {**DEFAULTS, "monitor": monitor, "domain": self.domain}

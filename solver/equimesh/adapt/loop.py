@@ -71,8 +71,8 @@ def adapt(
     ``to_dolfinx(comm)`` and so on, and returns one of these: values at the nodes, a field of a library with an adaptor,
     :class:`~equimesh_coupling.cells.CellAverages`, or an :class:`~equimesh_coupling.cells.ErrorIndicator` of the cells.
     It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that meshes
-    minimise, ``"l2"`` of u or ``"h1"`` of its gradient; the best mesh has the smallest estimate in L2, since
-    one in H1 favours meshes that do not resolve. ``observe`` is called with every round.
+    minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient, relative to the gradient on the
+    same mesh, since an absolute one favours meshes that do not resolve. ``observe`` is called with every round.
 
     Raises :class:`~equimesh_coupling.errors.BadValues` where the values of the first solve cannot be used, and what the
     first solve raises. Later the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the
@@ -84,18 +84,19 @@ def adapt(
         _check(solve, rounds, norm)
         _check_observer(observe)
         on_blocks = BlockRounds(domain=domain, norm=norm, threads=thread_count(threads))
-        return _loop(solve, on_blocks, rounds, observe)
+        return _loop(solve, on_blocks, rounds, norm, observe)
     grid, threads = _grid(n), thread_count(threads)
     _check(solve, rounds, norm)
     _check_domain(domain)
     _check_observer(observe)
-    return _loop(solve, GridRounds(grid=grid, domain=domain, norm=norm, threads=threads), rounds, observe)
+    return _loop(solve, GridRounds(grid=grid, domain=domain, norm=norm, threads=threads), rounds, norm, observe)
 
 
 def _loop(
     solve: Callable[[Any], Any],
     by: Rounds[M],
     rounds: int,
+    norm: Norm,
     observe: Callable[[AdaptRound[M]], None] | None,
 ) -> Adaptation[M]:
     """The loop itself, for meshes of any kind."""
@@ -111,12 +112,12 @@ def _loop(
         except Exception as failure:
             if not done:
                 raise
-            return ended(done, rounds, failure)
+            return ended(done, rounds, norm, failure)
         done.append(replace(record, number=len(done), moved_cells=moved, start=start))
         if observe is not None:
             observe(done[-1])
-        if verdict_on(done, rounds).is_done:
-            return ended(done, rounds)
+        if verdict_on(done, rounds, norm).is_done:
+            return ended(done, rounds, norm)
 
 
 def _looked_at(returned: Any, mesh: M, by: Rounds[M]) -> Looked[M]:

@@ -30,7 +30,7 @@ def arrays(shift: float = 0.0) -> MeshArrays:
 
 def certificate(l2: float, start: str | None = "lines") -> Certificate:
     compared = [{"kind": "nodal_solution", "settings": {"start": start}, "chosen": True}] if start else []
-    estimate = {"l2": l2, "h1": 2 * l2, "unresolved": 0.1, "moved_cells": 3.0}
+    estimate = {"l2": l2, "h1": 2 * l2, "unresolved": 0.1 * l2, "moved_cells": 3.0}
     return Certificate.from_json({"status": "completed", "estimate": estimate, "comparison": compared})
 
 

@@ -52,6 +52,16 @@ def test_the_norm_of_the_gradient_is_lowered_where_it_is_requested() -> None:
     assert errors[1].h1 < 0.95 * errors[0].h1
 
 
+def test_the_best_round_is_that_of_the_requested_norm() -> None:
+    # The mesh of the second round has the smaller error of u, and twice the error of the gradient.
+    layers = em.Expression("(1 - exp((x - 1)/0.001))*(1 - exp((y - 1)/0.001))*cos(pi*(x + y))")
+    found = em.adapt(sampled(layers), 33, norm="h1")
+    errors = [interpolation_errors(one.mesh, layers).h1 for one in found.rounds]
+    least_l2 = min(found.rounds, key=lambda one: one.estimate)
+    assert found.best == min(found.rounds, key=lambda one: one.unresolved or 0.0).number
+    assert errors[found.best] < 0.75 * errors[least_l2.number]
+
+
 def test_boundary_layers_are_resolved_by_straight_lines() -> None:
     u = em.Expression("(x - exp((x - 1)/0.005))*(y - exp((y - 1)/0.005))")
     found = em.adapt(sampled(u), 33)
