@@ -13,6 +13,7 @@ PARTS = {
     "service": ROOT / "service" / "equimesh_service",
     "client": ROOT / "client" / "equimesh_client",
     "coupling": ROOT / "client" / "equimesh_coupling",
+    "schema": ROOT / "client" / "equimesh_schema",
     "cli": ROOT / "client" / "equimesh_cli",
 }
 # Tests of no single module, by part, with the reason.
@@ -21,6 +22,7 @@ OF_NO_MODULE: dict[str, dict[str, str]] = {
     "service": {"assembly/test_schwarz.py": "the half of problem.py that builds the settings of the Schwarz iteration"},
     "client": {"test_imports.py": "what the whole package imports"},
     "coupling": {},
+    "schema": {},
     "cli": {},
 }
 # Modules of the solver without a file of tests, with the reason.

@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "equimesh": "solver",
     "equimesh_service": "service",
-    **dict.fromkeys(("equimesh_client", "equimesh_coupling", "equimesh_cli"), "client"),
+    **dict.fromkeys(("equimesh_client", "equimesh_coupling", "equimesh_schema", "equimesh_cli"), "client"),
 }
 FACES = {
-    *("equimesh", "equimesh_client", "equimesh_coupling", "equimesh_service"),
+    *("equimesh", "equimesh_client", "equimesh_coupling", "equimesh_schema", "equimesh_service"),
     *(
         f"equimesh.{name}"
         for name in ("io", "plot", "upload", "quality", "schwarz", "meshes", "specs", "testing", "cluster")
@@ -30,7 +30,7 @@ FACES = {
 MAX_MODULES = 24  # in a folder
 CODE = re.compile(r"^```(?:python|py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 DOTTED = re.compile(
-    r"(?<![\w./:-])(?:equimesh|equimesh_client|equimesh_coupling|equimesh_cli|equimesh_service)(?:\.[A-Za-z_]\w*)+(?![\w/:])"
+    r"(?<![\w./:-])(?:equimesh|equimesh_(?:client|coupling|schema|cli|service))(?:\.[A-Za-z_]\w*)+(?![\w/:])"
 )
 FILE = re.compile(r"(?<![\w/])(?:tests|service|solver|client|examples|benchmarks|docs)/[\w./-]+\.\w+")
 NOT_NAMES = {"equimesh.env", "equimesh.sqlite3", "equimesh_service.access"}  # files, and a logger

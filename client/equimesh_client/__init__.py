@@ -38,7 +38,6 @@ from equimesh_client.errors import (
     TooLarge,
     Unauthorized,
 )
-from equimesh_client.records.certificate import Aim, Candidate, Certificate, Estimate, Relaxed
 from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.parts import FileOfParts, PartRecord, Parts
 from equimesh_client.records.quality import Measure, Quality
@@ -70,6 +69,7 @@ from equimesh_client.wire.stream import Event
 from equimesh_coupling.adaptation import Adaptation, AdaptRound
 from equimesh_coupling.cells import CellAverages, ErrorIndicator
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
+from equimesh_schema import Aim, Candidate, Certificate, Estimate, Relaxed
 
 Relaxation = Relaxed  # the name in release 0.2
 Step = SequenceStep  # the name in release 0.2

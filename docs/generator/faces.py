@@ -23,6 +23,7 @@ FACES = (
     "equimesh.testing",
     "equimesh_client",
     "equimesh_coupling",
+    "equimesh_schema",
     "equimesh_service",
 )
 

@@ -67,7 +67,7 @@ from equimesh.sequences.sequence_step import BlockStep, SequenceStep
 from equimesh.single_domain.steps import Mode, Step
 from equimesh.solving.announcer import Event
 from equimesh.solving.block_solution import BlockSolution
-from equimesh.solving.certificate import Aim, Candidate, Certificate, Relaxed
+from equimesh.solving.certificate import Certificate
 from equimesh.solving.options import Initial
 from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
@@ -79,6 +79,7 @@ from equimesh.transfers.transfer import transfer
 from equimesh_coupling.adaptation import Adaptation, AdaptRound
 from equimesh_coupling.cells import CellAverages, ErrorIndicator
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
+from equimesh_schema import Aim, Candidate, Relaxed
 
 _compiling.watch()
 

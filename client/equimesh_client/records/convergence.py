@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from equimesh_client.records.tables import Array, align, number, real_or_nan
+from equimesh_client.records.tables import Array, align, number
+from equimesh_schema.codec import real_or_nan
 
 COUNTS = ("newton_steps", "sweeps")
 """Counts of each subdomain that the table shows."""

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from equimesh_client.records.tables import Array, align, number, real_or_nan
+from equimesh_client.records.tables import Array, align, number
+from equimesh_schema.codec import real_or_nan
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from equimesh_client.records.certificate import Certificate
+from equimesh_schema import Certificate
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from equimesh_client.records.certificate import Certificate
-from equimesh_client.records.tables import real_or_nan
+from equimesh_schema import Certificate
+from equimesh_schema.codec import real_or_nan
 
 FINISHED = frozenset({"succeeded", "failed", "canceled"})
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -32,8 +32,3 @@ def number(value: float | None) -> str:
     if value == 0.0 or 1e-3 <= abs(value) < 1e5:
         return f"{value:.4f}"
     return f"{value:.3e}"
-
-
-def real_or_nan(value: Any) -> float:
-    """The value as a float. NaN where it is absent or not a number."""
-    return float(value) if isinstance(value, int | float) else math.nan

@@ -9,7 +9,6 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.records.certificate import Certificate
 from equimesh_client.records.tables import Array
 from equimesh_client.spec.domains import Domain, has_own_points
 from equimesh_client.spec.mesh import DEFAULT_POINTS, DEFAULTS, MeshOptions
@@ -21,6 +20,7 @@ from equimesh_coupling.cells import ErrorIndicator, cell_values
 from equimesh_coupling.density import wanted_density
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.values import node_values
+from equimesh_schema import Certificate
 
 M = TypeVar("M")
 """The class of the meshes of the client."""

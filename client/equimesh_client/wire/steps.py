@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from equimesh_client.errors import BadArgument, DownloadDamaged
-from equimesh_client.records.certificate import Certificate
 from equimesh_client.records.state import MeshState
 from equimesh_client.records.tables import Array
 from equimesh_client.spec.fields import number_array, read_fields
@@ -26,6 +25,7 @@ from equimesh_client.wire.flows import LONG_POLL_SECONDS, Flow, hold_seconds
 from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.protocol import Call, Reply
 from equimesh_coupling.values import is_field
+from equimesh_schema import Certificate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

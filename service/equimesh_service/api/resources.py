@@ -5,7 +5,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from equimesh_service.api.outcomes import ConvergenceSummary, MeshCertificate, Timings
+from equimesh_schema import Certificate
+from equimesh_service.api.outcomes import ConvergenceSummary, Timings
 from equimesh_service.store.rows import SUCCEEDED, EventRow, MeshRow, SamplesRow, SequenceRow
 
 Status = Literal["queued", "running", "succeeded", "failed", "canceled"]
@@ -91,7 +92,7 @@ class MeshResource(BaseModel):
     attempts: int = Field(description="How many times a worker has begun it.")
     progress: Progress
     quality: dict[str, Any] | None = Field(description="As GET …/quality, without the values per cell.")
-    certificate: MeshCertificate | None = Field(
+    certificate: Certificate | None = Field(
         description="How well it solves the requested equations; null before the end."
     )
     convergence: ConvergenceSummary | None
@@ -154,7 +155,7 @@ class SequenceResource(BaseModel):
     created_at: datetime
     used_at: datetime = Field(description="When the last step was requested.")
     status: Status = Field(description="Of its mesh.")
-    certificate: MeshCertificate | None = Field(None, description="Of its mesh; null before the end.")
+    certificate: Certificate | None = Field(None, description="Of its mesh; null before the end.")
     warnings: list[str] = Field(default_factory=list, description="Those of the certificate.")
     substeps: int | None = Field(
         None, description="How many meshes were computed on the way to this one, itself included; null for the first."
@@ -271,7 +272,7 @@ def sequence_resource(row: SequenceRow, step: int, mesh: MeshRow, root: str, vel
         used_at=_moment(row.used_at),
         status=shown.status,
         certificate=shown.certificate,
-        warnings=[] if shown.certificate is None else shown.certificate.warnings,
+        warnings=[] if shown.certificate is None else list(shown.certificate.warnings),
         velocity=velocity,
         mesh=shown,
         **(mesh.result or {}).get("step", {}),

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal, TypedDict
 
-from equimesh import Relaxed
+from equimesh_schema import Relaxed
 
 # A mesh is called as good as the uniform one when the two errors differ by less than this share.
 MIN_DIFFERENCE = 0.005

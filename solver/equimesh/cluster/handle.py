@@ -24,8 +24,9 @@ from equimesh.numerics.channel import Traffic
 from equimesh.parts.measures import PartMeasures
 from equimesh.parts.part_solution import PartSolution, PartStep
 from equimesh.quality.measures import Quality
-from equimesh.solving.certificate import Certificate, Relaxed
+from equimesh.solving.certificate import Certificate
 from equimesh.solving.status import Status
+from equimesh_schema import Relaxed
 
 
 class Handle:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from equimesh.numerics.channel import Traffic
 from equimesh.parts.part_solution import PartSolution, PartStep
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.certificate import Relaxed
 from equimesh.solving.status import Status
+from equimesh_schema import Relaxed
 
 
 @dataclass(frozen=True, kw_only=True)

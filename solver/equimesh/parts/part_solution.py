@@ -10,8 +10,8 @@ from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh_part import MeshPart
 from equimesh.numerics.channel import Traffic
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.certificate import Relaxed
 from equimesh.solving.status import Status
+from equimesh_schema import Relaxed
 
 
 @dataclass(frozen=True, kw_only=True)

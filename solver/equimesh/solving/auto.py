@@ -9,7 +9,6 @@ from typing import Any
 
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
-from equimesh.inputs import finite_or_none
 from equimesh.least_error.iteration import LeastErrorSolve, Reached, last_compared
 from equimesh.least_error.levels import Level, nested_levels
 from equimesh.least_error.steps import Descent
@@ -25,9 +24,9 @@ from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import measure_interpolation
 from equimesh.single_domain.iteration import single_domain_steps
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.certificate import Candidate
 from equimesh.solving.courses import Descending, descent_work
 from equimesh.solving.options import SolveOptions
+from equimesh_schema import Candidate
 
 MAX_COARSE_POINTS = 40 * 40
 """Points, at most, of the grid on which candidates are compared."""
@@ -63,8 +62,8 @@ class Tried:
         return Candidate(
             kind=self.kind,
             settings=dict(self.settings),
-            gain_l2=None if errors is None else finite_or_none(errors.gain_l2),
-            gain_h1=None if errors is None else finite_or_none(errors.gain_h1),
+            gain_l2=math.nan if errors is None else errors.gain_l2,
+            gain_h1=math.nan if errors is None else errors.gain_h1,
             chosen=chosen,
         )
 

@@ -21,10 +21,11 @@ from equimesh.quality.cut_off import CutOff, measure_block_cut_off
 from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import Quality, measure_interpolation, measure_quality
-from equimesh.solving.certificate import Candidate, Certificate, Estimate, Relaxed
+from equimesh.solving.certificate import Certificate
 from equimesh.solving.measured_mesh import interpolated_cells
 from equimesh.solving.mesh_warnings import about_cut_off, block_warnings
 from equimesh.solving.status import Status
+from equimesh_schema import Candidate, Estimate, Relaxed
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.errors import InputError
-from equimesh.inputs import choice, finite_or_none
+from equimesh.inputs import choice
 from equimesh.least_error.block_iteration import BlockSolve, BlocksReached, last_compared
 from equimesh.least_error.block_levels import BlockLevel
 from equimesh.least_error.block_schwarz import BlockSchwarz
@@ -23,13 +24,13 @@ from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.threads import thread_count
 from equimesh.solving.announcer import Announcer
 from equimesh.solving.block_solution import BlockSolution
-from equimesh.solving.certificate import Candidate
 from equimesh.solving.courses import Descending, descent_work
 from equimesh.solving.nodal_solution import solve_block_round
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks
 from equimesh.solving.solution import SolveError
 from equimesh.solving.status import Status
+from equimesh_schema import Candidate
 
 WEIGHTS = ((0.5, 1.0), (0.5, 0.1))
 """``distortion`` and ``smoothness`` that are compared for an ``Auto`` monitor; the first are the defaults."""
@@ -183,12 +184,12 @@ class _Tried:
     def candidate(self, first_error: float, *, chosen: bool) -> Candidate:
         """The entry of the certificate."""
         monitor = self.solve.monitor
-        gain = finite_or_none(first_error / self.error) if self.error > 0.0 else None
+        gain = first_error / self.error if self.error > 0.0 else math.nan
         return Candidate(
             kind="least_error",
             settings={"norm": monitor.norm, "distortion": monitor.distortion, "smoothness": monitor.smoothness},
-            gain_l2=gain if monitor.norm == "l2" else None,
-            gain_h1=gain if monitor.norm == "h1" else None,
+            gain_l2=gain if monitor.norm == "l2" else math.nan,
+            gain_h1=gain if monitor.norm == "h1" else math.nan,
             chosen=chosen,
         )
 

@@ -14,7 +14,6 @@ from typing import Any, TypeAlias
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.inputs import finite_or_none
 from equimesh.least_error.levels import nested_levels
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
@@ -28,11 +27,11 @@ from equimesh.quality.cell_centred import poisson_error
 from equimesh.quality.checks import check_cells
 from equimesh.quality.faces import measure_faces
 from equimesh.solving.auto import coarse_level
-from equimesh.solving.certificate import Candidate
 from equimesh.solving.options import SolveOptions
 from equimesh.solving.orthogonality import bounded, is_within
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
+from equimesh_schema import Candidate
 
 USUAL_BOUND = 55.0
 """The largest angle of non-orthogonality where none is given: corrections of fluxes converge well there."""
@@ -85,9 +84,9 @@ class Tried:
         return Candidate(
             kind=self.kind,
             settings=dict(self.settings),
-            gain_l2=None if errors is None else finite_or_none(errors.gain_l2),
-            gain_h1=None if errors is None else finite_or_none(errors.gain_h1),
-            gain_cells=finite_or_none(uniform / self.error) if 0.0 < self.error < math.inf else None,
+            gain_l2=math.nan if errors is None else errors.gain_l2,
+            gain_h1=math.nan if errors is None else errors.gain_h1,
+            gain_cells=uniform / self.error if 0.0 < self.error < math.inf else math.nan,
             chosen=chosen,
         )
 

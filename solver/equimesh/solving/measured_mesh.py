@@ -20,10 +20,10 @@ from equimesh.quality.comparison import UniformComparison, compare_with_uniform
 from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import Quality, measure_all
-from equimesh.solving.certificate import Relaxed
 from equimesh.solving.mesh_warnings import about_faces, warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation
+from equimesh_schema import Relaxed
 
 
 def interpolated_cells(monitor: Monitor) -> Literal["quad", "triangle"]:

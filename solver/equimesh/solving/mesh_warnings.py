@@ -20,8 +20,8 @@ from equimesh.quality.cut_off import CutOff, measure_cut_off
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.probes import probe_errors
-from equimesh.solving.certificate import Relaxed
 from equimesh.solving.status import Status
+from equimesh_schema import Relaxed
 
 # A mesh whose L2 gain is smaller interpolates u worse than the uniform mesh by a hundredth, and deserves a warning.
 MIN_GAIN = 0.99

@@ -9,9 +9,9 @@ from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.rounds.next_mesh import KEPT, AnyMesh, Round
 from equimesh.rounds.round import adapt_round
 from equimesh.solving.block_solution import BlockSolution
-from equimesh.solving.certificate import Candidate, Estimate
 from equimesh.solving.solution import Solution, status_unless_folded
 from equimesh.solving.status import Status
+from equimesh_schema import Candidate, Estimate
 
 NOT_BETTER = "No other mesh is better for these values: this is the mesh that they were given on."
 
@@ -80,8 +80,8 @@ def _comparison(found: Round[AnyMesh], norm: str) -> tuple[Candidate, ...]:
         Candidate(
             kind="nodal_solution",
             settings={"start": name},
-            gain_l2=before / error if norm == "l2" and error > 0.0 else None,
-            gain_h1=before / error if norm == "h1" and error > 0.0 else None,
+            gain_l2=before / error if norm == "l2" and error > 0.0 else math.nan,
+            gain_h1=before / error if norm == "h1" and error > 0.0 else math.nan,
             chosen=name == found.chosen,
         )
         for name, error in sorted(found.candidates.items(), key=lambda item: item[1])

@@ -20,9 +20,9 @@ from equimesh.monitors.monitor import orthogonality_of
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.quality.faces import measure_faces
 from equimesh.solving.block_solution import BlockSolution
-from equimesh.solving.certificate import Relaxed
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
+from equimesh_schema import Relaxed
 
 MAX_TRIALS = 8
 """Weaker monitors that are tried."""

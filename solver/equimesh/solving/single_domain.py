@@ -15,12 +15,12 @@ from equimesh.monitors.monitor import map_of
 from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import Mode, Step
 from equimesh.solving import remedies
-from equimesh.solving.certificate import Relaxed
 from equimesh.solving.courses import Sweeping
 from equimesh.solving.estimates import safe_algebraic_error, safe_discretization_error
 from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.solution import Solution, status_unless_folded
 from equimesh.solving.status import Status
+from equimesh_schema import Relaxed
 
 
 class Outcome(TypedDict):

@@ -29,9 +29,10 @@ from equimesh.schwarz.records import Iteration, last_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.block_solution import BlockSolution
-from equimesh.solving.certificate import Aim, Candidate, Certificate, Estimate, Relaxed
+from equimesh.solving.certificate import Certificate
 from equimesh.solving.measured_mesh import MeasuredMesh
 from equimesh.solving.status import Status
+from equimesh_schema import Aim, Candidate, Estimate, Relaxed
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

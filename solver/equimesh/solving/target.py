@@ -19,10 +19,10 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.monitor import Monitor
 from equimesh.solving.announcer import Announcer
-from equimesh.solving.certificate import Aim
 from equimesh.solving.options import SolveArguments
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
+from equimesh_schema import Aim
 
 FIRST_CELLS = 32
 """Cells a side, about, of the first grid, from whose error the others are predicted."""
@@ -234,7 +234,7 @@ class _Search:
         aim = Aim(
             norm=target.norm,
             error=target.error,
-            grid=best.grid,
+            grid=best.grid.shape,
             predicted=predicted,
             reached=best.error,
             solves=len(tried),

@@ -44,3 +44,25 @@ def test_the_certificate_of_a_finished_mesh() -> None:
     state = MeshState({"id": "m-1", "status": "succeeded", "reused_from": "m-0", "certificate": certificate})
     assert (state.is_finished, state.relaxed, state.warnings, state.reused_from) == (True, True, ("coarse",), "m-0")
     assert [part.reached for part in state.certificate.relaxed] == [0.5] if state.certificate else False
+
+
+def test_a_relaxed_mesh_says_so(connect: Any, service: Any) -> None:
+    client = connect(service.url)
+    plain = client.generate("x", 8)
+    assert (plain.certificate, plain.relaxed, plain.warnings) == (None, False, ())
+    mesh = client.generate("x", 8, label="relaxed")
+    assert mesh.relaxed
+    assert mesh.warnings == ("The mesh adapts less than requested.",)
+    assert mesh.certificate.interpolation_gain == {"l2": 5.4, "h1": 2.4}
+    assert (mesh.certificate.relaxed[0].what, mesh.certificate.relaxed[0].reached) == ("a", 0.35)
+    assert (mesh.certificate.non_orthogonality, mesh.certificate.mean_non_orthogonality) == (41.7, 16.9)
+    assert mesh.certificate.skewness == 0.62
+    said = str(mesh.certificate)
+    for words in (
+        "relaxed",
+        "a of the arc length: 0.7 requested, 0.35 reached",
+        "5.4 in L2",
+        "42 degrees, 17 mean; skewness 0.62",
+        "warning: The mesh",
+    ):
+        assert words in said

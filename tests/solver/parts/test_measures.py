@@ -20,9 +20,9 @@ from equimesh.parts.measures import PartMeasures, equidistribution_of_part, meas
 from equimesh.parts.part_solution import PartSolution
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, SAMPLING
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.certificate import Relaxed
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
+from equimesh_schema import Relaxed
 from solver.parts.whole import in_parts, low_strips
 
 __all__ = ["low_strips"]

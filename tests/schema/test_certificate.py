@@ -2,35 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
-from typing import Any
 
 import pytest
 
 from client.fake_service import CERTIFICATE
-from equimesh_client import Certificate
-
-
-def test_a_relaxed_mesh_says_so(connect: Any, service: Any) -> None:
-    client = connect(service.url)
-    plain = client.generate("x", 8)
-    assert (plain.certificate, plain.relaxed, plain.warnings) == (None, False, ())
-    mesh = client.generate("x", 8, label="relaxed")
-    assert mesh.relaxed
-    assert mesh.warnings == ("The mesh adapts less than requested.",)
-    assert mesh.certificate.interpolation_gain == {"l2": 5.4, "h1": 2.4}
-    assert (mesh.certificate.relaxed[0].what, mesh.certificate.relaxed[0].reached) == ("a", 0.35)
-    assert (mesh.certificate.non_orthogonality, mesh.certificate.mean_non_orthogonality) == (41.7, 16.9)
-    assert mesh.certificate.skewness == 0.62
-    said = str(mesh.certificate)
-    for words in (
-        "relaxed",
-        "a of the arc length: 0.7 requested, 0.35 reached",
-        "5.4 in L2",
-        "42 degrees, 17 mean; skewness 0.62",
-        "warning: The mesh",
-    ):
-        assert words in said
+from equimesh_schema import Certificate
 
 
 def test_the_gains_of_blocks_refer_to_the_initial_mesh() -> None:
@@ -101,3 +79,26 @@ def test_a_mesh_of_least_error_has_a_comparison_in_place_of_a_residual() -> None
     assert (aimed.target.grid, aimed.target.reached, aimed.target.solves) == ((33, 17), 0.097, 2)
     assert "target                0.1 in H1 requested, 0.098 predicted, 0.097 reached on 33 x 17 points" in str(aimed)
     assert certificate.target is None
+
+
+def test_json_of_a_certificate_is_that_it_was_read_from() -> None:
+    assert Certificate.from_json(CERTIFICATE).to_json() == {
+        **CERTIFICATE,
+        "target": None,
+        "comparison": [],
+        "estimate": None,
+        "resolved": True,
+        "compared_with": "uniform",
+        "understood": {},
+    }
+
+
+def test_what_is_absent_or_no_number_is_not_known_and_null_again() -> None:
+    certificate = Certificate.from_json({"algebraic_error": "much", "interpolation_gain": {"l2": None}, "newer": 1})
+    assert math.isnan(certificate.algebraic_error)
+    assert math.isnan(certificate.non_orthogonality)
+    assert (certificate.status, certificate.mode, certificate.warnings) == ("", None, ())
+    written = json.loads(json.dumps(certificate.to_json(), allow_nan=False))
+    assert written["interpolation_gain"] == {"l2": None, "h1": None}
+    assert written["algebraic_error"] is None
+    assert written["relaxed"] == []

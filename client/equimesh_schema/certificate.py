@@ -1,0 +1,284 @@
+"""The certificate of a mesh: how well it solves the requested equations, and warnings."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+from equimesh_schema.codec import Answer, Json, Number
+
+NAMES = {
+    "a": "a of the arc length",
+    "strength": "strength of the monitor",
+    "points": "points a side of the grid it was solved on",
+}
+UNKNOWN = "not known"
+# Errors that differ by less are called the same, as a share.
+MIN_DIFFERENCE = 0.005
+# Smaller ratios of errors are given in percent.
+MIN_RATIO = 1.1
+FAILED = ("not_converged", "newton_failed", "folded")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxed(Answer):
+    """An option whose requested value was not reached.
+
+    ``"a"`` is the strength of the arc length, ``"strength"`` that of any other monitor. ``"cross_line"`` is the weight
+    of the cross-line term that was added to the equations. ``"points"`` is the number of points a side of the grid on
+    which the equations were solved, before the mesh was interpolated to the requested grid. ``"distortion"`` and
+    ``"smoothness"`` are raised weights of a least-error monitor. ``"rectilinear"`` is 1 for straight lines. A bound of
+    the angles relaxes these three or the strength.
+    """
+
+    what: str
+    """a (of the arc length), strength (of other monitors), cross_line, points, distortion, smoothness, rectilinear."""
+    asked: float
+    """The requested value."""
+    reached: float
+    """The value that the mesh has."""
+
+    def __str__(self) -> str:
+        if self.what == "cross_line":
+            return f"cross-line term of weight {_short(self.reached)} added"
+        if self.what == "rectilinear":
+            return "straight lines in place of free nodes"
+        return f"{NAMES.get(self.what, self.what)}: {_short(self.asked)} requested, {_short(self.reached)} reached"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate(Answer):
+    """A monitor that was compared with others on a coarse grid.
+
+    The gains are nan where there was no mesh of the requested equations, in JSON null.
+    """
+
+    kind: str
+    """Its kind."""
+    settings: Mapping[str, Any]
+    """Its settings."""
+    gain_l2: Number
+    """As interpolation_gain, on the coarse grid."""
+    gain_h1: Number
+    """The same in the norm h1."""
+    chosen: bool
+    """Whether it is that of the mesh."""
+    gain_cells: Number = math.nan
+    """Error at cell centres of a cell-centred code: of the uniform mesh over that of this one.
+
+    Not known where the comparison is not one for finite volumes, or the candidate cannot be used.
+    """
+
+    def __str__(self) -> str:
+        settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
+        gains = f"{_short(self.gain_l2)} in L2, {_short(self.gain_h1)} in H1"
+        gains = gains if math.isfinite(self.gain_l2) else "no valid mesh"
+        if math.isfinite(self.gain_cells):
+            gains = f"{_short(self.gain_cells)} at cell centres, {gains}"
+        kind = self.kind.replace("_", " ")
+        return f"{kind}{f' ({settings})' if settings else ''}: {gains}{'  (chosen)' if self.chosen else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aim(Answer):
+    """A requested interpolation error and what was reached."""
+
+    norm: str
+    """The norm of the errors, l2 or h1."""
+    error: float
+    """The requested one."""
+    grid: tuple[int, int]
+    """The grid that was taken, n_xi and n_eta."""
+    predicted: Number
+    """The error that was expected on this grid."""
+    reached: Number
+    """The measured error."""
+    solves: int
+    """Grids that were solved to find it, the first one included."""
+
+    def __str__(self) -> str:
+        numbers = f"{_short(self.error)} in {self.norm.upper()} requested, {_short(self.predicted)} predicted"
+        return f"{numbers}, {_short(self.reached)} reached on {' x '.join(map(str, self.grid))} points"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate(Answer):
+    """The estimated error of the values of a solver, from which a round of adapting began, on their own mesh."""
+
+    l2: float
+    """In the units of u times a length."""
+    h1: float
+    """The same for the gradient; it must not rank meshes."""
+    unresolved: float
+    """h1 over the norm of the gradient: the share that the mesh does not resolve."""
+    moved_cells: float
+    """Root mean square of the moves of the nodes in the round, in spacings of the uniform mesh."""
+
+    def __str__(self) -> str:
+        return f"{_short(self.l2)} in L2, {_short(self.h1)} in H1; nodes moved by {_short(self.moved_cells)} cells"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaceAngles(Answer):
+    """Angles between the normal of an inner face and the line of its two cell centres, as OpenFOAM measures them."""
+
+    max: Number = math.nan
+    """The largest, in degrees; null for a folded mesh."""
+    mean: Number = math.nan
+    """The angle whose cosine is the mean of their cosines, in degrees."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InterpolationGain(Answer, Mapping[str, float]):
+    """How many times smaller the interpolation error is than on the uniform mesh, or on the initial one of blocks.
+
+    It is also a mapping of the two norms.
+    """
+
+    l2: Number
+    """Of u itself; nan, in JSON null, where a layer of u lies inside a cell."""
+    h1: Number
+    """Of the gradient of u."""
+
+    def __getitem__(self, norm: str) -> float:
+        return {"l2": self.l2, "h1": self.h1}[norm]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(("l2", "h1"))
+
+    def __len__(self) -> int:
+        return 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate(Answer):
+    """How well a mesh solves the requested equations. A number that is not known is nan, in JSON null."""
+
+    JSON_NAMES: ClassVar[Mapping[str, str]] = {"angles": "non_orthogonality"}
+
+    status: str
+    """How the solve ended, as in convergence; relaxed: for a weaker or smoother monitor than requested."""
+    mode: str | None
+    """When a single-domain solve ended; null for a Schwarz iteration, which has a tolerance of its own."""
+    equation_residual: float | None
+    """Largest relative difference of a squared metric length from the mean of its grid line.
+
+    null for a mesh that solves no equations.
+    """
+    discretization_error: Number
+    """Estimated error of the nodes that a finer grid would remove, in units of the reference square."""
+    algebraic_error: Number
+    """Estimated error of the solution of the discrete equations, in the same units."""
+    min_jacobian: Number
+    """Smallest corner Jacobian; 1 for the uniform mesh. Of blocks over the mean area of a cell."""
+    angles: FaceAngles | None = None
+    """The angles of its faces; null for a mesh made before they were measured."""
+    skewness: Number = math.nan
+    """The largest skewness of a face, as OpenFOAM defines it."""
+    relaxed: tuple[Relaxed, ...]
+    """The differences between the requested and the solved equations."""
+    warnings: tuple[str, ...]
+    """Sentences: what a user of the mesh should know."""
+    resolved: bool = True
+    """Whether the gains are known; false where a layer of u lies inside a cell: they are null."""
+    interpolation_gain: InterpolationGain | None
+    """The error on another mesh over that on this one; null without a u."""
+    target: Aim | None = None
+    """The requested error and what was reached; null where a grid was given."""
+    comparison: tuple[Candidate, ...] = ()
+    """The monitors among which auto has chosen, the best one first."""
+    estimate: Estimate | None = None
+    """That of a round of adapting; null for other meshes."""
+    compared_with: Literal["uniform", "initial"] = "uniform"
+    """The mesh that the gains refer to; initial for a domain in blocks."""
+    understood: Mapping[str, str] = field(default_factory=dict)
+    """Formulas that were typed in another spelling, as they were understood, by their place."""
+
+    @property
+    def non_orthogonality(self) -> float:
+        """The largest angle between the normal of a face and the line of its two cell centres, in degrees."""
+        return math.nan if self.angles is None else self.angles.max
+
+    @property
+    def mean_non_orthogonality(self) -> float:
+        """The angle whose cosine is the mean of their cosines, in degrees."""
+        return math.nan if self.angles is None else self.angles.mean
+
+    @property
+    def record(self) -> Json:
+        """The certificate in JSON."""
+        return self.to_json()
+
+    @property
+    def headline(self) -> str:
+        """What the mesh is worth, in one sentence."""
+        if self.status in FAILED:
+            return f"The solve failed: {self.status.replace('_', ' ')}."
+        if self.interpolation_gain is None:
+            return "The mesh is finished. There is no u, so no error of interpolation is measured."
+        l2, h1 = self.interpolation_gain.l2, self.interpolation_gain.h1
+        if not (math.isfinite(l2) and l2 > 0.0):
+            return "The mesh is finished. How much smaller the error of interpolation is, is not known."
+        (here, word), there = _compared(l2), "uniform" if self.compared_with == "uniform" else "initial"
+        of_gradient = f"; that of its gradient is {_compared(h1)[0]}" if math.isfinite(h1) and h1 > 0.0 else ""
+        return f"The error of interpolating u is {here} {word} on the {there} mesh{of_gradient}."
+
+    @property
+    def details(self) -> str:
+        """The numbers behind the headline, one on each line, without the warnings."""
+        status = self.status.replace("_", " ") + (f", mode {self.mode}" if self.mode else "")
+        lines = [f"  status                {status}"]
+        lines += [f"  read as               {place} = {text}" for place, text in self.understood.items()]
+        lines += [f"  relaxed               {part}" for part in self.relaxed]
+        if self.equation_residual is not None:
+            residual = _short(self.equation_residual)
+            lines.append(f"  equation residual     {residual}  (of squared metric lengths, relative)")
+            grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
+            lines.append(
+                f"  estimated error       {grid}"
+                + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
+            )
+        one = "the uniform mesh" if self.compared_with == "uniform" else "a parallelogram of the mean area"
+        lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for {one})")
+        if math.isfinite(self.non_orthogonality):
+            angles = f"{_short(self.non_orthogonality)} degrees, {_short(self.mean_non_orthogonality)} mean"
+            lines.append(f"  non-orthogonality     {angles}; skewness {_short(self.skewness)}")
+        if self.interpolation_gain is not None:
+            gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
+            lines.append(
+                f"  interpolation gain    {gains}  (error on the {self.compared_with} mesh over that on this one)"
+            )
+        if self.target is not None:
+            lines.append(f"  target                {self.target}")
+        lines += [f"  compared              {candidate}" for candidate in self.comparison]
+        if self.estimate is not None:
+            lines.append(f"  estimate              {self.estimate}  (of the given values, on their own mesh)")
+        return "\n".join(lines)
+
+    def table(self) -> str:
+        """The certificate in a few lines: the headline first, the warnings last."""
+        return "\n".join([self.headline, self.details, *(f"  warning: {warning}" for warning in self.warnings)])
+
+    def __str__(self) -> str:
+        return self.table()
+
+
+def _short(value: float) -> str:
+    """A number in two digits."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    return f"{value:.0f}" if 100 <= abs(value) < 1e5 else f"{value:.2g}"
+
+
+def _error(value: float) -> str:
+    return "exact" if value == 0.0 else _short(value)
+
+
+def _compared(gain: float) -> tuple[str, str]:
+    """An error next to one that is ``gain`` times as large, and the word that leads to it."""
+    if abs(gain - 1.0) < MIN_DIFFERENCE:
+        return "the same", "as"
+    ratio, word = (gain, "smaller") if gain > 1.0 else (1.0 / gain, "larger")
+    if ratio >= MIN_RATIO:
+        return f"{_short(ratio)} times {word}", "than"
+    return f"{100.0 * abs(1.0 - 1.0 / gain):.2g} % {word}", "than"
