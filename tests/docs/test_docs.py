@@ -1,7 +1,9 @@
 """The documentation: complete, true as far as a machine can tell, and its code runs.
 
 Blocks marked ``python`` and ``sh`` are run, in the order of their page and in one folder a page, against a service;
-those marked ``py``, ``shell``, ``text`` and ``json`` are not, nor are commands that install something.
+those marked ``py``, ``shell``, ``text`` and ``json`` are not, nor are commands that install something. Where "It prints:"
+and a ``text`` block follow a ``python`` block, that text is what the block prints. A picture of a tutorial is the file of
+the same name that its code writes.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
 
 import pytest
@@ -56,6 +59,12 @@ PAGES = {
 URL = "http://127.0.0.1:8000"
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LANGUAGES = {"python", "sh", "py", "shell", "text", "json"}
+PRINTS = re.compile(r"^```python\n(.*?)^```\n\nIt prints:\n\n```text\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+END = "\x1e"
+"""Printed after each block of Python, to tell the output of one from that of the next."""
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+NEAR = 0.1
+"""Descents amplify rounding: what they print differs by some percent from processor to processor."""
 
 
 def page(name: str) -> str:
@@ -91,25 +100,67 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 @pytest.mark.parametrize("name", RUN)
 def test_the_code_of_a_page_runs(name: str, url: str, tmp_path: Path) -> None:
     text = PAGES[name].read_text().replace(URL, url)
+    told = dict(PRINTS.findall(text))
     python: list[str] = []
     variables = {**os.environ, "EQUIMESH_URL": url, "MPLBACKEND": "agg"}
     variables["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{variables['PATH']}"
 
-    def run(*command: str) -> None:
+    def run(*command: str) -> str:
         done = subprocess.run(command, cwd=tmp_path, env=variables, capture_output=True, text=True, timeout=180)
         assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    def run_python() -> None:
+        printed = run(sys.executable, "-W", "error", "-c", f"\nprint({END!r})\n".join([*python, ""])).split(END)
+        for code, found in zip(python, printed, strict=False):
+            if code in told:
+                assert differences(told[code], found) == [], found
+        python.clear()
 
     for kind, code in blocks(text):
         if kind == "sh" and "pip install" not in code:
             # a block may use the files that the Python before it wrote
             if python:
-                run(sys.executable, "-W", "error", "-c", "\n".join(python))
-                python = []
+                run_python()
             run("bash", "-euo", "pipefail", "-c", code.replace("curl -s ", "curl -sS --fail-with-body "))
         elif kind == "python":
             python.append(code)
     if python:
-        run(sys.executable, "-W", "error", "-c", "\n".join(python))
+        run_python()
+    for kept in re.findall(r"\]\(\.\./images/tutorials/([\w-]+\.png)\)", text):
+        shown, drawn = (_coarse(path) for path in (ROOT / "docs" / "images" / "tutorials" / kept, tmp_path / kept))
+        assert sum(abs(a - b) for a, b in zip(shown, drawn, strict=True)) / len(shown) < 5, f"store {kept} again"
+
+
+def differences(told: str, printed: str) -> list[str]:
+    """The lines of a text that differ from what was printed, by more than the last digit or some percent."""
+    pairs = zip_longest(told.strip().splitlines(), printed.strip().splitlines(), fillvalue="")
+    return [line for line, found in pairs if not _same(line, found)]
+
+
+def _same(told: str, printed: str) -> bool:
+    if NUMBER.sub("#", told) != NUMBER.sub("#", printed):
+        return False
+    for one, other in zip(NUMBER.findall(told), NUMBER.findall(printed), strict=True):
+        mantissa, _, exponent = one.partition("e")
+        last_digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+        if abs(float(one) - float(other)) > max(NEAR * abs(float(one)), 1.01 * last_digit):
+            return False
+    return True
+
+
+def _coarse(path: Path) -> bytes:
+    """The colours of a picture in 48 x 32 parts."""
+    image = pytest.importorskip("PIL.Image").open(path).convert("RGB")
+    return bytes(image.resize((48, 32), 4).tobytes())
+
+
+def test_a_text_that_differs_from_what_is_printed_is_noticed() -> None:
+    told = "error 0.0212, 12 times, status: completed\n"
+    assert differences(told, "error 0.0213, 13 times, status: completed") == []
+    for other in ("error 0.0312, 12 times, status: completed", "error 0.0212, 12 times, status: relaxed", ""):
+        assert differences(told, other) == [told.strip()]
+    assert differences(told, f"{told}more\n") == [""]
 
 
 @pytest.mark.parametrize("name", PAGES)
