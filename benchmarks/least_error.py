@@ -2,14 +2,13 @@
 
 pip install mmgpy gmsh        # optional
 python benchmarks/least_error.py --functions paper ring20 --parts gains costs
-python benchmarks/least_error.py --write      # all of it, into docs/background/benchmarks.md
+python benchmarks/least_error.py --write      # all of it, into benchmarks/least_error.md
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import re
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,12 +33,12 @@ from least_error_goals import (
 
 import equimesh as em
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "background" / "benchmarks.md"
-HEADING = "## Least error"
+PAGE = Path(__file__).with_suffix(".md")
+HEADING = "# Least error"
 WIDTH = 120
 """Of a line of the page."""
 INTRODUCTION = f"""\
-`benchmarks/least_error.py --write` measures all of this and writes this section. The errors are those of the bilinear
+`benchmarks/least_error.py --write` measures all of this and writes this page. The errors are those of the bilinear
 interpolant, or of the linear one on triangles, by {measured.GAUSS_POINTS} x {measured.GAUSS_POINTS} Gauss points in a
 cell, with code that the solver does not use. A *gain* is the error on the uniform mesh over that on the adapted one.
 CPU time is that of one thread, after a solve that loads the kernels. The functions are in
@@ -111,18 +110,6 @@ def report(options: argparse.Namespace) -> Iterator[str]:
         yield "```"
 
 
-def write(section: str) -> None:
-    """Put the section in the place of the one in the page, or before the section on other mesh generators."""
-    text = PAGE.read_text()
-    old = re.search(rf"^{HEADING}\n.*?(?=^## )", text, re.MULTILINE | re.DOTALL)
-    if old is None:
-        before = text.index("## Other mesh generators")
-        text = text[:before] + section + "\n" + text[before:]
-    else:
-        text = text[: old.start()] + section + "\n" + text[old.end() :]
-    PAGE.write_text(text)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     every = [*CURVED, *LAYERS]
@@ -132,7 +119,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=12, help="of the random functions")
     parser.add_argument("--count", type=int, default=200, help="random functions")
     parser.add_argument("--parts", nargs="+", choices=list(TEXTS), default=list(TEXTS))
-    parser.add_argument("--write", action="store_true", help="write the section of docs/background/benchmarks.md")
+    parser.add_argument("--write", action="store_true", help="write benchmarks/least_error.md")
     options = parser.parse_args()
     printed = [HEADING, "", INTRODUCTION.rstrip()]
     print("\n".join(printed), flush=True)
@@ -140,7 +127,7 @@ def main() -> None:
         print(line, flush=True)
         printed.append(line)
     if options.write:
-        write("\n".join(printed) + "\n")
+        PAGE.write_text("\n".join(printed) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """How well requested meshes are reached, over functions, parameters and grids, by their certificates.
 
 Every cell is one solve with default settings and one thread. Results go to a file of JSON lines, one a cell; cells that
-it holds already are not run again. With ``--write`` the file is turned into docs/background/robustness.md and
+it holds already are not run again. With ``--write`` the file is turned into docs/background/benchmarks.md and
 benchmarks/robustness.json.
 
     python benchmarks/robustness.py cells.jsonl --points 33 65 129 257 --write

@@ -1,8 +1,8 @@
-"""The page docs/background/robustness.md from the results of benchmarks/robustness.py.
+"""The section on robustness of docs/background/benchmarks.md, from the results of benchmarks/robustness.py.
 
 These are in benchmarks/robustness.json.
 
-python benchmarks/robustness_page.py writes the page.
+python benchmarks/robustness_page.py writes the section.
 """
 
 from __future__ import annotations
@@ -18,41 +18,20 @@ from functions import FUNCTIONS
 Result: TypeAlias = dict[str, Any]
 
 ROOT = Path(__file__).resolve().parent.parent
-DATA, PAGE = ROOT / "benchmarks" / "robustness.json", ROOT / "docs" / "background" / "robustness.md"
+DATA, PAGE = ROOT / "benchmarks" / "robustness.json", ROOT / "docs" / "background" / "benchmarks.md"
+BEGIN, END = "<!-- robustness: begin -->", "<!-- robustness: end -->"
 SUCCEEDED = ("converged", "relaxed")
 MILD_B, LIGHT = 0.05, 0.03
-WORST = 12
 
-INTRODUCTION = """\
-# Robustness
-
+INTRODUCTION = """
 {functions} functions, from mild to hostile, {settings} settings of `a` and `b`, grids of {points} points a side:
-{cells} solves with the arc-length monitor and otherwise default settings, each on one thread.
-`benchmarks/robustness.py` runs them and writes this page; the numbers are in `benchmarks/robustness.json`.
-The method was developed on these functions, so the counts are not those of functions that it has not seen:
-those are [elsewhere](../how-to/which-monitor.md#functions-that-nobody-tuned-to).
-{missing}\
-All of them are of one run of this release.
-
-## Summary
+{cells} solves with otherwise default settings.
 """
 
 HONESTY = """
-"`a` reached" allows a [cross-line term](../how-to/relaxed.md#what-a-weight-costs): the mesh adapts to the whole
-monitor, but its equations also make its lines straighter. The weight says how much: 0.01 costs a few percent of the
-gain of the mesh, 0.1 up to 40 %, and 3 often most of it. "Without any relaxation" is the strict count: the requested
-equations are solved to the accuracy of the grid. The relaxations, in numbers of solves:
-"""
-
-READING = """
-## All cells
-
-An entry reads `J · Q · ×gain · steps · time`: the smallest corner Jacobian (1 on the uniform mesh, not positive on a
-folded one); the largest Q_eq (1 where cells have equal shares of the metric); how many times smaller the L2 error of
-interpolation is than on the uniform mesh (below 1 it is larger: arc length follows gradients, not errors); sweeps and
-Newton steps on the finest grid, including those of failed attempts; CPU seconds of the whole solve. Relaxations are in
-bold: **c** the weight of the cross-line term, **a** the reached strength where it is less than requested, **n** the
-points a side of the solved grid where it is coarser. All entries without bold satisfy the requested equations.
+"`a` reached" allows a [cross-line term](../how-to/relaxed.md#what-a-weight-costs), which makes lines straighter: a
+weight of 0.01 costs a few percent of the gain, 0.1 up to 40 %, 3 often most of it. What was relaxed, in numbers of
+solves:
 """
 
 
@@ -77,25 +56,20 @@ def gains(result: Result) -> bool:
 
 
 def render(results: Sequence[Result]) -> str:
-    """The text of the page."""
+    """The text of the section."""
     points = sorted({result["n"] for result in results})
-    settings = sorted({(result["a"], result["b"]) for result in results}, key=lambda one: (-one[1], one[0]))
+    settings = {(result["a"], result["b"]) for result in results}
     functions = {result["name"] for result in results}
     listed = ", ".join(map(str, points[:-1])) + f" and {points[-1]}" if points[1:] else str(points[0])
-    absent = len(functions) * len(settings) * len(points) - len(results)
-    missing = f"{absent} more were not run, the empty places in the tables.\n" if absent else ""
-    head = INTRODUCTION.format(
-        missing=missing, functions=len(functions), settings=len(settings), points=listed, cells=len(results)
-    )
-    lines = [head, *_summary(results), HONESTY, *_relaxations(results, points), "", *_worst(results), READING]
-    for a, b in settings:
-        here = {(r["name"], r["n"]): r for r in results if (r["a"], r["b"]) == (a, b)}
-        lines += [f"### a = {a:g}, b = {b:g}", "", *_table(here, points), ""]
+    head = INTRODUCTION.format(functions=len(functions), settings=len(settings), points=listed, cells=len(results))
+    lines = [head, *_summary(results), HONESTY, *_relaxations(results, points)]
     ways = robustness_ways.read()
-    lines += [*robustness_ways.section(ways), ""] if ways else []
-    lines += ["## The functions", "", "| name | u | hard for |", "|---|---|---|"]
-    lines += [f"| {name} | `{one.u}` | {one.hard} |" for name, one in FUNCTIONS.items() if name in functions]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *(robustness_ways.section(ways) if ways else ())]) + "\n"
+
+
+def shown() -> str:
+    """The section in the page."""
+    return PAGE.read_text().partition(f"{BEGIN}\n")[2].partition(f"\n{END}")[0]
 
 
 def _summary(results: Sequence[Result]) -> Iterator[str]:
@@ -144,48 +118,6 @@ def _relaxations(results: Sequence[Result], points: Sequence[int]) -> Iterator[s
         yield f"| {need.replace('less a', 'less `a`')} | " + " | ".join(map(str, [*counts, sum(counts)])) + " |"
 
 
-def _worst(results: Sequence[Result]) -> Iterator[str]:
-    """The cells that are farthest from the request."""
-
-    def distance(result: Result) -> tuple[bool, float, bool, float, float]:
-        relaxed = result.get("relaxed", {})
-        lost = 1.0 - relaxed.get("a", result["a"]) / result["a"]
-        failed = result.get("status") not in SUCCEEDED
-        return failed, lost, "points" in relaxed, relaxed.get("cross_line", 0.0), result.get("q_eq") or 0.0
-
-    yield "The cells farthest from the request, worst first:"
-    yield ""
-    yield "| function | a, b | n | entry |"
-    yield "|---|---|---|---|"
-    for result in sorted(results, key=distance, reverse=True)[:WORST]:
-        yield f"| {result['name']} | {result['a']:g}, {result['b']:g} | {result['n']} | {entry(result)} |"
-
-
-def _table(results: dict[tuple[str, int], Result], points: Sequence[int]) -> Iterator[str]:
-    yield "| u | " + " | ".join(map(str, points)) + " |"
-    yield "|---" * (len(points) + 1) + "|"
-    for name in FUNCTIONS:
-        entries = [entry(results[name, n]) if (name, n) in results else "" for n in points]
-        if any(entries):
-            yield f"| {name} | " + " | ".join(entries) + " |"
-
-
-def entry(result: Result) -> str:
-    """One cell of the tables."""
-    if "exception" in result:
-        return f"**{result['exception'].split(':')[0]}** · {result['cpu']:.1f} s"
-    bold = [f"**{mark} {result['relaxed'][what]:g}**" for what, mark in MARKS.items() if what in result["relaxed"]]
-    bold += [f"**{result['status']}**"] if result["status"] not in SUCCEEDED else []
-    if result["folded"]:
-        return " ".join(["**folded**", *bold])
-    gain = "-" if result["gain"] is None else f"×{result['gain']:.2g}"
-    numbers = f"{result['jacobian']:.2g} · {result['q_eq']:.3g} · {gain} · {result['steps']} · {result['cpu']:.1f} s"
-    return " ".join([numbers, *bold])
-
-
-MARKS = {"a": "a", "cross_line": "c", "points": "n"}
-
-
 def read() -> list[Result]:
     """The stored results."""
     results: list[Result] = json.loads(DATA.read_text())
@@ -193,12 +125,13 @@ def read() -> list[Result]:
 
 
 def write(results: Sequence[Result]) -> None:
-    """Store the results, sorted, one a line, and write the page."""
+    """Store the results, sorted, one a line, and write the section of the page."""
     names = list(FUNCTIONS)
     key = [(-r["b"], r["a"], names.index(r["name"]), r["n"]) for r in results]
     ordered = [results[k] for k in sorted(range(len(results)), key=key.__getitem__)]
     DATA.write_text("[\n" + ",\n".join(map(json.dumps, ordered)) + "\n]\n")
-    PAGE.write_text(render(ordered))
+    before, _, rest = PAGE.read_text().partition(BEGIN)
+    PAGE.write_text(f"{before}{BEGIN}\n{render(ordered)}\n{END}{rest.partition(END)[2]}")
 
 
 if __name__ == "__main__":

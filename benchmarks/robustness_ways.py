@@ -1,6 +1,6 @@
 """The three ways to a mesh over functions that are hard: least error, Schwarz iteration, and what auto chooses.
 
-Every cell is one solve with default settings and one thread. They are a section of docs/background/robustness.md, which
+Every cell is one solve with default settings and one thread. They are a part of docs/background/benchmarks.md, which
 benchmarks/robustness_page.py writes from benchmarks/robustness_ways.json.
 
     python benchmarks/robustness_ways.py --points 33 65 129 --write
@@ -36,12 +36,8 @@ WAYS: dict[str, tuple[Callable[[em.Field], em.Monitor], em.Schwarz | None]] = {
 }
 
 SECTION = """
-## The three ways
-
-Besides sweeps on the whole grid (all tables above) a mesh is found by descent on the measured error, or by a Schwarz
-iteration. The same functions with default settings, `benchmarks/robustness_ways.py`. Gains are the geometric means, and
-the smallest, over the functions; those that are not resolved are left out. A mesh for L2 may have a gain below 1 in H1.
-A mesh for H1 has none below 1 in either norm. CPU times are of a busy machine: some twice those of an idle one.
+The same functions by other ways, `benchmarks/robustness_ways.py`. Gains are the geometric means, and the smallest, over
+the functions. A mesh for L2 may have a gain below 1 in H1. CPU times are of a busy machine.
 """
 
 

@@ -2,7 +2,7 @@
 
 Measured is the error against the single-domain mesh, from the interpolated mesh of a grid half as fine; counted are the
 iterations until it is a millionth of what it was. Every measurement is printed as a line of JSON, and written to
-``--output``; ``--tables`` makes the tables of docs/background/theory-rates.md of such a file.
+``--output``; ``--tables`` prints tables of such a file.
 
     python benchmarks/schwarz_rates.py --output rates.json
     python benchmarks/schwarz_rates.py --tables rates.json

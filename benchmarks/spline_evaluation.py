@@ -3,7 +3,7 @@
     python benchmarks/spline_evaluation.py
 
 Each row: coefficients, points, order of the derivatives, milliseconds of both, their quotient, and the largest relative
-difference of their results. A time is the shortest of five runs. docs/design/0020-own-bicubic-spline.md quotes them.
+difference of their results. A time is the shortest of five runs.
 """
 
 from __future__ import annotations

@@ -151,8 +151,7 @@ def names_in(text: str) -> set[str]:
 @pytest.mark.parametrize("name", pages())
 def test_names_and_files_in_a_page_exist(name: str) -> None:
     text = pages()[name]
-    moved = re.sub(r"^\| `[^`]*` \|", "|", text, flags=re.MULTILINE) if name == "docs/how-to/upgrade.md" else text
-    assert {dotted for dotted in names_in(moved) if not resolves(dotted)} == set()
+    assert {dotted for dotted in names_in(text) if not resolves(dotted)} == set()
     assert {file for file in FILE.findall(text) if not (ROOT / file).exists() and "*" not in file} == set()
 
 

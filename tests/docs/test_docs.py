@@ -1,8 +1,8 @@
 """The documentation: complete, true as far as a machine can tell, and its code runs.
 
 Blocks marked ``python`` and ``sh`` are run, in the order of their page and in one folder a page, against a service;
-those marked ``py``, ``shell``, ``text`` and ``json`` are not, nor are commands that install something. Where "It prints:"
-and a ``text`` block follow a ``python`` block, that text is what the block prints. A picture of a tutorial is the file of
+those marked ``py``, ``shell``, ``text`` and ``json`` are not, nor are commands that install something. Where a ``text``
+block follows a ``python`` block and "It prints:", it is what the block prints. A picture of a tutorial is the file of
 the same name that its code writes.
 """
 

@@ -23,7 +23,7 @@ import equimesh as em
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
-BENCHMARKS = (ROOT / "docs" / "background" / "benchmarks.md").read_text()
+BENCHMARKS = (ROOT / "benchmarks" / "least_error.md").read_text()
 GALLERY = ROOT / "service" / "equimesh_service" / "workbench" / "gallery.json"
 WORDS = (
     "two",

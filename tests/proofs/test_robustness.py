@@ -31,11 +31,10 @@ def test_a_cell_reaches_the_asked_a_without_a_fold(name: str, a: float, b: float
 def test_an_exception_is_a_result() -> None:
     result = robustness.run(robustness.Cell("paper", 2.0, 0.05, 17))
     assert result["exception"].startswith("InputError: a = 2.0")
-    assert page.entry(result).startswith("**InputError**")
 
 
 def test_the_page_is_that_of_its_data() -> None:
-    assert page.PAGE.read_text() == page.render(page.read()), "write it with benchmarks/robustness_page.py"
+    assert page.shown() == page.render(page.read()), "write it with benchmarks/robustness_page.py"
 
 
 def test_no_cell_folded_and_hardly_one_fell_short() -> None:

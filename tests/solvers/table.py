@@ -19,17 +19,23 @@ HEAD = ("consumer", "version", "format", "mesh", "sides", *MESHES)
 
 
 def table(found: list[Record]) -> str:
-    """The rows of Markdown: one for each consumer and format, with the errors on our mesh and on the uniform one."""
+    """The rows of Markdown: the errors of each consumer on our mesh and on the uniform one.
+
+    A row has all formats of a consumer whose numbers are the same.
+    """
     ways: dict[tuple[str, str], dict[str, Record]] = {}
     for record in found:
         ways.setdefault((record.consumer, record.format), {})[record.mesh] = record
-    rows = [HEAD, ("---",) * len(HEAD)]
+    formats: dict[tuple[str, ...], list[str]] = {}
     for (consumer, format), by_mesh in sorted(ways.items(), key=lambda item: (item[0][0].lower(), item[0][1])):
         any_one = next(iter(by_mesh.values()))
         read, tags = (all(getattr(r, name) for r in by_mesh.values()) for name in ("read", "tags"))
         name = format if format == "adaptor" else f"`{SUFFIXES.get(format, format)}`"
         yes = tuple("yes" if right else "no" for right in (read, tags))
-        rows.append((consumer, any_one.version, name, *yes, *(_errors(by_mesh.get(mesh)) for mesh in MESHES)))
+        errors = (_errors(by_mesh.get(mesh)) for mesh in MESHES)
+        formats.setdefault((consumer, any_one.version, *yes, *errors), []).append(name)
+    rows = [HEAD, ("---",) * len(HEAD)]
+    rows += [(*row[:2], ", ".join(names), *row[2:]) for row, names in formats.items()]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
