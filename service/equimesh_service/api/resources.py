@@ -87,8 +87,8 @@ class MeshResource(BaseModel):
     )
     cells: str
     created_at: datetime
-    started_at: datetime | None
-    finished_at: datetime | None
+    started_at: datetime | None = Field(description="When a worker began it.")
+    finished_at: datetime | None = Field(description="When it succeeded, failed or was canceled.")
     attempts: int = Field(description="How many times a worker has begun it.")
     progress: Progress
     quality: dict[str, Any] | None = Field(description="As GET …/quality, without the values per cell.")
@@ -117,8 +117,8 @@ class MeshEvent(BaseModel):
     """One thing that happened to a mesh."""
 
     id: int = Field(description="1, 2, 3, … for each mesh.")
-    time: datetime
-    event: Literal["status", "progress", "done"]
+    time: datetime = Field(description="When it happened, UTC.")
+    event: Literal["status", "progress", "done"] = Field(description="What happened; nothing follows done.")
     data: dict[str, Any]
 
 

@@ -11,15 +11,15 @@ from pydantic import BaseModel, Field
 class SubdomainHistory(BaseModel):
     """The solve of one subdomain in one iteration."""
 
-    subdomain: int
-    newton_steps: int
+    subdomain: int = Field(description="Its number, from 0.")
+    newton_steps: int = Field(description="Newton steps that solved it.")
     sweeps: int = Field(description="Line corrections that solved it, in place of Newton steps.")
     status: Literal["converged", "classical", "stalled"] = Field(
         description="classical: positions of its neighbours in place of the requested condition; stalled: not solved."
     )
     residual: float | None = Field(description="Of its own equations, relative.")
-    error_x: float | None = Field(description="Against the single domain, when that was requested.")
-    error_y: float | None
+    error_x: float | None = Field(description="Error of x against the single domain, when that was requested.")
+    error_y: float | None = Field(description="The same for y.")
 
 
 class IterationHistory(BaseModel):
@@ -27,7 +27,7 @@ class IterationHistory(BaseModel):
 
     iteration: int
     transmission: str = Field(description="The condition in use; after a fallback, not the requested one.")
-    max_q_eq: float | None
+    max_q_eq: float | None = Field(description="Largest share of the metric of a cell; 1 where all are equal.")
     change: float | None = Field(description="Largest move of a node.")
     estimate: float | None = Field(description="Estimated error that is left; the tolerance is for it.")
     deviation: float | None = Field(
