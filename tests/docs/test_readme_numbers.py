@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from random_functions import random_functions
 
 import equimesh as em
@@ -190,3 +191,13 @@ def test_a_new_number_is_noticed(new: str) -> None:
 
 def test_code_and_addresses_hold_no_numbers_of_the_prose() -> None:
     assert unknown_numbers(prose("L2, 2D, `n=33`, [a page](docs/0009.md)\n\n```py\nn = 33\n```\n")) == []
+
+
+def test_the_citation_is_of_this_version_in_both_places() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert cited["version"] == version
+    assert f"version = {{{version}}}" in README
+    (paper,) = cited["references"]
+    for words in (paper["title"].replace("2D", "{2D}"), paper["collection-title"], str(paper["year"])):
+        assert words in README
