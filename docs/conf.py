@@ -47,8 +47,41 @@ html_copy_source = False
 html_show_sourcelink = False
 html_show_copyright = False
 html_last_updated_fmt = None
-html_theme_options = {"navigation_with_keys": True}
+# The colours and the type of the page that the service shows at /.
+_TYPE = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", sans-serif'
+_MONO = 'ui-monospace, "SF Mono", "Cascadia Code", "DejaVu Sans Mono", Menlo, Consolas, monospace'
+_LIGHT = {
+    "font-stack": _TYPE,
+    "font-stack--monospace": _MONO,
+    "color-brand-primary": "#14568f",
+    "color-brand-content": "#14568f",
+    "color-brand-visited": "#14568f",
+    "color-background-primary": "#fbfaf7",
+    "color-background-secondary": "#f1efe9",
+    "color-background-border": "#dcd8cf",
+    "color-foreground-primary": "#1c2430",
+    "color-foreground-secondary": "#566070",
+}
+_DARK = {
+    "color-brand-primary": "#8ec5ff",
+    "color-brand-content": "#8ec5ff",
+    "color-brand-visited": "#8ec5ff",
+    "color-background-primary": "#12161c",
+    "color-background-secondary": "#1a2028",
+    "color-background-border": "#2f3944",
+    "color-foreground-primary": "#e8eaee",
+    "color-foreground-secondary": "#a3adba",
+}
+html_theme_options = {
+    "navigation_with_keys": True,
+    "light_css_variables": _LIGHT,
+    "dark_css_variables": _DARK,
+    "light_logo": "favicon.svg",
+    "dark_logo": "favicon.svg",
+}
 templates_path = [str(DOCS / "templates")]
+_SIDEBAR = ("brand", "page", "search", "scroll-start", "navigation", "scroll-end")
+html_sidebars = {"**": [f"sidebar/{part}.html" for part in _SIDEBAR]}
 
 # The same label for the same lines: `$ ` is no part of a command.
 copybutton_exclude = ".linenos, .gp, .go"

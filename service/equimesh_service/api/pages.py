@@ -26,10 +26,10 @@ _OURS = "equimesh_service.api.assets"
 _SWAGGER = "fastapi_swagger.resources"
 _ASSETS = {
     "docs.js": (_OURS, "text/javascript"),
+    "docs.css": (_OURS, "text/css"),
     "problem.css": (_OURS, "text/css"),
     "swagger-ui-bundle.js": (_SWAGGER, "text/javascript"),
     "swagger-ui.css": (_SWAGGER, "text/css"),
-    "favicon-32x32.png": (_SWAGGER, "image/png"),
 }
 _PROBLEM_POLICY = page_policy(pictures="'self'")
 _DOCS_POLICY = page_policy(pictures="'self' data:")

@@ -37,7 +37,7 @@ _PAGE = """<!doctype html>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{title} (equimesh)</title>
 <link rel="stylesheet" href="{root}../docs/assets/problem.css">
-<link rel="icon" href="{root}../docs/assets/favicon-32x32.png">
+<link rel="icon" href="{root}../workbench/icon.svg" type="image/svg+xml">
 <nav><a href="{root}../">Back to the page</a> {menu}</nav>
 <main>
 {content}

@@ -14,7 +14,7 @@ from equimesh_service.guide.plain import ROOT, guide_page, guide_pages
 PAGES = guide_pages()
 HTML = [name for name in PAGES if name.endswith(".html")]
 # Addresses of the service itself, one level above the guide.
-OUTSIDE = {"..", "../docs/assets/problem.css", "../docs/assets/favicon-32x32.png"}
+OUTSIDE = {"..", "../docs/assets/problem.css", "../workbench/icon.svg"}
 
 
 def test_every_link_leads_to_a_page_or_a_picture_of_the_guide() -> None:
