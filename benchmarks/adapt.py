@@ -33,7 +33,7 @@ STREAMS = [name for name, problem in PROBLEMS.items() if any(problem.b)]
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """What came out of one loop."""
+    """The result of one loop."""
 
     found: em.Adaptation
     gains: list[tuple[float, float]]

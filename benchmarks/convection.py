@@ -22,7 +22,7 @@ Parameter: TypeAlias = Literal["usual", "thin"]
 INTEGRATION_ORDER = 6
 """The degree of polynomials that the matrices are exact for."""
 ERROR_ORDER = 11
-"""The same for the errors."""
+"""The degree of polynomials that the integrals of the errors are exact for."""
 
 
 @dataclass(frozen=True, kw_only=True)

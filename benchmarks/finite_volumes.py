@@ -45,7 +45,7 @@ FUNCTIONS = {
 
 
 class Row(NamedTuple):
-    """What was measured for one function on one grid."""
+    """The measurements of one function on one grid."""
 
     name: str
     points: int

@@ -26,7 +26,7 @@ LARGE = 513
 SUPERLU_GOAL = 200.0
 """CPU time with SuperLU over that of the sweeps, at least."""
 PARDISO_GOAL = 30.0
-"""The same with MKL PARDISO."""
+"""CPU time with MKL PARDISO over that of the sweeps, at least."""
 MAX_SWEEPS = 100
 """Sweeps of one level."""
 PARDISO = "MKL PARDISO"

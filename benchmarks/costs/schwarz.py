@@ -11,7 +11,7 @@ DECOMPOSITIONS = {"16 strips": (16, 1), "4 x 4 blocks": (4, 4)}
 COLD_GOAL = 3.0
 """CPU time over that of the single domain, from an own start."""
 WARM_GOAL = 1.3
-"""The same from the mesh of the time step before."""
+"""CPU time over that of the single domain, from the mesh of the time step before."""
 STEP = 1e-4
 """Move of the front from one time step to the next, in units of the domain."""
 

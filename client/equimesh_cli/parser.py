@@ -110,7 +110,7 @@ class GroupedParser(Parser):
 
 
 NO_EXITS: Mapping[Exit, str] = {}
-"""Of a command that has no exit codes of its own."""
+"""The exit codes of a command that has none of its own."""
 
 
 def add_command(

@@ -24,7 +24,7 @@ class AdaptRound(Generic[M]):
     mesh: M
     """The mesh that the solver got."""
     values: Array
-    """What it returned: values at the nodes, shape ``(n_xi, n_eta)``, or the error indicator of every cell, shape
+    """The returned values: at the nodes, shape ``(n_xi, n_eta)``, or the error indicator of every cell, shape
     ``(n_xi - 1, n_eta - 1)``.
     """
     estimate: float
@@ -77,7 +77,7 @@ class Adaptation(Generic[M]):
     reason: str
     """Why the loop ended, as a sentence."""
     failure: Exception | None = None
-    """What ended the loop where that was the solver, or what it returned; the best mesh before it is kept."""
+    """The exception of the solver, or of its values, that ended the loop; the best mesh before it is kept."""
 
     @property
     def mesh(self) -> M:

@@ -21,7 +21,7 @@ MAX_REST_CELLS = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class RoundNumbers:
-    """What is known of the solution on the mesh of one round; round 0 is that of the first mesh."""
+    """Estimates of the solution on the mesh of one round; round 0 is the first mesh."""
 
     estimate: float
     """The estimated error of the solution on its own mesh, in the norm that ranks. Only its proportions matter."""
@@ -33,7 +33,7 @@ class RoundNumbers:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """What follows from the rounds so far."""
+    """The decision from the rounds so far: go on, or end and why."""
 
     best: int
     """The number of the round with the smallest estimate."""

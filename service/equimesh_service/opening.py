@@ -162,7 +162,7 @@ def _health(engine: Engine | SideWorkers) -> str:
 
 
 def _warning(engine: Engine) -> str | None:
-    """What is wrong with an engine that works: workers of a cluster that it does not use."""
+    """The warnings of an engine that works: workers of a cluster that it does not use."""
     health = engine.health()
     return health.detail if health.ready and health.detail else None
 

@@ -175,7 +175,7 @@ class Mesh(Coupled, MeshState):
 
     @property
     def blocks(self) -> Mapping[str, IntArray]:
-        """Of a mesh of blocks the nodes of each block, shape ``(n_i, n_j)``, by its name; else empty."""
+        """The nodes of each block, shape ``(n_i, n_j)``, by its name; empty for a mesh of a grid."""
         return self.arrays().blocks
 
     @property

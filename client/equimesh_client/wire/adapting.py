@@ -27,7 +27,7 @@ M = TypeVar("M")
 Solve: TypeAlias = Callable[[Any], Any]
 """A solver: from a mesh to what it returns on it."""
 Observe: TypeAlias = Callable[[AdaptRound[Any]], None]
-"""What is called with the record of every round."""
+"""The function that is called with the record of every round."""
 MAX_ROUNDS = 100
 """The most rounds that can be requested."""
 NORMS = ("l2", "h1")

@@ -1,1 +1,1 @@
-"""What is checked of a request before its mesh may wait."""
+"""The checks of a request before its mesh is stored."""

@@ -1,4 +1,4 @@
-"""What becomes of an admitted mesh: it enters the queue, goes straight to a worker, or reuses an earlier mesh."""
+"""The way of an admitted mesh: it enters the queue, goes straight to a worker, or reuses an earlier mesh."""
 
 import secrets
 import time

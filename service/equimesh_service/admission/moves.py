@@ -78,7 +78,7 @@ class Move:
     motion: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self, mesh: Mesh | QuadMesh) -> CheckedMove:
-        """The same with the values at the nodes and in the cells of ``mesh``; raises a 422 problem."""
+        """The move with its values checked on the nodes and cells of ``mesh``; raises a 422 problem."""
         if self.u is None and self.monitor is None:
             raise problem_at("/u", "this key is required, unless the step has a monitor")
         complaints: list[Complaint] = []

@@ -83,7 +83,7 @@ class Stepping:
         return PreparedStep(admitted=admitted, settings=settings, fields=fields, path=path)
 
     def _before(self, mesh_id: str, spec: Mapping[str, Any]) -> dict[str, Any]:
-        """What is known of the mesh before: its u as a source, the file of its samples, and its gains."""
+        """The mesh before: its u as a source, the file of its samples, and its gains."""
         row, mesh_input = self.store.meshes.get(mesh_id), self.store.meshes.get_input(mesh_id)
         if row is None or mesh_input is None:
             raise _gone()

@@ -38,7 +38,7 @@ def build(spec: Spec, find: SamplesOf) -> specs.BuiltSpec:
 
 
 def check(spec: Spec, samples: Mapping[str, Samples]) -> specs.BuiltSpec:
-    """What :func:`build` returns; also raises for a target out of reach. ``samples`` are found by their ids."""
+    """The problem of :func:`build`; also raises for a target out of reach. ``samples`` are found by their ids."""
     built = build(spec, samples.__getitem__)
     if built.target is not None:
         problem = built.grid_problem

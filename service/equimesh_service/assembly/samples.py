@@ -152,5 +152,5 @@ class Upload:
 
     @cached_property
     def is_light(self) -> bool:
-        """Whether it is read faster here than in a worker."""
+        """Whether the file is read faster here than in a worker."""
         return is_light(self.data, self.filename)

@@ -120,7 +120,7 @@ class Members:
         return [f"worker {one.name} is not used: {one.refusal}" for one in self if one.refusal]
 
     def describe(self) -> str:
-        """What is wrong with the workers, "" where nothing is."""
+        """The fault of the workers in a sentence; "" where there is none."""
         refusals = self.refusals()
         if refusals:
             more = len(refusals) - _MAX_NAMED

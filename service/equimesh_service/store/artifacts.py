@@ -55,7 +55,7 @@ def remove_unused(database: Database, files: Iterable[str], remove_file: Callabl
 
 
 def find_unnamed(connection: Connection, files: Iterable[str]) -> set[str]:
-    """Those of the files that no row names."""
+    """The names of ``files`` that are in no row."""
     known = set(files)
     in_artifacts = select(artifacts.c.sha256).where(artifacts.c.sha256.in_(known))
     in_samples = select(samples.c.sha256).where(samples.c.sha256.in_(known))

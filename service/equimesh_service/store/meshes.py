@@ -134,7 +134,7 @@ class MeshesStore:
         return None if row is None else _mesh(row)
 
     def several(self, names: Sequence[str]) -> dict[str, MeshRow]:
-        """Those of these meshes that there are, by their ids."""
+        """The rows of the meshes with these ids that exist, by id."""
         found: dict[str, MeshRow] = {}
         with self._read() as connection:
             for start in range(0, len(names), _MAX_IDS_PER_QUERY):

@@ -85,7 +85,7 @@ class RetentionStore:
             return connection.execute(query.limit(1)).first() is not None
 
     def find_unnamed(self, files: Iterable[str]) -> set[str]:
-        """Those of the files that no row names."""
+        """The names of ``files`` that are in no row."""
         with self._database.read() as connection:
             return find_unnamed(connection, files)
 

@@ -54,7 +54,7 @@ class NewMesh:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Its points along xi and eta; with a target those of the largest square grid that it may take.
+        """The points of the mesh along xi and eta; with a target those of the largest square grid that it may take.
 
         The nodes of a mesh of blocks are one row.
         """

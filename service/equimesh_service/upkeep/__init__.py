@@ -1,1 +1,1 @@
-"""What looks after a running service: metrics, readiness, retention, exposure."""
+"""Upkeep of a running service: metrics, readiness, retention, exposure."""

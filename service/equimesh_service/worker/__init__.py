@@ -1,1 +1,1 @@
-"""What runs in a worker process."""
+"""The work of a worker process: solves, files, previews."""

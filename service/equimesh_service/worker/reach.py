@@ -46,7 +46,7 @@ class Reach:
         return self.folder != "" and (sqlite_file(self.storage.database_url) is None or self.file is not None)
 
     def describe_faults(self) -> str:
-        """What this process does not reach, in words; "" where it reaches everything."""
+        """The storage that this process does not reach, in words; "" where it reaches all."""
         return "; ".join(filter(None, (self._database_fault(), self._files_fault())))
 
     def _database_fault(self) -> str:

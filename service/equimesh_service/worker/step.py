@@ -114,7 +114,7 @@ def moves_of(step: AnySequenceStep) -> dict[str, Any]:
 
 
 def _earlier(before: Mapping[str, Any] | None, spec: BuiltSpec, files: Files) -> equimesh.Earlier | None:
-    """What is known of the mesh before; None for steps of earlier releases."""
+    """The source and the gains of the mesh before; None for steps of earlier releases."""
     if before is None:
         return None
     norm = getattr(spec.problem.monitor, "norm", "l2")

@@ -35,7 +35,7 @@ REMEDY = (
     "such blocks form no grid with four sides; take BlockProblem with LeastError(u=...), which measures the error on"
     " cells and needs no lines"
 )
-"""What to do where blocks are no grid."""
+"""The remedy where blocks are no grid."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

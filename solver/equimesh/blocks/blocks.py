@@ -144,7 +144,7 @@ class Blocks:
         corner_angle: float | None = None,
         names: Mapping[str, str] | None = None,
     ) -> Blocks:
-        """The same as :meth:`of_mesh` for the mesh of a file, whose names of points and blocks it uses."""
+        """The blocks of the mesh of a file, as by :meth:`of_mesh`, with the file's names of points and blocks."""
         return cls._of(
             recover(
                 mesh.points,

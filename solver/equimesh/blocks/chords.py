@@ -30,7 +30,7 @@ class Chords:
     def of(
         cls, curve: BoundaryCurve, edges: IntArray, slides: BoolArray, points: Array, parameters: Array
     ) -> Chords | None:
-        """Those of the ``edges`` with a node that ``slides`` on the curve; ``None`` for a line, and where none does.
+        """The chords of the ``edges`` with a node that ``slides`` on the curve; ``None`` for a line, or without any.
 
         ``slides`` and ``parameters`` have the shape ``(nodes,)``, ``points`` the shape ``(2, nodes)``. An edge whose
         other node is not on the curve is left out.

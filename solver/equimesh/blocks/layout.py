@@ -162,7 +162,7 @@ class Layout:
 
     @cached_property
     def neighbours(self) -> IntArray:
-        """What lies across each side of a block, shape ``(b, 4, 3)``: the block, its side, and 1 where its index falls.
+        """The neighbour across each side of a block, shape ``(b, 4, 3)``: block, side, and 1 where its index falls.
 
         The third number is 1 where the index along the common side rises in one block and falls in the other. All
         three are -1 on the boundary. Joined edges have neighbours, too: those lie apart by the translation of the join.

@@ -138,7 +138,7 @@ class Attempt:
         return tuple(address for address in wanted if address not in alive)
 
     def _failure(self, number: int) -> str:
-        """What happened to a part whose future is not finished."""
+        """The end of a part whose future is not finished."""
         future = self._futures[number]
         cause = future.exception() if future.status == "error" else f"its task is {future.status}"
         return f"part {number} on {self._addresses[number]} failed: {cause}"

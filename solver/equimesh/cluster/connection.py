@@ -19,7 +19,7 @@ CONNECT_SECONDS = 30.0
 # Clients that are made, at most, before their assertion is taken for a scheduler that does not answer.
 MAX_GREETINGS = 3
 START = "start one with `dask scheduler`, and workers with `dask worker ADDRESS`"
-"""What to do where there is no scheduler."""
+"""The remedy where there is no scheduler."""
 
 
 def connect(address: str, *, timeout: float | None = None, security: Any = None) -> Client:

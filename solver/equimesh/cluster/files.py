@@ -29,9 +29,9 @@ class FileNames:
     """The names of the arrays of a mesh in files, besides ``x`` and ``y``."""
 
     nodes: tuple[str, ...]
-    """Of those at the nodes: ``u``, or nothing."""
+    """Names of the values at the nodes: ``u``, or nothing."""
     cells: tuple[str, ...]
-    """Of those of the cells: ``Q_eq``, or nothing."""
+    """Names of the values of the cells: ``Q_eq``, or nothing."""
 
 
 def write_parts(

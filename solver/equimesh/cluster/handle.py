@@ -83,12 +83,12 @@ class Handle:
 
     @property
     def note(self) -> str:
-        """What differs from the requested mesh; empty where nothing does."""
+        """The differences from the requested mesh; empty where there are none."""
         return self._whole.note
 
     @property
     def remedy(self) -> str:
-        """What to do about it; empty where nothing is to be done."""
+        """The remedy in a sentence; empty where none is needed."""
         return self._whole.remedy
 
     @property
@@ -201,7 +201,7 @@ class Handle:
 
     @property
     def _whole(self) -> Summary:
-        """What is the same for all parts."""
+        """The numbers that are the same for all parts."""
         return self._summaries[0]
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What is sent to workers: small values inside their task, large ones as data of the cluster."""
+"""Inputs that are sent to workers: small values inside their task, large ones as data of the cluster."""
 
 from __future__ import annotations
 

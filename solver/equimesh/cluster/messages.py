@@ -33,7 +33,7 @@ Message = tuple[str, list[Array]]
 
 
 class Box:
-    """What has come for one part, and whether its run has ended."""
+    """The messages for one part, and whether its run has ended."""
 
     def __init__(self, key: str) -> None:
         self.key = key

@@ -1,4 +1,4 @@
-"""What parts report while they run, on its way to the driver: events of Dask under one topic."""
+"""Reports of parts to the driver while they run: events of Dask under one topic."""
 
 from __future__ import annotations
 

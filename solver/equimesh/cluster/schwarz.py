@@ -146,7 +146,7 @@ def _count(problem: Problem, client: Client, schwarz: Schwarz, parts: int | None
 
 
 def _planned(problem: Problem, schwarz: Schwarz, options: SchwarzOptions) -> tuple[SchwarzPlan, Mesh, Mesh | None]:
-    """What all parts know, the start and the mesh to compare with."""
+    """The input of all parts, the start, and the mesh to compare with."""
     plan = SchwarzPlan(
         problem=problem,
         schwarz=schwarz,

@@ -29,7 +29,7 @@ BY_BLOCKS = (
     "begin the curve at a smooth place; or give the O-grid as blocks, whose description keeps a node at each of its"
     " 'corners', and take a BlockProblem"
 )
-"""What to do about a corner at a seam."""
+"""The remedy for a corner at a seam."""
 
 
 def seam_of(sides: Mapping[str, Curve], size: float) -> int:

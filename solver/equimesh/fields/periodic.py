@@ -30,7 +30,7 @@ RANGE_POINTS = 33
 MAX_JUMP = 1e-6
 """The largest difference of the values there, as a share of the range of the function."""
 MAX_ROUNDING = 1e-10
-"""The same as a share of the largest value: that is rounding."""
+"""The largest difference that is rounding, as a share of the largest value."""
 MAX_TILED = 8
 """Samples that are repeated beyond a side: the spline then joins the two sides smoothly."""
 MAX_TILED_SHARE = 0.45

@@ -1,4 +1,4 @@
-"""What has to be known of all samples in a file, from one pass over it in blocks."""
+"""Range, faults, noise and jumps of all samples in a file, from one pass over it in blocks."""
 
 from __future__ import annotations
 

@@ -97,6 +97,6 @@ def _is_call(line: Line) -> bool:
 
 
 def _writeable(points: Array) -> Array:
-    """The same numbers in memory that a compiled loop accepts: loops are compiled for arrays that may be written."""
+    """The points in memory that a compiled loop accepts: loops are compiled for arrays that may be written."""
     points = np.ascontiguousarray(points, dtype=np.float64)
     return points if points.flags.writeable else points.copy()

@@ -138,7 +138,7 @@ class _Reader:
             refuse(self.text, token.start, self._unknown(name, is_call=follows == "("))
 
     def _unknown(self, name: str, *, is_call: bool) -> str:
-        """What is wrong with a name that is not known, and what was probably meant."""
+        """The fault of a name that is not known, and the name that was probably meant."""
         shown, normal = f"'{shorten(name)}'", unicodedata.normalize("NFKC", name)
         if normal != name:
             return f"{shown} is written in look-alike characters: write {shorten(normal)}"

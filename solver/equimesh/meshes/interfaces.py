@@ -1,4 +1,4 @@
-"""What lies along the four edges of each block of a mesh: other blocks, and named sides."""
+"""Neighbours along the four edges of each block of a mesh: other blocks, and named sides."""
 
 from __future__ import annotations
 

@@ -130,5 +130,5 @@ class Mesh(Coupled):
         return self.is_folded_on(1)
 
     def is_folded_on(self, threads: int) -> bool:
-        """The same as :attr:`is_folded`; the ``threads`` share the cells."""
+        """Whether a cell is folded, as :attr:`is_folded`; the ``threads`` share the cells."""
         return not smallest_in_parts(self.x, self.y, Parts.of(self.x.shape, threads)) > 0.0

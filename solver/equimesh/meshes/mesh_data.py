@@ -63,7 +63,7 @@ class MeshData:
 
     @property
     def joined(self) -> MeshData:
-        """The same on a mesh without second copies of nodes at one place; see :func:`~equimesh.meshes.joined.joined`.
+        """The data on a mesh without second copies of nodes at one place; see :func:`~equimesh.meshes.joined.joined`.
 
         A mesh of blocks has none, and stays as it is.
         """

@@ -184,7 +184,7 @@ class QuadMesh(Coupled):
         return self.is_folded_on(1)
 
     def is_folded_on(self, threads: int) -> bool:
-        """The same as :attr:`is_folded`; the ``threads`` share the cells."""
+        """Whether a cell is folded, as :attr:`is_folded`; the ``threads`` share the cells."""
         count = max(1, min(threads, len(self.cells) // MIN_SHARED_CELLS))
         ends = np.linspace(0, len(self.cells), count + 1).astype(np.int64)
         smallest = np.full(count, np.nan)

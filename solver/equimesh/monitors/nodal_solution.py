@@ -63,7 +63,7 @@ class NodalSolution:
             raise InputError(f"norm = {self.norm!r}: choose {NORMS[0]!r} or {NORMS[1]!r}", field="norm")
 
     def __eq__(self, other: object) -> bool:
-        """Whether it is the same request: equal values at equal nodes, in the same norm."""
+        """Whether another monitor is the same request: equal values at equal nodes, in the same norm."""
         if not isinstance(other, NodalSolution):
             return NotImplemented
         pairs = zip(self._arrays, other._arrays, strict=True)

@@ -19,7 +19,7 @@ from equimesh.numerics.spd import eigenvalues
 from equimesh.numerics.types import Array
 
 MAPS = ("lines", "gradient")
-"""What gives cells equal shares of a weight: equal lengths along mesh lines, or a map that is a gradient."""
+"""Ways to equal shares of a weight: equal lengths along mesh lines, or a map that is a gradient."""
 MIN_EIGENVALUE_RATIO = 1e-10
 """The smaller eigenvalue of a tensor over the larger one must exceed this: less is rounding."""
 

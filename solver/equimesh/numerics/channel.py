@@ -38,7 +38,7 @@ class PeerLostError(PeerError):
 
 
 class Channel(Protocol):
-    """What one part needs to talk to the others."""
+    """The connection of one part to the others."""
 
     @property
     def number(self) -> int:
@@ -107,7 +107,7 @@ class Counted:
         return self._channel.receive(sender, tag)
 
     def taken(self) -> dict[str, Traffic]:
-        """What was sent since the last call, by tag."""
+        """The traffic since the last call, by tag."""
         sent, self.sent = dict(self.sent), defaultdict(Traffic)
         return sent
 

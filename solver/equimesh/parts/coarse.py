@@ -84,7 +84,7 @@ class CoarseSolution:
         return _most_parts(self.grids, self.level)
 
     def for_part(self, number: int, count: int) -> CoarseSolution:
-        """What part ``number`` of ``count`` needs of it: fewer rows, to send less."""
+        """The rows of the coarse solution that part ``number`` of ``count`` needs: fewer, to send less."""
         own, *below = _rows_wanted(self.grids, self.level, number, count)
         kept = [own, *below][: len(self.solved)]
         windows = [level.mesh.window(*rows) for level, rows in zip(reversed(self.solved), kept, strict=True)]

@@ -34,7 +34,7 @@ class PartMeasures:
     """Q_eq of the cells of the part, shape ``(rows of cells, n_eta - 1)``."""
 
     def without_cells(self) -> PartMeasures:
-        """The same without the values of the cells, to be sent to another process."""
+        """The measures without the values of the cells, to be sent to another process."""
         return PartMeasures(quality=self.quality, certificate=self.certificate, q_eq=np.empty((0, 0)))
 
 

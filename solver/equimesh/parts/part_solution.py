@@ -1,4 +1,4 @@
-"""What one part has of a solution in parts."""
+"""The share of one part in a solution in parts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PartStep:
     contraction: float
     converged: bool
     traffic: dict[str, Traffic]
-    """What this part sent since the last record, by the kind of the message."""
+    """The traffic of this part since the last record, by the kind of the message."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -28,7 +28,7 @@ from equimesh.solving.schwarz_ending import ending_of
 
 @dataclass(frozen=True, kw_only=True)
 class SchwarzPlan:
-    """What all parts of a Schwarz iteration need to know."""
+    """The input of all parts of a Schwarz iteration."""
 
     problem: Problem
     schwarz: Schwarz
@@ -67,7 +67,7 @@ class SchwarzPart(PartSolution):
     iterations: tuple[IterationNumbers, ...]
     """The records of this attempt; with meshes in the first part, where they are shown."""
     sent: tuple[dict[str, Traffic], ...]
-    """What this part sent in each of these iterations, by the kind of the message."""
+    """The traffic of this part in each of these iterations, by the kind of the message."""
     detours: tuple[str, ...]
     """Sentences about deviations of the solve from the request."""
     resumed: int | None

@@ -1,4 +1,4 @@
-"""What every part of a mesh does from the coarse solution to its rows of the finest grid."""
+"""The solve of one part of a mesh, from the coarse solution to its rows of the finest grid."""
 
 from __future__ import annotations
 

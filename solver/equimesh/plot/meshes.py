@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 MAX_LINES = 200
 """A mesh with more lines than this in a direction is drawn by every k-th line, as its title states."""
 MAX_SURFACE_LINES = 80
-"""The same for the surface in three dimensions."""
+"""The surface in three dimensions is drawn by every k-th line beyond this number."""
 MAX_CELLS_WITH_EDGES = 80
 """Cells in a direction up to which the picture of a measure shows their edges."""
 MAX_LABELS = 12
@@ -101,7 +101,7 @@ def _lines_of_grid(
 
 
 def _lines_of_blocks(mesh: QuadMesh, of_cell: IntArray) -> tuple[dict[int, list[Array]], str, float]:
-    """The same of a mesh of blocks, of which each has one subdomain; else all lines belong to one."""
+    """The lines of a mesh of blocks by subdomain; all belong to one where a block has several."""
     owners = owners_of_blocks(mesh, of_cell)
     if not owners:
         pieces, step = drawn_lines(mesh, MAX_LINES)

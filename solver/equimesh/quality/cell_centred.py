@@ -40,7 +40,7 @@ class _Faces:
 
     @classmethod
     def joined(cls, *parts: _Faces) -> _Faces:
-        """All of them."""
+        """The faces of all ``parts``."""
         return cls(
             area=np.concatenate([part.area for part in parts], axis=1),
             middle=np.concatenate([part.middle for part in parts], axis=1),

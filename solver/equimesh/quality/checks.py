@@ -25,7 +25,7 @@ MAX_SKEWNESS = 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class Checks:
-    """What is checked; NaN for a folded mesh."""
+    """The number that is checked; NaN for a folded mesh."""
 
     determinant: float
     """The smallest determinant of a cell: of the sum of its inner faces' area vectors times themselves, over 8.

@@ -28,9 +28,9 @@ class CutOff:
     """
 
     share: float
-    """That of the mesh."""
+    """The share that the mesh cuts off."""
     initial: float
-    """That of the uniform or the initial mesh."""
+    """The share that the uniform or the initial mesh cuts off."""
 
     @property
     def most(self) -> float:
@@ -44,7 +44,7 @@ class CutOff:
 
 
 def measure_cut_off(domain: Domain, reference: MeshWindow) -> CutOff:
-    """That of a mesh by its nodes on the reference square; all processes that hold rows have to ask."""
+    """The cut-off of a mesh by its nodes on the reference square; all processes that hold rows have to call it."""
     if isinstance(domain, Rectangle):
         return CutOff(share=0.0, initial=0.0)
     rows = reference.rows
@@ -66,7 +66,7 @@ def _of_window(domain: Domain, reference: MeshWindow) -> float:
 
 
 def measure_block_cut_off(domain: Blocks, mesh: QuadMesh) -> CutOff:
-    """That of a mesh of a domain in blocks; its nodes are at the nearest points of their curves."""
+    """The cut-off of a mesh of a domain in blocks; its nodes are at the nearest points of their curves."""
     edges = np.concatenate([side for side in domain.mesh.sides.values() if len(side)])
     total = np.zeros(2)
     for number, curve in enumerate(domain.curves):

@@ -212,7 +212,7 @@ def _peak(tally: ErrorTally) -> LargestError:
 
 
 class Extremes(NamedTuple):
-    """What all processes found of u: its largest size at a corner, its variation, and the largest error."""
+    """Extremes of u over all processes: its largest size at a corner, its variation, and the largest error."""
 
     size: float
     variation: float

@@ -103,7 +103,7 @@ class Quality:
     """How well u is interpolated; ``None`` for a monitor without u."""
 
     def without_cells(self) -> Quality:
-        """The same numbers without the values of cells, small and ready to be sent to another process."""
+        """The measures without the values of cells, small and ready to be sent to another process."""
         named = {name: replace(getattr(self, name), compute=_values_elsewhere) for name in PER_CELL}
         return replace(self, **named)
 

@@ -56,7 +56,7 @@ def _of_strip(cells: BilinearCells, first: int, last: int, u: Field) -> Iterator
 
 
 def _of_blocks(cells: QuadCells, u: Field) -> Iterator[tuple[float, ...]]:
-    """The same of a mesh of blocks."""
+    """The probed errors of a mesh of blocks."""
     nodal = u.evaluate(*cells.nodes)[0]
     yield float(np.nanmin(nodal)), float(np.nanmax(nodal)), 0.0, np.nan, np.nan
     for _, numbers in cells.blocks_of(WindowCells.of(cells.rows), CENTRE):
@@ -64,7 +64,7 @@ def _of_blocks(cells: QuadCells, u: Field) -> Iterator[tuple[float, ...]]:
 
 
 def _at_probes(cells: MeshCells, numbers: IntArray, values: Array, u: Field) -> tuple[float, ...]:
-    """The same at the probes of some cells, where ``values`` are u at the corners."""
+    """The errors at the probes of some cells; ``values`` are u at the corners."""
     corners = cells.corners(numbers)
     low, high, found = np.inf, -np.inf, (0.0, np.nan, np.nan)
     for probe in range(max(1, min(MAX_PROBES_PER_CELL, PROBES // cells.count))):

@@ -24,7 +24,7 @@ from equimesh.quality.selection import all_but_the_smallest, largest_of, scatter
 MAX_DIFFERENCE = 0.1
 """Largest difference of two integrals of squared errors, as a share of them: 5 % of the norms."""
 MAX_LEFT_DIFFERENCE = 0.02
-"""The same where cells are divided: the last division changes the integrals by no more, if the cost allows it."""
+"""Largest change of the integrals by the last division of cells, as a share of them, if the cost allows it."""
 CHECKED = 37
 """The second rule is tried on one cell of this many, and on as many cells with the largest errors."""
 CHECKED_SHIFT = 11
@@ -110,7 +110,7 @@ def _on_lattice(cells: WindowCells) -> BoolArray:
 
 @lru_cache(maxsize=4)
 def _lattice(first: int, count: int, columns: int) -> BoolArray:
-    """The same of consecutive cells."""
+    """The lattice of consecutive cells."""
     return _lattice_of(np.arange(first, first + count), columns)
 
 

@@ -27,7 +27,7 @@ class AnyKnowledge(Generic[R]):
     estimate: float
     """The estimated L2 error of the values on their own mesh, in the units of u times a length."""
     estimate_h1: float
-    """The same for the gradient, in the units of u. It must not rank meshes: one without resolution looks good."""
+    """The estimated error of the gradient, in the units of u. It must not rank meshes: an unresolved one looks good."""
     unresolved: float
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
 
@@ -53,7 +53,7 @@ class NextMesh(Generic[AnyMesh]):
     """The mesh for the next solve."""
 
     reference: AnyMesh
-    """It on the reference square; of blocks the mesh itself."""
+    """The mesh for the next solve on the reference square; of blocks the mesh itself."""
     chosen: str
     """The name of the candidate that it was."""
     candidates: Mapping[str, float]
@@ -81,7 +81,7 @@ class Round(Generic[AnyMesh]):
     estimate: float
     """The estimated L2 error of the values on their own mesh, 0 where that is nothing but rounding."""
     estimate_h1: float
-    """The same for the gradient, in the units of u. It must not rank meshes: one without resolution looks good."""
+    """The estimated error of the gradient, in the units of u. It must not rank meshes: an unresolved one looks good."""
     unresolved: float
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
     chosen: str

@@ -69,7 +69,7 @@ def iterations_on(
     threads: int = 1,
     first: int = 0,
 ) -> Iterator[tuple[IterationNumbers, Mesh]]:
-    """The same as :func:`schwarz_iterations`, for the subdomains that this process holds: records and merged meshes.
+    """The iterations of the subdomains that this process holds, as :func:`schwarz_iterations`: records and meshes.
 
     ``start`` and ``reference`` are merged meshes as ``holding`` has them. A record has a mesh where ``holding`` shows
     it. Where ``first`` is more than 0, ``start`` is the mesh after that iteration, and its record is left out.

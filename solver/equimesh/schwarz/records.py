@@ -21,7 +21,7 @@ class SubdomainRecord:
     """The record of one subdomain in one iteration."""
 
     subdomain: int
-    """Its number, from 0."""
+    """The number of the subdomain, from 0."""
     newton_steps: int
     """Newton steps of its solve; 0 where it was solved by sweeps."""
     residual: float
@@ -31,7 +31,7 @@ class SubdomainRecord:
     stalled: bool = False
     """Whether no solution was found; the previous one is then kept."""
     classical: bool = False
-    """Whether it took its neighbours' positions, since Newton's method stalled with the requested condition."""
+    """Whether the subdomain took positions of neighbours, since Newton's method stalled with its condition."""
     error_x: float | None = None
     """Largest error of x against the single-domain solution, where that is known."""
     error_y: float | None = None
@@ -70,7 +70,7 @@ class IterationNumbers:
     """
 
     iteration: int
-    """Its number, from 0."""
+    """The number of the iteration, from 0."""
     problem: Problem
     """The problem that is solved."""
     min_jacobian: float

@@ -211,7 +211,7 @@ def _is_positive(number: object) -> bool:
 
 
 def _is_division(part: object) -> bool:
-    """Whether it is a number of subdomains, or a list of grid lines."""
+    """Whether the value is a number of subdomains, or a list of grid lines."""
     return _is_whole(part) or (isinstance(part, tuple | list) and all(map(_is_whole, part)))
 
 

@@ -49,7 +49,7 @@ def traffic(
 
 
 def windows_that_read(decomposition: Decomposition, settings: Schwarz) -> list[SubdomainWindow]:
-    """What every subdomain reads of the merged mesh."""
+    """The nodes of the merged mesh that every subdomain reads."""
     return [SubdomainWindow(decomposition, part, settings.ghosts) for part in decomposition.parts]
 
 

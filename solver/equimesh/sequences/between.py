@@ -1,4 +1,4 @@
-"""What lies between two times: u, and the mesh."""
+"""Interpolation between two times: of u, and of the mesh."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def mesh_between(before: Mesh, new: Mesh, share: float) -> Mesh:
 
 
 def blocks_between(domain: Blocks, before: QuadMesh, new: QuadMesh, share: float) -> QuadMesh:
-    """The same on a ``domain`` in blocks; nodes of its curves are at the nearest points of these."""
+    """The mesh between two meshes of a ``domain`` in blocks; nodes on curves are at their nearest points."""
     finest = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
     for _ in range(MAX_HALVINGS):
         place = finest.of_points(new.points + share * (before.points - new.points))

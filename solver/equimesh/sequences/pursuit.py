@@ -1,4 +1,4 @@
-"""The solve of one step: from the mesh before, and in other ways where u has outrun its cells.
+"""One step: solve from the previous mesh; if u moved more than a cell, also from a new start, and in substeps.
 
 A descent from the mesh before is sooner done than one from a uniform mesh, and loses where a front moves by more than
 a cell. What it has lost is measured: the error of the mesh, relative to that of the uniform mesh. Then a nested start
@@ -59,7 +59,7 @@ class Found(Generic[S]):
 
 @dataclass(frozen=True, kw_only=True)
 class Earlier:
-    """What is known of a mesh whose solution is gone: its ``u``, or None, and its ``gain``, or NaN."""
+    """A mesh whose solution is gone: its ``u``, or None, and its ``gain``, or NaN."""
 
     u: Field | None = None
     gain: float = math.nan

@@ -21,7 +21,7 @@ S = TypeVar("S", Solution, BlockSolution)
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class AnyStep(Generic[M, S]):
-    """What steps on grids and on blocks have in common."""
+    """The members that steps on grids and on blocks share."""
 
     number: int
     """1 for the first step."""

@@ -1,4 +1,4 @@
-"""Hands the records of a solve to its observer, each with the share of the work that is done, and what is being done.
+"""Adds the share of the work that is done, and a phase in words, to each record of a solve, for its observer.
 
 Work has parts, and a part has parts of its own: an :class:`Announcer` is one of them.
 """
@@ -18,13 +18,13 @@ Event: TypeAlias = Step | Iteration | Descent
 Observer: TypeAlias = Callable[[Event], None]
 Course: TypeAlias = Sweeping | Descending | Iterating
 MAX_UNKNOWN = 0.2
-"""Of a part with at most this share of the whole work, at least the begin is told where its own share is not known."""
+"""If a part with at most this share of the work cannot estimate its progress, its start is reported."""
 _E = TypeVar("_E", bound=Event)
 
 
 @dataclass
 class _Told:
-    """What was told so far: the share of the work never falls."""
+    """The progress that was reported so far: the share of the work never falls."""
 
     observer: Observer
     fraction: float = 0.0

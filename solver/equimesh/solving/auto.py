@@ -82,7 +82,7 @@ class Choice:
 
     @property
     def least_error(self) -> Choice | None:
-        """The same with the best least-error candidate, where another one is chosen; ``None`` where there is none."""
+        """The choice of the best least-error candidate, where another one is chosen; ``None`` where there is none."""
         best = next((one for one in self.tried if one.coarse is not None), None)
         return None if best is None or best is self.chosen else replace(self, chosen=best)
 

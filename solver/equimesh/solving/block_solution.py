@@ -48,13 +48,13 @@ class BlockSolution:
     estimate: Estimate | None = None
     """The estimated error of the values that a round of adapting was given; ``None`` for other meshes."""
     relaxed: tuple[Relaxed, ...] = ()
-    """What differs between the requested and the used weights."""
+    """The differences between the requested and the used weights."""
     detours: tuple[str, ...] = ()
     """Sentences about deviations of the solve from the request."""
     note: str = ""
     """Details of the status."""
     remedy: str = ""
-    """What to try; empty when nothing is wrong."""
+    """The remedy in a sentence; empty when nothing is wrong."""
     schwarz: BlockSchwarz | None = None
     """The settings of the Schwarz iteration between blocks; ``None`` for a solve of the whole mesh."""
     threads: int = 1

@@ -42,7 +42,7 @@ class Certificate:
     ``None`` where it is not known.
     """
     algebraic_error: float | None = None
-    """The same for the error from stopping the iteration."""
+    """Estimate of the largest error from stopping the iteration, in the same units; ``None`` where it is not known."""
     relaxed: tuple[Relaxed, ...] = ()
     """The differences between the requested and the solved equations; empty where there are none."""
     warnings: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""What can be solved where grid lines are closed."""
+"""Checks of problems on grids with closed lines."""
 
 from equimesh.domains.closing import is_closed
 from equimesh.equations.problem import Problem

@@ -1,4 +1,4 @@
-"""Courses of work: the share that is done and what is being done, from the records of the steps so far.
+"""Progress estimates, one for each kind of solve, from the records of the steps so far.
 
 A share is an estimate from what is known of the work ahead: grids that are still to come have known numbers of points,
 and steps become smaller at a rate that shows. Where nothing is known there is no share.

@@ -44,7 +44,7 @@ UNIFORM_SHARE = 0.99
 WEIGHTS = ((3.0, 30.0), (10.0, 30.0), (10.0, 100.0), (30.0, 100.0), (100.0, 300.0), (300.0, 1000.0))
 """``distortion`` and ``smoothness`` of the least-error candidates."""
 STRAIGHT_WEIGHTS = ((0.5, 1.0), (10.0, 30.0))
-"""The same of the rectilinear candidates."""
+"""``distortion`` and ``smoothness`` of the rectilinear candidates."""
 CURVATURES = (("l2", 0.01), ("l2", 0.03), ("l2", 0.1), ("h1", 0.03))
 """Norm and radius of smoothing of the curvature candidates."""
 STRENGTHS = (1.0, 0.6, 0.3)

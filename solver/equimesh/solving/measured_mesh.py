@@ -1,4 +1,4 @@
-"""What is measured on a mesh after its solve: its quality, and what its certificate says.
+"""Measurements of a mesh after its solve: its quality, and the numbers of its certificate.
 
 The mesh may be whole, or one of the parts that processes hold: then all of them ask for the same measures in the same
 order, and get those of the whole mesh.

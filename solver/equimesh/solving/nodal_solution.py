@@ -44,7 +44,7 @@ def solve_round(problem: Problem, threads: int) -> Solution:
 
 
 def solve_block_round(problem: BlockProblem, threads: int) -> BlockSolution:
-    """The same on a domain in blocks.
+    """One round on a domain in blocks.
 
     Raises :class:`~equimesh.errors.InputError` for values on a mesh with other cells.
     """

@@ -75,13 +75,13 @@ class Solution:
     note: str = ""
     """Details of the status."""
     remedy: str = ""
-    """What to try; empty when nothing is wrong."""
+    """The remedy in a sentence; empty when nothing is wrong."""
     relaxed: tuple[Relaxed, ...] = ()
-    """What differs between the requested and the solved equations."""
+    """The differences between the requested and the solved equations."""
     algebraic_error: float | None = None
     """Estimate of the largest error of a node's coordinate from stopping the iteration, in units of the square."""
     discretization_error: float | None = None
-    """The same for the error of the grid."""
+    """Estimate of the largest error of a node's coordinate from the grid, in units of the square."""
     threads: int = 1
     """The threads of the solve; as many measure the quality of a large mesh."""
 

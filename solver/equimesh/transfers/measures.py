@@ -8,7 +8,7 @@ from equimesh.numerics.types import Array
 
 
 class Measures(NamedTuple):
-    """What is measured on quadrilaterals, flat."""
+    """Areas and centres of quadrilaterals, flat."""
 
     area: Array
     x: Array

@@ -40,7 +40,7 @@ def transfer_spline(mesh: Mesh | QuadMesh, fields: Mapping[str, Array], new_mesh
 
 
 def _by_cubics(mesh: QuadMesh, fields: Mapping[str, Array], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
-    """The same on a mesh of quadrilaterals."""
+    """The fields carried from a mesh of quadrilaterals by cubics on its edges."""
     unrolled = Unrolled.of(mesh)
     places, moved = unrolled.search.find(new_mesh.x, new_mesh.y, MAX_BEYOND), {}
     for name, values in fields.items():

@@ -61,7 +61,7 @@ def named(fields: Any) -> dict[str, MeshValues]:
 
 
 def carry(mesh: Mesh | QuadMesh, given: Mapping[str, MeshValues], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
-    """The same as :func:`transfer` between two valid meshes that are known to be of one domain."""
+    """The fields on the new mesh, as by :func:`transfer`, between two valid meshes of one domain."""
     checked = {name: field.on(mesh, name) for name, field in given.items()}
     if not checked:
         return {}
@@ -76,7 +76,7 @@ def carry(mesh: Mesh | QuadMesh, given: Mapping[str, MeshValues], new_mesh: Mesh
 
 
 def carry_closed(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh, closed: Closed) -> dict[str, Array]:
-    """The same as :func:`carry` between two grids whose ``closed`` lines go on across their seams."""
+    """The fields on the new mesh, as by :func:`carry`, between grids whose ``closed`` lines cross their seams."""
     if not any(closed):
         return carry(mesh, given, new_mesh)
     old, new = (joined(one, tied_nodes(one.grid.shape, closed)) for one in (mesh, new_mesh))

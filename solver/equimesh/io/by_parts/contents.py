@@ -1,4 +1,4 @@
-"""What is written with a part of a mesh: values at its nodes and cells, taken in blocks."""
+"""Values at the nodes and cells of a part of a mesh, written in blocks."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping

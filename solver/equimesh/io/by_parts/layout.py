@@ -37,7 +37,7 @@ class PartedGrid:
 
     @classmethod
     def of(cls, grid: Grid, cuts: Sequence[int]) -> "PartedGrid":
-        """The same from any numbers that count rows."""
+        """The parted grid with these cuts, which may be any whole numbers."""
         return cls(grid=grid, cuts=tuple(int(row) for row in cuts))
 
     @property

@@ -26,7 +26,7 @@ class Datasets:
 
     @classmethod
     def of(cls, path: Path) -> "Datasets":
-        """Those of the file."""
+        """The datasets of the file."""
         with h5py.File(path, "r") as file:
             n_xi, n_eta = file["x"].shape
             return cls(
@@ -53,7 +53,7 @@ class FlatDatasets:
 
     @classmethod
     def of(cls, path: Path) -> "FlatDatasets":
-        """Those of the file."""
+        """The flat datasets of the file."""
         with h5py.File(path, "r") as file:
             root = file[ROOT]
             n_xi, n_eta, *cuts = root[f"FieldData/{ROWS}"][:].tolist()
@@ -89,7 +89,7 @@ class Chunks:
 
     @classmethod
     def of(cls, path: Path) -> "Chunks":
-        """Those of the group in this folder."""
+        """The chunks of the group in this folder."""
         group = import_zarr().open_group(path, mode="r")
         n_xi, n_eta = group["x"].shape
         return cls(

@@ -33,7 +33,7 @@ class Piece:
 
     @classmethod
     def of(cls, path: Path) -> "Piece":
-        """That of a file."""
+        """The piece in a file."""
         with path.open("rb") as file:
             head, found, _ = file.read(MAX_TEXT).partition(APPENDED)
         if not found:
@@ -99,7 +99,7 @@ class StructuredParts(XmlParts):
 
     @classmethod
     def of(cls, head: Path) -> "StructuredParts":
-        """Those of a head."""
+        """The parts that a head names."""
         root = ET.parse(head).getroot()
         whole = root.find("PStructuredGrid")
         if whole is None:
@@ -124,7 +124,7 @@ class UnstructuredParts(XmlParts):
 
     @classmethod
     def of(cls, head: Path) -> "UnstructuredParts":
-        """Those of a head."""
+        """The parts that a head names."""
         found = ET.parse(head).getroot().findall("PUnstructuredGrid/Piece")
         pieces = tuple(Piece.of(head.parent / piece.attrib["Source"]) for piece in found)
         where = [_rows_of(piece) for piece in pieces]

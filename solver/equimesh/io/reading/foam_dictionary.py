@@ -44,7 +44,7 @@ class Word:
 
 @dataclass(frozen=True)
 class Items:
-    """What stands between ``(`` and ``)``, and the line of the first."""
+    """The items between ``(`` and ``)``, and the line of the first."""
 
     items: Sequence[Item]
     line: int
@@ -52,7 +52,7 @@ class Items:
 
 @dataclass(frozen=True)
 class Entries:
-    """What stands between ``{`` and ``}``: for each name its items, and the line of the first."""
+    """The entries between ``{`` and ``}``: for each name its items, and the line of the first."""
 
     values: Mapping[str, Sequence[Item]]
     line: int

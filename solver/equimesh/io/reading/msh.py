@@ -171,7 +171,7 @@ def _nodes_22(text: bytes, line: int) -> tuple[Array, IntArray]:
 
 
 def _nodes_41(text: bytes, line: int) -> tuple[Array, IntArray]:
-    """The same for version 4.1, which has them by the entity that they are on."""
+    """The nodes of version 4.1, which lists them by the entity that they are on."""
     flat = floats(text, line, "the nodes")
     points, tags, at = [], [], 4
     for _ in range(_block_count(flat, line)):

@@ -29,7 +29,7 @@ def integers(text: bytes, first_line: int, what: str) -> IntArray:
 
 
 def floats(text: bytes, first_line: int, what: str) -> Array:
-    """The same as :func:`integers` for real numbers, to the last bit."""
+    """The real numbers of a text, as by :func:`integers`, to the last bit."""
     return _numbers(text, np.float64, first_line, what)
 
 

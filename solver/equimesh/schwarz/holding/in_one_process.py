@@ -79,7 +79,7 @@ class InOneProcess:
     def along_lines(
         self, axis: int, end: int, first: Callable[[int], Array], on: Callable[[int, Array], Array], kind: str
     ) -> dict[int, Array]:
-        """What arrives over the interface at one end of every subdomain."""
+        """The data that arrive over the interface at one end of every subdomain."""
         del kind
         found: dict[int, Array] = {}
         for before, k in chain(self.decomposition, axis, end):
@@ -87,7 +87,7 @@ class InOneProcess:
         return found
 
     def deliver(self, sender: int, to: int, data: Callable[[], Sequence[Array]], kind: str) -> Sequence[Array] | None:
-        """What is sent."""
+        """The traffic."""
         del sender, to, kind
         return data()
 

@@ -232,7 +232,7 @@ class OnChannel:
     def along_lines(
         self, axis: int, end: int, first: Callable[[int], Array], on: Callable[[int, Array], Array], kind: str
     ) -> dict[int, Array]:
-        """What arrives over the interface at one end of every subdomain that is held here."""
+        """The data that arrive over the interface at one end of every subdomain held here."""
         found: dict[int, Array] = {}
         for before, k in chain(self.decomposition, axis, end):
             here = self.channel.number
@@ -249,7 +249,7 @@ class OnChannel:
         return found
 
     def deliver(self, sender: int, to: int, data: Callable[[], Sequence[Array]], kind: str) -> Sequence[Array] | None:
-        """What one subdomain sends another, at the receiver."""
+        """The data that one subdomain sends another, at the receiver."""
         return self.move(self._holders[sender], self._holders[to], data, kind)
 
     def _nodes(
@@ -269,7 +269,7 @@ class OnChannel:
         return nodes
 
     def move(self, source: int, to: int, data: Callable[[], Sequence[Array]], kind: str) -> Sequence[Array] | None:
-        """What one part sends another: at the receiver, else ``None``. ``data`` is called at the sender."""
+        """The data from one part to another: at the receiver, else ``None``. ``data`` is called at the sender."""
         here = self.channel.number
         if source == here == to:
             return data()

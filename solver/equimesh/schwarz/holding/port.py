@@ -91,7 +91,7 @@ class Holding(Protocol):
     def along_lines(
         self, axis: int, end: int, first: Callable[[int], Array], on: Callable[[int, Array], Array], kind: str
     ) -> dict[int, Array]:
-        """What arrives over the interface at one ``end`` of every subdomain that is held here, along ``axis``.
+        """The data that arrive over the interface at one ``end`` of every subdomain that is held here, along ``axis``.
 
         The subdomains at that end of the grid receive ``first`` of their number. Every other one receives what its
         neighbour there passes ``on``, by its number and what it has received.
@@ -99,5 +99,5 @@ class Holding(Protocol):
         ...
 
     def deliver(self, sender: int, to: int, data: Callable[[], Sequence[Array]], kind: str) -> Sequence[Array] | None:
-        """What one subdomain sends another: at the receiver, else ``None``. ``data`` is called at the sender."""
+        """The data from one subdomain to another: at the receiver, else ``None``. ``data`` is called at the sender."""
         ...
