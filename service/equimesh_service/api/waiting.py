@@ -76,4 +76,4 @@ class Waiting:
         if not row.finished:
             headers["Retry-After"] = "1"
         resource = await describe(row)
-        return JSONResponse(resource.model_dump(mode="json"), 201 if row.finished else 202, headers)
+        return JSONResponse(resource.model_dump(mode="json", by_alias=True), 201 if row.finished else 202, headers)
