@@ -59,7 +59,7 @@ from equimesh_client.spec.monitors import (
 )
 from equimesh_client.spec.motion import Motion
 from equimesh_client.spec.schwarz import BlockSchwarz, Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
-from equimesh_client.spec.sources import StoredSamples, Upload
+from equimesh_client.spec.sources import SampleFile, StoredSamples, Upload
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.part_downloads import PartArrays
 from equimesh_client.wire.pictures import Plot
@@ -139,6 +139,7 @@ __all__ = [
     "Relaxation",
     "Relaxed",
     "RetryPolicy",
+    "SampleFile",
     "Schwarz",
     "Sequence",
     "SequenceRecord",

@@ -59,7 +59,8 @@ class DownloadDamaged(EquimeshClientError):
 class InputProblem:
     """One fault of a request: a JSON ``pointer`` into it and a ``message``.
 
-    Inside an expression also its ``text``, and the ``line`` and ``column`` of the fault, which count from 1.
+    Inside an expression also its ``text``, and the ``line`` and ``column`` of the fault, which count from 1. For a file
+    of samples also its ``columns``, where one of them has to be chosen as u, by :class:`SampleFile`.
     """
 
     pointer: str
@@ -67,6 +68,7 @@ class InputProblem:
     line: int | None = None
     column: int | None = None
     text: str | None = None
+    columns: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         head = f"{self.pointer}: {self.message}" if self.pointer else self.message

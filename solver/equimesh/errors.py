@@ -50,7 +50,14 @@ class ExpressionError(InputError):
 
 
 class SamplesError(InputError):
-    """Samples that are not finite, not ordered, of the wrong shape, or do not cover the domain."""
+    """Samples that are not finite, not ordered, of the wrong shape, or do not cover the domain.
+
+    ``columns`` are the names of the columns of a file, one of which is u, where the sender has to choose it.
+    """
+
+    def __init__(self, message: str, *, field: str = "", columns: tuple[str, ...] = ()) -> None:
+        super().__init__(message, field=field)
+        self.columns = columns
 
 
 class DecompositionError(InputError):

@@ -47,6 +47,7 @@ MIN_POINTS_FOR_THREADS = st.sampled_from(
 PARTS = {
     "npz": [b"PK\x01\x02", b"PK\x05\x06", b"values.npy", b"../x.npy", b"\x93NUMPY"],
     "npy": [b"\x93NUMPY", b"'descr': '|O'", b"(1 2,)", b"(10**9,)", b"'shape': ()", b"cos\nsystem\n(S'true'\ntR."],
+    "txt": [b"x y T p\n", b"matrix", b" ", b"\t", b"1 2 3 4\n"],
     "csv": [b"x,y,u\n", b"#", b'"', b"\xef\xbb\xbf", b";", b"1_0", b"inf"],
     "json": [b"NaN", b"null", b"[[", b"{}", b'{"grid":', b"true", b'"a"', b"1e400"],
     "vtu": [b"<!DOCTYPE a>", b"&amp;", b"&x;", b"<Piece>", b"NumberOfPoints='-1'", b"format='appended' offset='-9'"],
@@ -88,6 +89,10 @@ def good_files(folder: Path) -> dict[str, list[bytes]]:
     return {
         "npz": [npz(points=CLOUD, values=CLOUD_U), stored.getvalue()],
         "npy": [npy(TABLE), npy(TABLE.astype("f4").T)],
+        "txt": [
+            csv(CLOUD[:9], CLOUD_U[:9], head="", separator=" "),
+            csv(CLOUD[:9], CLOUD_U[:9], separator=" ", head="x y T\n"),
+        ],
         "csv": [csv(CLOUD[:9], CLOUD_U[:9]), b"x;y;u\r\n0;0;1\r\n1;1;0\r\n0;1;2\r\n1;0;3\r\n# end"],
         "json": [json.dumps(grid).encode(), b'{"points": [[0, 0], [1, 1], [0, 1], [1, 0]], "values": [1, 2, 3, 4]}'],
         "vtu": [

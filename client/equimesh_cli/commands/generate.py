@@ -145,8 +145,11 @@ def _write(mesh: Mesh, options: argparse.Namespace, picture: Picture | None, *, 
 
 
 def _request_mesh(client: Client, options: argparse.Namespace, *, progress: bool | None) -> Mesh:
+    from equimesh_client import SampleFile
+
+    samples = options.samples if options.column is None else SampleFile(options.samples, options.column)
     return client.generate(
-        options.u if options.samples is None else options.samples,
+        options.u if samples is None else samples,
         points_of(options),
         monitor=monitor_of(options),
         domain=options.domain,

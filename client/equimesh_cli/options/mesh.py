@@ -49,7 +49,12 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         "--samples",
         metavar="FILE",
         type=Path,
-        help="samples of u instead of U: npz, npy, csv, json, vtu, vtk or xdmf; for solve also zarr or h5",
+        help="samples of u instead of U: npz, npy, csv, txt, json, vtu, vtk or xdmf; for solve also zarr or h5",
+    )
+    parser.add_argument(
+        "--column",
+        metavar="NAME",
+        help="which column of the samples is u, by its name; without a header its number, or matrix",
     )
     parser.add_argument(
         "--parameter",

@@ -26,7 +26,7 @@ ALLOWED = {
 }
 PERIODIC: dict[str, Literal["x", "y", "both"] | None] = {"": None, "x": "x", "y": "y", "both": "both"}
 """The directions in which a rectangle repeats itself, by the word after its numbers."""
-SUFFIXES = (".npz", ".npy", ".csv", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
+SUFFIXES = (".npz", ".npy", ".csv", ".txt", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
 
 
 def _dashed(word: str) -> str:
@@ -101,6 +101,8 @@ def check_monitor(options: argparse.Namespace) -> None:
     kind, needed = options.monitor, NEEDED.get(options.monitor, ())
     if options.u is not None and options.samples is not None:
         raise Refused(f"u is given twice, as {options.u!r} and as --samples {options.samples}: leave out one of them")
+    if options.column is not None and options.samples is None:
+        raise Refused("--column names a column of --samples FILE: give both")
     if options.u is None and options.samples is None and not needed:
         raise Refused("no u is given: write an expression in quotes, such as 'tanh(20*(x - y))', or --samples FILE")
     every = {name for names in ALLOWED.values() for name in names}

@@ -23,6 +23,8 @@ def document_of(options: argparse.Namespace) -> dict[str, Any]:
         return {"samples": str(source)} if isinstance(source, Path) else _expression(str(source), options)
 
     u = options.u if options.samples is None else options.samples
+    if options.column is not None:
+        u = Path(f"{options.samples}#{options.column}")
     mesh_options: MeshOptions = {
         "domain": options.domain,
         "schwarz": schwarz_of(options),

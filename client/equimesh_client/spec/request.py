@@ -35,6 +35,7 @@ class MeshRequest:
     def with_stored_samples(self, ids: Sequence[str]) -> MeshRequest:
         """The same request, with stored samples of these ``ids`` in place of its uploads."""
         names = {f"upload:{number}": samples_id for number, samples_id in enumerate(ids)}
+        names |= {UPLOAD: ids[0]} if len(ids) == 1 else {}
         return replace(self, spec={**self.spec, "monitor": _rename_samples(self.spec["monitor"], names)}, uploads=())
 
 
@@ -115,6 +116,8 @@ def request_of_spec(spec: Mapping[str, Any], samples: object, key: str | None, *
     if _needs_upload(spec.get("monitor")) != (samples is not None):
         raise BadArgument('samples go with a spec whose monitor has "u": {"samples": "upload"}, and only with it')
     uploads = () if samples is None else (upload_of(samples),)
+    if any(upload.column for upload in uploads):
+        raise BadArgument("a file of which a column is u is stored first: client.samples.upload(SampleFile(...))")
     return MeshRequest(spec=dict(spec), uploads=uploads, key=key or str(uuid.uuid4()), reuse=reuse)
 
 

@@ -21,6 +21,7 @@ MEDIA_TYPES = {
     ".npz": "application/zip",
     ".npy": "application/octet-stream",
     ".csv": "text/csv",
+    ".txt": "text/plain",
     ".json": "application/json",
     ".vtu": "application/octet-stream",
     ".vtk": "application/octet-stream",
@@ -29,11 +30,23 @@ MEDIA_TYPES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Upload:
-    """A file to send: its name (the suffix gives the format), bytes and media type."""
+    """A file to send: its name (the suffix gives the format), bytes and media type, and which ``column`` is u."""
 
     filename: str
     data: bytes
     media_type: str = "application/octet-stream"
+    column: str | None = None
+
+
+@dataclass(frozen=True)
+class SampleFile:
+    """A file of samples, of which ``column`` is u: a name of a column, array or point data.
+
+    Of a table without a header it is the number of the column, from 1, or ``"matrix"``.
+    """
+
+    path: Path | str
+    column: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +84,8 @@ def source_of(
     first index along x; ``(x, y, values)`` or a mapping with these keys: a rectilinear grid when ``values`` is 2-D,
     scattered points when all three are 1-D, the nodes of a mesh when all three are 2-D; scattered ``(points, values)``
     or such a mapping; a mapping with ``nodes`` of shape ``(n, 2)`` and ``values``, those of a mesh of blocks; a
-    callable ``u(x, y)``, called once with arrays of shape ``(n_samples, n_samples)``; a path of a file; or
-    :class:`StoredSamples`. ``parameters`` and ``t`` belong to an expression only.
+    callable ``u(x, y)``, called once with arrays of shape ``(n_samples, n_samples)``; a path of a file, or a
+    :class:`SampleFile`; or :class:`StoredSamples`. ``parameters`` and ``t`` belong to an expression only.
 
     Raises :class:`BadArgument` when ``u`` is none of these, or has a value that is not finite.
     """
@@ -89,7 +102,7 @@ def source_of(
         raise BadArgument("parameters and t belong to an expression; u is not a string here")
     if isinstance(u, StoredSamples):
         return Source(json={"samples": u.id})
-    if isinstance(u, Path):
+    if isinstance(u, Path | SampleFile):
         return Source(json={"samples": "upload"}, upload=read_upload(u))
     if callable(u):
         return _samples(sample(u, n_samples, box))
@@ -101,16 +114,16 @@ def needs_box(u: object) -> bool:
     return callable(u) or isinstance(u, np.ndarray | list)
 
 
-def read_upload(path: str | Path) -> Upload:
-    """The file at ``path`` as an upload; raises :class:`BadArgument` for an unknown suffix or no access."""
-    path = Path(path)
+def read_upload(file: str | Path | SampleFile) -> Upload:
+    """The ``file`` as an upload; raises :class:`BadArgument` for an unknown suffix or no access."""
+    path, column = (Path(file.path), file.column) if isinstance(file, SampleFile) else (Path(file), None)
     if path.suffix.lower() not in MEDIA_TYPES:
         raise BadArgument(f"{path}: samples are read from {', '.join(MEDIA_TYPES)} files")
     try:
         data = path.read_bytes()
     except OSError as error:
         raise BadArgument(f"{path}: {error.strerror or error}") from error
-    return Upload(filename=path.name, data=data, media_type=MEDIA_TYPES[path.suffix.lower()])
+    return Upload(filename=path.name, data=data, media_type=MEDIA_TYPES[path.suffix.lower()], column=column)
 
 
 def read_mesh_file(path: str | Path) -> Upload:
@@ -126,7 +139,7 @@ def upload_of(u: object, *, n_samples: int = 129, box: Box = UNIT_BOX) -> Upload
     """Samples of any kind that :func:`source_of` accepts, as a file to upload."""
     if isinstance(u, Upload):
         return u
-    if isinstance(u, Path):
+    if isinstance(u, Path | SampleFile):
         return read_upload(u)
     if isinstance(u, str):
         raise BadArgument("an expression is not samples; give a pathlib.Path to upload a file")

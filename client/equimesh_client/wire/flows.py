@@ -145,7 +145,8 @@ def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline
     """The request for the mesh of `generate`.
 
     One file of samples is sent with the request, and so is a mesh file that is the domain. Several files of samples are
-    stored at the service first, equal ones once; the mesh file is, where its box is needed.
+    stored at the service first, equal ones once; so is one of which a column was chosen, and the mesh file, where its
+    box is needed.
     """
     given, box, mesh = arguments.options["domain"], arguments.box(), None
     if isinstance(given, MeshFile) and given.is_local and box is not None:
@@ -157,7 +158,7 @@ def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline
         if box is None and domain is not None:
             box = yield from box_of(domain, settings, deadline)
     mesh_request = replace(arguments.request(box or UNIT_BOX), mesh=mesh)
-    if len(mesh_request.uploads) < 2:
+    if len(mesh_request.uploads) < 2 and not any(upload.column for upload in mesh_request.uploads):
         return mesh_request
     ids = []
     for upload in mesh_request.uploads:

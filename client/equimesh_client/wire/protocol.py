@@ -173,9 +173,10 @@ def mesh_plot(mesh_id: str, kind: str, format: str) -> Call:
 
 def upload_samples(upload: Upload) -> Call:
     """Store samples once, for any number of meshes."""
+    query = {} if upload.column is None else {"column": upload.column}
     content_type, body = multipart({"samples": upload})
     headers = {"Accept": "application/json", "Content-Type": content_type}
-    return Call(method="POST", path="/v1/samples", headers=headers, body=body)
+    return Call(method="POST", path="/v1/samples", headers=headers, body=body, query=query)
 
 
 def upload_mesh(upload: Upload) -> Call:
@@ -315,12 +316,14 @@ def _input_problem(error: Mapping[str, Any], sent: Any) -> InputProblem:
     place = position if isinstance(position, dict) else {}
     text = at_pointer(sent, pointer) if place else None
     line, column = place.get("line"), place.get("column")
+    columns = error.get("columns")
     return InputProblem(
         pointer=pointer,
         message=str(error.get("message", "")),
         line=line if isinstance(line, int) else None,
         column=column if isinstance(column, int) else None,
         text=text if isinstance(text, str) else None,
+        columns=tuple(map(str, columns)) if isinstance(columns, list) else (),
     )
 
 

@@ -227,7 +227,7 @@ class Admission:
 
     def _read_light(self, upload: Upload, pointer: str, *, alone: bool) -> Arrays:
         with translate_errors(pointer):
-            arrays = intake.read(upload.data, upload.filename, self._file_limits, alone=alone)
+            arrays = intake.read(upload.data, upload.filename, self._file_limits, alone=alone, column=upload.column)
         self._limits.check_number(arrays["values"].size, pointer)
         return arrays
 
@@ -242,7 +242,7 @@ class Admission:
             else:
                 with self.files.unfinished(".upload") as source:
                     source.write_bytes(upload.data)
-                    read = partial(intake.convert, alone=alone)
+                    read = partial(intake.convert, alone=alone, column=upload.column)
                     summary = self.work(pointer, read, source, upload.filename, path, self._file_limits)
             self._limits.check_number(math.prod(summary["shape"]), pointer)
             yield path, summary

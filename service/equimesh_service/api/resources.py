@@ -27,6 +27,9 @@ class InputComplaint(BaseModel):
     message: str = Field(description="What is wrong, and what would be right.")
     position: Position | None = None
     parameter: str | None = Field(None, description="The query parameter or header, when it is one.")
+    columns: list[str] | None = Field(
+        None, description="The columns of a file, one of which is u: the request names it as column."
+    )
 
 
 class ProblemDetails(BaseModel):

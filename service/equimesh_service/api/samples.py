@@ -1,5 +1,6 @@
 """Routes for samples of monitor functions: uploaded once, used by any number of meshes."""
 
+from dataclasses import replace
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
@@ -10,7 +11,7 @@ from starlette.responses import Response
 from equimesh_service.api.resources import SamplesResource, samples_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
 from equimesh_service.files.port import StoredFile
-from equimesh_service.problems.problem import Problem
+from equimesh_service.problems.problem import Problem, problem_at
 from equimesh_service.wire.body import read_upload
 from equimesh_service.wire.sending import send_file
 
@@ -28,6 +29,7 @@ _BODY = {
             "example": {"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [1, 2]]}},
         },
         "text/csv": {"schema": {"type": "string"}, "example": "x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,2\n"},
+        "text/plain": {"schema": {"type": "string"}},
         "application/x-npz": {"schema": _BINARY},
         "application/x-npy": {"schema": _BINARY},
         "application/vnd.vtk.vtu+xml": {"schema": _BINARY},
@@ -57,15 +59,26 @@ async def create(
     filename: Annotated[
         str | None, Query(max_length=200, description="Its suffix gives the format of a raw body.")
     ] = None,
+    column: Annotated[
+        str | None,
+        Query(
+            max_length=200,
+            description="The name of u among the columns, arrays or point data of the file; of a table without a "
+            "header its number, from 1, or matrix.",
+        ),
+    ] = None,
     kind: Annotated[
         Literal["samples", "mesh"], Query(description="mesh: the file is a mesh of quadrilaterals, to be a domain.")
     ] = "samples",
 ) -> Response:
-    """Samples of a function as npz, npy, csv, json, vtu, vtk or xdmf; the same samples give the same id.
+    """Samples of a function as npz, npy, csv, txt, json, vtu, vtk or xdmf; the same samples give the same id.
 
     With `kind=mesh` it is a mesh for `{"kind": "mesh", "file": id}` in a domain.
     """
     upload = await read_upload(request, service.settings.max_body, filename, service.settings.data_dir)
+    if column is not None and kind == "mesh":
+        raise problem_at("", "a mesh has no columns: leave this out", parameter="column")
+    upload = replace(upload, column=column)
     await service.quotas.check_bytes(caller, len(upload.data))
     keep = service.admission.keep if kind == "samples" else service.admission.keep_mesh
     row, new = await service.check(keep, upload, caller)

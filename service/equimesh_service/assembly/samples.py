@@ -51,8 +51,8 @@ def is_light(data: bytes, filename: str) -> bool:
         return False  # a worker reports what is wrong
 
 
-def read(data: bytes, filename: str, limits: Limits, *, alone: bool) -> Arrays:
-    """The canonical arrays of an upload.
+def read(data: bytes, filename: str, limits: Limits, *, alone: bool, column: str | None = None) -> Arrays:
+    """The canonical arrays of an upload; ``column`` is the name of u among its columns.
 
     ``alone`` says that they come without a domain: faults on every domain are then found here, otherwise when a field
     is made of them. Raises :class:`~equimesh.errors.SamplesError`, and the problems of
@@ -60,7 +60,8 @@ def read(data: bytes, filename: str, limits: Limits, *, alone: bool) -> Arrays:
     """
     if filename.lower().endswith(".json"):
         check_bounds(data, limits.max_values)
-    arrays = read_arrays(data, filename, max_bytes=limits.max_bytes, max_samples=limits.max_samples)
+    sizes = {"max_bytes": limits.max_bytes, "max_samples": limits.max_samples}
+    arrays = read_arrays(data, filename, column=column, **sizes)
     arrays = canonical_arrays(arrays)
     if alone and is_nodal(arrays):
         nodal_samples(**arrays)
@@ -100,10 +101,12 @@ def _kind_of(arrays: Arrays) -> str:
     return "scattered" if "points" in arrays else "nodal" if is_nodal(arrays) else "grid"
 
 
-def convert(source: Path, filename: str, target: Path, limits: Limits, *, alone: bool) -> dict[str, Any]:
+def convert(
+    source: Path, filename: str, target: Path, limits: Limits, *, alone: bool, column: str | None = None
+) -> dict[str, Any]:
     """:func:`read` a file, and :func:`write` what it holds."""
     with target.open("wb") as file:
-        return write(read(source.read_bytes(), filename, limits, alone=alone), file)
+        return write(read(source.read_bytes(), filename, limits, alone=alone, column=column), file)
 
 
 def field_of(samples: Path | Arrays, box: Box) -> equimesh.Field:
@@ -145,10 +148,11 @@ def _ends(axis: npt.NDArray[np.float64]) -> Interval:
 
 @dataclass(frozen=True)
 class Upload:
-    """An uploaded file: its bytes, and the name whose suffix gives its format."""
+    """An uploaded file: its bytes, the name whose suffix gives its format, and the name of u among its columns."""
 
     data: bytes
     filename: str
+    column: str | None = None
 
     @cached_property
     def is_light(self) -> bool:

@@ -9,7 +9,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from equimesh.errors import ExpressionError, InputError
+from equimesh.errors import ExpressionError, InputError, SamplesError
 from equimesh_service.errors import ServiceError
 from equimesh_service.problems.kinds import KINDS, Kind
 from equimesh_service.problems.sentences import sentence_of
@@ -20,12 +20,16 @@ MEDIA_TYPE = "application/problem+json"
 
 @dataclass(frozen=True, kw_only=True)
 class Complaint:
-    """One fault of the input: its JSON pointer, a message, and the position in an expression."""
+    """One fault of the input: its JSON pointer, a message, and the position in an expression.
+
+    ``columns`` are those of a file, where the sender has to say which is u.
+    """
 
     pointer: str
     message: str
     position: Mapping[str, int] | None = None
     parameter: str | None = None
+    columns: Sequence[str] = ()
 
     def body(self) -> dict[str, Any]:
         """The entry of the problem's ``errors``."""
@@ -34,6 +38,8 @@ class Complaint:
             entry["position"] = dict(self.position)
         if self.parameter is not None:
             entry["parameter"] = self.parameter
+        if self.columns:
+            entry["columns"] = list(self.columns)
         return entry
 
 
@@ -106,7 +112,8 @@ def complaint_of(error: InputError, pointer: str) -> Complaint:
     if isinstance(error, ExpressionError) and error.position is not None:
         place = error.position
         position = {"offset": place.offset, "line": place.line, "column": place.column}
-    return Complaint(pointer=pointer, message=error.message, position=position)
+    columns = error.columns if isinstance(error, SamplesError) else ()
+    return Complaint(pointer=pointer, message=error.message, position=position, columns=columns)
 
 
 def problem_of(error: Exception) -> Problem:

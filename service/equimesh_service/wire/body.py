@@ -158,6 +158,7 @@ _SUFFIXES = {
     "application/x-npz": ".npz",
     "application/x-npy": ".npy",
     "text/csv": ".csv",
+    "text/plain": ".txt",
     JSON: ".json",
     "application/vnd.vtk.vtu+xml": ".vtu",
     "application/vnd.vtk": ".vtk",

@@ -87,20 +87,26 @@ def no_samples(name: str, box: Box) -> Field:  # noqa: ARG001 - a FindSamples
 def samples_in(folder: Path) -> FindSamples:
     """Samples whose names are those of files, as :func:`~equimesh.upload.samples.read_samples` reads them.
 
-    Those in a zarr folder, an HDF5 file or a long npy file are :class:`~equimesh.ChunkedSamples`, which stay there.
+    ``"flow.csv#T"`` is the file ``flow.csv`` with the column T as u. Those in a zarr folder, an HDF5 file or a long npy
+    file are :class:`~equimesh.ChunkedSamples`, which stay there.
 
     What it returns raises :class:`~equimesh.errors.SamplesError` for a file that cannot be read.
     """
 
     def find(name: str, box: Box) -> Field:
-        file = folder / name
+        file, column = folder / name, None
+        if "#" in name and not file.exists():
+            whole, _, column = name.partition("#")
+            file = folder / whole
         if file.suffix.lower() in CHUNKED or _is_long_npy(file):
+            if column is not None:
+                raise SamplesError(f"{file.name} has no columns: leave {column[:40]!r} out")
             return ChunkedSamples(path=file, box=box)
         try:
             data = file.read_bytes()
         except (OSError, ValueError) as error:
             raise SamplesError(f"{file}: {getattr(error, 'strerror', None) or error}") from error
-        return read_samples(data, file.name, box=box)
+        return read_samples(data, file.name, column=column, box=box)
 
     return find
 

@@ -1,4 +1,4 @@
-"""Samples from an uploaded file: npz, npy, csv, json, vtu, vtk or xdmf."""
+"""Samples from an uploaded file: npz, npy, csv, txt, json, vtu, vtk or xdmf."""
 
 import io
 import json
@@ -19,6 +19,7 @@ from equimesh.fields.samples import UNIT_BOX, GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.zip_members import open_zip
 from equimesh.numerics.types import Array
+from equimesh.upload.columns import MATRIX, choose, header_columns, numbered_columns
 from equimesh.upload.limits import MAX_COLUMNS, Limits
 from equimesh.upload.nodal import BlockNodes, block_nodes, is_nodal, nodal_samples
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
@@ -27,9 +28,8 @@ from equimesh.upload.xdmf import read_xdmf
 Samples: TypeAlias = GridSamples | ScatteredSamples | NodalField | BlockNodes
 
 MAX_BYTES: Final = 256 * 2**20
-GRID_KEYS = ("x", "y", "values")
-SCATTERED_KEYS = ("points", "values")
-BLOCK_KEYS = ("nodes", "values")
+PLACES = (("x", "y"), ("points",), ("nodes",))
+"""The keys of the places of a grid or of columns, of scattered samples, and of a mesh of blocks."""
 NPY_TYPES: Final = {
     f"{order}{code}" for code in ("f2", "f4", "f8", "i2", "i4", "i8", "u2", "u4", "u8") for order in "<>="
 }
@@ -44,32 +44,50 @@ NEEDED = "give x, y and values (a grid), points and values (scattered samples), 
 
 
 def read_samples(
-    data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, max_samples: int = sys.maxsize, box: Box | None = None
+    data: bytes,
+    filename: str,
+    *,
+    column: str | None = None,
+    max_bytes: int = MAX_BYTES,
+    max_samples: int = sys.maxsize,
+    box: Box | None = None,
 ) -> Samples:
     """u from the contents ``data`` of a file; the suffix of ``filename`` determines the format.
 
     The samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain: the unit square unless given.
 
     ========= ==========================================================================================
-    npz       arrays ``x``, ``y``, ``values`` (grid; nodes of a mesh where all are 2-D) or ``points``, ``values``;
-              ``nodes``, ``values`` at the nodes of a mesh of blocks, in its order
+    npz       arrays ``x``, ``y``, ``values`` (grid; scattered where all are 1-D; nodes of a mesh where all are 2-D) or
+              ``points``, ``values``; ``nodes``, ``values`` at the nodes of a mesh of blocks, in its order; ``u`` may
+              take the place of ``values``
     npy       ``values`` alone, 2-D: u on the uniform grid of the box, first index along x
-    csv       rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
+    csv, txt  rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
     json      ``{"grid": {...}}``, ``nodal``, ``scattered`` or ``block_nodes`` with the keys of the npz, or these alone
     vtu, vtk  the first two coordinates of the points, and the point data ``u``, or the only one there is
     xdmf, zip the same: a zip of ``.xdmf`` and ``.h5``, or ``.xdmf`` alone with its numbers as text
     ========= ==========================================================================================
+
+    ``column`` is the name of u among the columns, arrays or point data of the file; of a table without a header its
+    number, from 1, or ``"matrix"``, which takes the table as values on the uniform grid of the box, the first line
+    those at the smallest x. Without it u is the one of this name, or the only one; otherwise the error lists them in
+    its ``columns``.
 
     The points of a csv, vtu, vtk or xdmf file that fill a rectilinear grid become :class:`GridSamples`, others
     :class:`ScatteredSamples`. Nothing is ever unpickled, and arrays of more than ``max_bytes`` are not
     unpacked. Reading stops after ``max_samples``. Raises :class:`~equimesh.errors.SamplesError`, whose message names
     the remedy.
     """
-    return samples_of(read_arrays(data, filename, max_bytes=max_bytes, max_samples=max_samples), box=box)
+    arrays = read_arrays(data, filename, column=column, max_bytes=max_bytes, max_samples=max_samples)
+    return samples_of(arrays, box=box)
 
 
 def read_arrays(
-    data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, max_samples: int = sys.maxsize
+    data: bytes,
+    filename: str,
+    *,
+    column: str | None = None,
+    max_bytes: int = MAX_BYTES,
+    max_samples: int = sys.maxsize,
 ) -> dict[str, Any]:
     """The arrays of a file, for :func:`samples_of`; the domain is not needed yet.
 
@@ -85,7 +103,9 @@ def read_arrays(
     if not data.strip():
         raise SamplesError(f"{filename!r} is empty")
     limits = Limits(max_bytes=max_bytes, max_samples=max_samples)
-    arrays = READERS[suffix](data, limits)
+    if column is not None and suffix == "npy":
+        raise SamplesError("an npy file has one array: leave the column out")
+    arrays = READERS[suffix](data, limits, column)
     limits.check(_count_samples(arrays["values"]))
     return arrays
 
@@ -122,16 +142,27 @@ def _count_samples(values: Any) -> int:
     return sum(len(row) if isinstance(row, list) else 1 for row in values) if isinstance(values, list) else 1
 
 
-def _read_npz(data: bytes, limits: Limits) -> dict[str, Any]:
+def _read_npz(data: bytes, limits: Limits, column: str | None) -> dict[str, Any]:
     with open_zip(data, "npz", limits.max_bytes, "write it with numpy.savez") as members:
         files = {name.removesuffix(".npy"): name for name in members.names}
-        chosen = _choose(list(files))
-        for key in chosen:
+        chosen = _choose(list(files), column)
+        for key in chosen.values():
             limits.check(members.size(files[key]), limits.max_npy_bytes)
-        return {key: _parse_npy(members.read(files[key]), key) for key in chosen}
+        return _placed({name: _parse_npy(members.read(files[key]), key) for name, key in chosen.items()})
 
 
-def _read_npy(data: bytes, _: Limits) -> dict[str, Any]:
+def _placed(arrays: dict[str, Any]) -> dict[str, Any]:
+    """Columns x, y and u as scattered samples or a grid; x and y of numpy.meshgrid with the first index along x."""
+    if "x" not in arrays:
+        return arrays
+    x, y, values = (arrays[key] for key in ("x", "y", "values"))
+    if x.ndim == y.ndim == values.ndim == 1 and len(x) == len(y) == len(values):
+        return _from_points(np.stack([x, y], axis=1).astype(np.float64), values)
+    is_turned = x.ndim == 2 and x.shape == y.shape == values.shape and (x == x[:1]).all() and (y == y[:, :1]).all()
+    return {key: array.T for key, array in arrays.items()} if is_turned else arrays
+
+
+def _read_npy(data: bytes, _: Limits, _column: str | None) -> dict[str, Any]:
     values = _parse_npy(data, "values")
     if values.ndim != 2:
         raise SamplesError(
@@ -164,55 +195,91 @@ def _parse_npy(data: bytes, key: str, *, text: bool = False) -> npt.NDArray[Any]
     return np.frombuffer(data, dtype, offset=start).reshape(shape, order="F" if order[1] == "True" else "C")
 
 
-def _read_json(data: bytes, limits: Limits) -> dict[str, Any]:
+def _read_json(data: bytes, limits: Limits, column: str | None) -> dict[str, Any]:
     limits.check(data.count(b",") + 1, limits.max_values)  # at least; without building any of them
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise SamplesError(f"the json file cannot be read: {str(error)[:200]}") from error
     for kind in ("u", "grid", "nodal", "scattered", "block_nodes"):
-        if isinstance(found, dict) and kind in found:
+        if isinstance(found, dict) and kind in found and not isinstance(found[kind], list):
             found = found[kind]
     if not isinstance(found, dict):
         raise SamplesError(f"the json file must hold an object: {NEEDED}")
-    return {key: found[key] for key in _choose(list(found))}
+    return {name: found[key] for name, key in _choose(list(found), column).items()}
 
 
-def _read_csv(data: bytes, limits: Limits) -> dict[str, Any]:
-    order: list[int] | None = None
-    rows: list[tuple[float, float, float]] = []
-    delimiter: str | None = None
-    for number, text in _lines_of(data, limits):
-        if not rows and order is None:
-            delimiter = next((c for c in ";\t," if c in text), None)  # else white space
-        cells = [cell.strip().strip('"') for cell in text.split(delimiter, MAX_COLUMNS)]
-        if len(cells) > MAX_COLUMNS:
-            raise SamplesError(f"line {number} of the csv file has more than {MAX_COLUMNS} columns: send x, y and u")
-        if order is None:
-            order = _columns(cells, number)
-            if order is not None:
-                continue
-            order = [0, 1, 2]
-        if len(cells) <= max(order):
+def _read_csv(data: bytes, limits: Limits, column: str | None) -> dict[str, Any]:
+    lines = _Lines(data, limits)
+    head = next(lines.cells(), None)
+    if head is None:
+        raise SamplesError("the csv file has no line of samples: it needs the columns x, y, u")
+    number, _, cells = head
+    order = _columns(cells, number, column)
+    if order is None and column == MATRIX:
+        return {"values": lines.matrix()}
+    chosen = numbered_columns(len(cells), column) if order is None else order
+    rows: list[tuple[float, ...]] = []
+    for number, text, cells in lines.cells(skip=order is not None):
+        if len(cells) <= max(chosen):
             raise SamplesError(f"line {number} of the csv file has {len(cells)} columns: x, y and u are needed")
-        try:
-            x, y, u = (float(cells[i]) for i in order)
-        except ValueError as error:
-            comma = "; use a point as decimal mark" if any("," in cell for cell in cells) else ""
-            cell = str(error).partition(": ")[2][:200]
-            raise SamplesError(f"line {number} of the csv file: {cell} is not a number{comma}") from error
-        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(u)):
-            raise SamplesError(
-                f"line {number} of the csv file holds a number that is not finite ({text}): fill it in or"
-                " leave the line out",
-                field="values",
-            )
-        rows.append((x, y, u))
+        rows.append(_finite(number, text, [cells[k] for k in chosen]))
         limits.check(len(rows))
     if not rows:
         raise SamplesError("the csv file has no line of samples: it needs the columns x, y, u")
     table = np.array(rows)
     return _from_points(table[:, :2], table[:, 2])
+
+
+def _finite(number: int, text: str, cells: list[str]) -> tuple[float, ...]:
+    """The numbers of a line."""
+    try:
+        found = tuple(map(float, cells))
+    except ValueError as error:
+        comma = "; use a point as decimal mark" if any("," in cell for cell in cells) else ""
+        cell = str(error).partition(": ")[2][:200]
+        raise SamplesError(f"line {number} of the csv file: {cell} is not a number{comma}") from error
+    if not all(map(math.isfinite, found)):
+        raise SamplesError(
+            f"line {number} of the csv file holds a number that is not finite ({text[:200]}): fill it in or"
+            " leave the line out",
+            field="values",
+        )
+    return found
+
+
+class _Lines:
+    """The lines of a table as cells; the first line tells what is between them."""
+
+    def __init__(self, data: bytes, limits: Limits) -> None:
+        self.data, self.limits = data, limits
+
+    def cells(self, *, skip: bool = False) -> Iterator[tuple[int, str, list[str]]]:
+        """The number, the text and the cells of each line, from the first one or the one behind it."""
+        delimiter: str | None = None
+        is_first = True
+        for number, text in _lines_of(self.data, self.limits):
+            if is_first:
+                delimiter = next((c for c in ";\t," if c in text), None)  # else white space
+            cells = [cell.strip().strip('"') for cell in text.split(delimiter, MAX_COLUMNS)]
+            if len(cells) > MAX_COLUMNS:
+                raise SamplesError(
+                    f"line {number} of the csv file has more than {MAX_COLUMNS} columns: send x, y and u, or a matrix"
+                    " as npy"
+                )
+            if not (is_first and skip):
+                yield number, text, cells
+            is_first = False
+
+    def matrix(self) -> Array:
+        """All numbers, as a matrix of values."""
+        rows: list[tuple[float, ...]] = []
+        for number, text, cells in self.cells():
+            if rows and len(cells) != len(rows[0]):
+                raise SamplesError(f"line {number} of the csv file has {len(cells)} values, the first {len(rows[0])}")
+            rows.append(_finite(number, text, cells))
+            self.limits.check(len(rows) * len(cells))
+        return np.array(rows)
 
 
 def _lines_of(data: bytes, limits: Limits) -> Iterator[tuple[int, str]]:
@@ -230,18 +297,15 @@ def _lines_of(data: bytes, limits: Limits) -> Iterator[tuple[int, str]]:
             raise SamplesError(f"the csv file is not UTF-8 text (byte {error.start}): save it as UTF-8") from error
 
 
-def _columns(cells: list[str], number: int) -> list[int] | None:
+def _columns(cells: list[str], number: int, column: str | None) -> tuple[int, int, int] | None:
     """The columns of x, y and u according to a header; none when the line holds numbers."""
     try:
         for cell in cells:
             float(cell)
     except ValueError:
-        names = [cell.lower() for cell in cells]
-        if {"x", "y"} <= set(names):
-            value = next((name for name in ("u", "value", "values") if name in names), None)
-            others = [i for i, name in enumerate(names) if name not in ("x", "y")]
-            if value is not None or len(others) == 1:
-                return [names.index("x"), names.index("y"), names.index(value) if value else others[0]]
+        found = header_columns(cells, column)
+        if found is not None:
+            return found
         if any(cell[:1].isalpha() and cell.lower() not in ("nan", "inf", "infinity") for cell in cells):
             raise SamplesError(
                 f"line {number} of the csv file is a header {', '.join(cells)[:60]!r}: name the columns x, y and u"
@@ -249,24 +313,22 @@ def _columns(cells: list[str], number: int) -> list[int] | None:
     return None
 
 
-def _read_vtu(data: bytes, limits: Limits) -> dict[str, Any]:
-    return _from_cloud(*read_vtu(data, limits))
+def _read_vtu(data: bytes, limits: Limits, column: str | None) -> dict[str, Any]:
+    return _from_cloud(*read_vtu(data, limits), column)
 
 
-def _read_vtk(data: bytes, limits: Limits) -> dict[str, Any]:
-    return _from_cloud(*read_legacy_vtk(data, limits))
+def _read_vtk(data: bytes, limits: Limits, column: str | None) -> dict[str, Any]:
+    return _from_cloud(*read_legacy_vtk(data, limits), column)
 
 
-def _read_xdmf(data: bytes, limits: Limits) -> dict[str, Any]:
-    return _from_cloud(*read_xdmf(data, limits))
+def _read_xdmf(data: bytes, limits: Limits, column: str | None) -> dict[str, Any]:
+    return _from_cloud(*read_xdmf(data, limits), column)
 
 
-def _from_cloud(points: Array, fields: dict[str, Array]) -> dict[str, Any]:
-    if "u" not in fields and len(fields) != 1:
-        found = ", ".join(sorted(fields)) or "none"
-        raise SamplesError(f"the file must have scalar point data named u (it has: {found})", field="values")
-    values = fields["u"] if "u" in fields else next(iter(fields.values()))
-    return _from_points(points[:, :2], values)
+def _from_cloud(points: Array, fields: dict[str, Array], column: str | None) -> dict[str, Any]:
+    if not fields:
+        raise SamplesError("the file has no scalar point data: add the values of u at the points", field="values")
+    return _from_points(points[:, :2], fields[choose(sorted(fields), column, ("the points",), "scalar point data")])
 
 
 def _from_points(points: Array, values: Array) -> dict[str, Any]:
@@ -281,18 +343,22 @@ def _from_points(points: Array, values: Array) -> dict[str, Any]:
     return {"x": x, "y": y, "values": table} if taken.all() else scattered
 
 
-def _choose(found: list[str]) -> tuple[str, ...]:
-    """The keys to read."""
-    for keys in (GRID_KEYS, SCATTERED_KEYS, BLOCK_KEYS):
-        if set(keys) <= set(found):
-            return keys
+def _choose(found: list[str], column: str | None) -> dict[str, str]:
+    """The keys to read, by the names of :func:`read_arrays`."""
+    for places in PLACES:
+        others = [key for key in found if key not in places]
+        if not set(places) <= set(found) or not others:
+            continue
+        u = "values" if "values" in others and column is None else choose(others, column, places, "array")
+        return {**{key: key for key in places}, "values": u}
     raise SamplesError(f"the file holds {', '.join(map(repr, sorted(found)[:10])) or 'nothing'}: {NEEDED}")
 
 
-READERS: Final[dict[str, Callable[[bytes, Limits], dict[str, Any]]]] = {
+READERS: Final[dict[str, Callable[[bytes, Limits, str | None], dict[str, Any]]]] = {
     "npz": _read_npz,
     "npy": _read_npy,
     "csv": _read_csv,
+    "txt": _read_csv,
     "json": _read_json,
     "vtu": _read_vtu,
     "vtk": _read_vtk,

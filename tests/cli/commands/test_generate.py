@@ -94,6 +94,11 @@ def test_generate_uploads_a_file(generate: Any, service: Any, tmp_path: Path) ->
     (tmp_path / "u.csv").write_text("x,y,u\n")
     assert generate("--samples", str(tmp_path / "u.csv"), "-n", "5", "--quiet") == (0, "", "")
     assert b'filename="u.csv"' in service.seen("POST", "meshes")[0].body
+    assert generate("--samples", str(tmp_path / "u.csv"), "--column", "T", "-n", "5", "--quiet") == (0, "", "")
+    assert service.seen("POST", "samples")[0].query == {"column": "T"}
+    code, _, err = generate("x", "--column", "T")
+    assert code == 2
+    assert "--column names a column of --samples FILE" in err
 
 
 def test_a_mesh_in_parts_is_a_head_with_its_parts(generate: Any, service: Any, tmp_path: Path) -> None:

@@ -162,6 +162,21 @@ def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], 
     assert main(["solve", "--samples", str(tmp_path / "u.csv")]) == 2
 
 
+def test_solve_asks_which_column_is_u(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    axis = np.linspace(0, 1, 9)
+    rows = [f"{x},{y},{x * y},{x + y}" for x in axis for y in axis]
+    file = tmp_path / "flow.csv"
+    file.write_text("\n".join(["x,y,T,p", *rows]))
+    words = f"--samples {file} -n 8 --monitor arc-length --json".split()
+    assert main(["solve", *words]) == 2
+    assert "choose u from T, p: " in capsys.readouterr().err
+    for column in ("T", "p"):
+        assert main(["solve", *words, "--column", column]) == 0
+    assert main(["solve", *words, "--column", "q"]) == 2
+    assert "no column 'q'" in capsys.readouterr().err
+
+
 def test_open_draws_the_pair_or_what_is_requested(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from client.fake_service import parts_of
-from equimesh_client import BadArgument, InvalidInput, NotFound, Rectangle
+from equimesh_client import BadArgument, InvalidInput, NotFound, Rectangle, SampleFile
 
 
 def spec(**more: Any) -> dict[str, Any]:
@@ -87,6 +87,21 @@ def test_samples_are_stored_and_used(connect: Any, service: Any, tmp_path: Any) 
     (tmp_path / "u.csv").write_text("x,y,u\n0,0,1\n")
     stored = client.samples.upload(tmp_path / "u.csv")
     assert service.samples[stored.id] == b"x,y,u\n0,0,1\n"
+
+
+def test_a_file_with_a_chosen_column_is_stored_first(connect: Any, service: Any, tmp_path: Any) -> None:
+    client = connect(service.url)
+    (tmp_path / "flow.csv").write_text("x,y,p,T\n0,0,1,2\n")
+    file = SampleFile(tmp_path / "flow.csv", column="T")
+    stored = client.samples.upload(file)
+    assert service.seen("POST", "samples")[0].query == {"column": "T"}
+    client.generate(file, 5)
+    assert client.meshes.get("m0").spec()["monitor"]["u"] == {"samples": stored.id}
+    assert [call.query for call in service.seen("POST", "samples")] == [{"column": "T"}] * 2
+    client.samples.upload(tmp_path / "flow.csv")
+    assert service.seen("POST", "samples")[2].query == {}
+    with pytest.raises(BadArgument, match="is stored first"):
+        client.meshes.create({**spec(), "monitor": {"u": {"samples": "upload"}}}, samples=file)
 
 
 def test_samples_go_with_a_spec_that_wants_them(connect: Any, service: Any) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from equimesh_client import BadArgument
-from equimesh_client.spec.sources import MAX_INLINE_VALUES, StoredSamples, source_of, upload_of
+from equimesh_client.spec.sources import MAX_INLINE_VALUES, SampleFile, StoredSamples, source_of, upload_of
 
 AXIS = [0.0, 0.5, 1.0]
 
@@ -96,7 +96,11 @@ def test_stored_samples_and_files(tmp_path: Path) -> None:
     source = source_of(path)
     assert source.json == {"samples": "upload"}
     assert source.upload is not None
-    assert (source.upload.filename, source.upload.data) == ("u.csv", b"x,y,u\n")
+    assert (source.upload.filename, source.upload.data, source.upload.column) == ("u.csv", b"x,y,u\n", None)
+    chosen = source_of(SampleFile(path, "T")).upload
+    assert chosen is not None
+    assert (chosen.filename, chosen.data, chosen.column) == ("u.csv", b"x,y,u\n", "T")
+    assert upload_of(SampleFile(str(path), "T")) == chosen
 
 
 NAN = np.ones((3, 3))

@@ -20,6 +20,9 @@ from service.conftest import SLOW, small
 from service.requests import GRID, WAIT, npz, post, solved
 
 
+ONES = np.ones((5, 5))
+
+
 def samples() -> dict[str, Any]:
     x = np.linspace(0, 1, 21)
     return {"x": x, "y": x, "values": np.outer(1 - np.exp(15 * (x - 1)), np.sin(np.pi * x))}
@@ -51,6 +54,31 @@ def test_samples_in_every_way_give_the_same_mesh(http: httpx.Client) -> None:
     assert len(tags) == 1
     returned = http.get(uploaded.json()["links"]["spec"]).json()
     assert returned["monitor"]["u"] == {"samples": info["id"]}
+
+
+def test_a_column_of_a_table_is_chosen(http: httpx.Client) -> None:
+    axis = np.linspace(0, 1, 5)
+    rows = [f"{x},{y},{x * y},{x + 1}" for x in axis for y in axis]
+    table = "\n".join(["Points:0,Points:1,T,p", *rows]).encode()
+    headers = {"Content-Type": "text/csv"}
+    asked = http.post("/v1/samples", content=table, headers=headers)
+    assert asked.status_code == 422
+    (error,) = asked.json()["errors"]
+    assert error["columns"] == ["T", "p"]
+    assert "choose u from T, p" in error["message"]
+    chosen = http.post("/v1/samples?column=p", content=table, headers=headers)
+    assert (chosen.status_code, chosen.json()["min"], chosen.json()["max"]) == (201, 1.0, 2.0)
+    part = http.post("/v1/samples", params={"column": "T"}, files={"samples": ("flow.csv", table)})
+    assert (part.status_code, part.json()["max"], part.json()["kind"]) == (201, 1.0, "grid")
+    light = http.post("/v1/samples?column=p", files={"samples": ("u.npz", npz(x=axis, y=axis, p=ONES, T=0))})
+    assert (light.status_code, light.json()["max"]) == (201, 1.0)
+    matrix = b"1 2 3 4\n2 3 4 5\n3 4 5 6\n4 5 6 8\n"
+    words = {"content": matrix, "headers": {"Content-Type": "text/plain"}}
+    assert http.post("/v1/samples", **words).json()["errors"][0]["columns"] == ["3", "4", "matrix"]
+    taken = http.post("/v1/samples?column=matrix", **words)
+    assert (taken.status_code, taken.json()["shape"], taken.json()["max"]) == (201, [4, 4], 8.0)
+    mesh = http.post("/v1/samples?kind=mesh&column=T&filename=a.msh", content=b"x")
+    assert mesh.json()["errors"][0]["parameter"] == "column"
 
 
 def test_scattered_samples(http: httpx.Client) -> None:

@@ -29,6 +29,23 @@ def test_every_source_is_built(tmp_path: Path) -> None:
     assert isinstance(build_field({"scattered": SCATTERED}, WIDE, find), ScatteredSamples)
 
 
+def test_a_name_tells_the_column_of_a_file(tmp_path: Path) -> None:
+    rows = [f"{x} {y} {x * y} {x}" for x in (0, 1, 2) for y in (0, 1)]
+    (tmp_path / "flow.txt").write_text("\n".join(["x y T p", *rows]))
+    (tmp_path / "odd#p.txt").write_text("\n".join(["x y q", *(row.rpartition(" ")[0] for row in rows)]))
+    for name, corner in (("flow.txt#T", 2.0), ("flow.txt#p", 2.0), ("odd#p.txt", 2.0)):
+        field = build_field({"samples": name}, WIDE, samples_in(tmp_path))
+        assert field.evaluate(np.array(2.0), np.array(1.0))[0] == pytest.approx(corner)
+    p = build_field({"samples": "flow.txt#p"}, WIDE, samples_in(tmp_path))
+    assert p.evaluate(np.array(2.0), np.array(0.0))[0] == pytest.approx(2.0)
+    with pytest.raises(SamplesError, match="choose u from T, p") as caught:
+        build_field({"samples": "flow.txt"}, WIDE, samples_in(tmp_path), "monitor.u")
+    assert caught.value.columns == ("T", "p")
+    (tmp_path / "u.zarr").mkdir()
+    with pytest.raises(SamplesError, match="has no columns"):
+        build_field({"samples": "u.zarr#T"}, WIDE, samples_in(tmp_path))
+
+
 @pytest.mark.parametrize(
     ("document", "field"),
     [

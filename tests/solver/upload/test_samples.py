@@ -13,6 +13,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.errors import SamplesError
+from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.upload.samples import MAX_BYTES, READERS, read_arrays, read_npz, read_samples
 from solver.domains.shapes import refusal
@@ -59,7 +62,9 @@ class TestArrays:
         assert whole.values.dtype == np.float64
 
     def test_npz_without_the_keys(self) -> None:
-        refused(npz(x=X, y=Y, u=TABLE), "u.npz", "'u', 'x', 'y'", "values (a grid)")
+        refused(npz(u=TABLE, y=Y), "u.npz", "'u', 'y'", "values (a grid)")
+        refused(npz(x=X, y=Y), "u.npz", "'x', 'y'", "values (a grid)")
+        refused(npz(x=X, y=Y, p=TABLE, T=TABLE), "u.npz", "more than one array can be u", "p, T")
         refused(npz(x=X), "u.npz", "'x'")
 
     def test_nothing_is_unpickled(self) -> None:
@@ -153,7 +158,7 @@ class TestCsv:
             ("nan,0,1\n0,1,1\n", ["line 1", "not finite"]),
             ("0;0;1\n0;0,5;1\n", ["line 2", "decimal mark"]),
             ("a,b,c\n0,0,1\n", ["line 1", "name the columns"]),
-            ("x,y,p,q\n0,0,1,1\n", ["line 1", "name the columns"]),
+            ("x,y,p,q\n0,0,1,1\n", ["more than one column can be u", "p, q", "column=NAME"]),
             ("x,y,u\n", ["no line of samples"]),
             ("# only a comment\n", ["no line of samples"]),
             ("0.5,0.5,1\n", ["1 sample", "at least 4"]),
@@ -168,8 +173,89 @@ class TestCsv:
         refused(csv(CLOUD, CLOUD_U).decode().encode("utf-16"), "u.csv", "UTF-8")
 
 
+class TestColumns:
+    """Files of other people: u is found by its name, or chosen."""
+
+    def table(self, head: str, *more: Any, separator: str = ",") -> bytes:
+        rows = np.column_stack([CLOUD, CLOUD_U, *more]).tolist()
+        return (head + "\n".join(separator.join(map(repr, row)) for row in rows)).encode()
+
+    def test_a_table_with_more_than_one_column_asks_which_is_u(self) -> None:
+        data = self.table("x, y, T, p\n", CLOUD_U * 2)
+        error = refusal(read_samples, data, "flow.csv")
+        assert isinstance(error, SamplesError)
+        assert error.columns == ("T", "p")
+        assert pickle.loads(pickle.dumps(error)).columns == ("T", "p")
+        for column in ("T", "t"):
+            check_cloud(read_samples(data, "flow.csv", column=column))
+        other = read_samples(data, "flow.csv", column="p")
+        assert isinstance(other, ScatteredSamples)
+        np.testing.assert_array_equal(other.values, CLOUD_U * 2)
+        refused(data, "flow.csv", "there is no column 'q'", "T, p", column="q")
+        refused(data, "flow.csv", "there is no column 'x'", column="x")
+
+    def test_coordinates_of_paraview(self) -> None:
+        head = '"Points:0","Points:1","temperature","Points:2"\n'
+        check_cloud(read_samples(self.table(head, np.zeros(len(CLOUD))), "points.csv"))
+        check_cloud(read_samples(self.table("Points_0,Points_1,T,p\n", CLOUD_U * 2), "points.csv", column="T"))
+        refused(self.table("x,y,T,z\n", CLOUD_U * 2), "points.csv", "T, z")
+
+    def test_a_table_without_a_header_drops_no_column(self) -> None:
+        data = self.table("", CLOUD_U * 2)
+        error = refusal(read_samples, data, "u.csv")
+        assert isinstance(error, SamplesError)
+        assert error.columns == ("3", "4", "matrix")
+        check_cloud(read_samples(data, "u.csv", column="3"))
+        refused(data, "u.csv", "'2' is no number", column="2")
+        refused(data, "u.csv", "'5' is no number", column="5")
+        refused(data, "u.csv", "'T' is no number", column="T")
+
+    def test_a_matrix_is_taken_by_choice(self) -> None:
+        rows = [" ".join(map(repr, row)) for row in np.outer(np.arange(64.0), np.ones(64)).tolist()]
+        data = "\n".join(rows).encode()
+        assert "may be a matrix of values" in refused(data, "u.csv").message
+        found = read_samples(data, "u.csv", column="matrix")
+        assert isinstance(found, GridSamples)
+        assert found.values[:, 5].tolist() == list(range(64))
+        np.testing.assert_array_equal(found.x, np.linspace(0, 1, 64))
+        refused(data + b" 1", "u.csv", "line 64 of the csv file has 65 values, the first 64", column="matrix")
+        refused(data + b"\n" + b"nan " * 64, "u.csv", "line 65", "not finite", column="matrix")
+        refused(data, "u.csv", "more than 4000 samples", column="matrix", max_samples=4000)
+        refused(b"1 " * 1001, "u.csv", "more than 1000 columns", column="matrix")
+
+    def test_text_with_blanks(self) -> None:
+        check_cloud(read_samples(self.table("", separator="   "), "u.txt"))
+        check_cloud(read_samples(self.table("x y T p\n", CLOUD_U, separator=" "), "u.TXT", column="T"))
+
+    def test_npz_with_u(self) -> None:
+        check_grid(read_samples(npz(x=X, y=Y, u=TABLE), "u.npz"))
+        check_grid(read_samples(npz(x=X, y=Y, p=TABLE, T=TABLE * 2), "u.npz", column="p"))
+        check_grid(read_samples(npz(x=X, y=Y, values=TABLE, T=TABLE * 2), "u.npz"))
+        check_cloud(read_samples(npz(x=CLOUD[:, 0], y=CLOUD[:, 1], u=CLOUD_U), "u.npz"))
+        check_cloud(read_samples(npz(points=CLOUD, T=CLOUD_U), "u.npz"))
+        along = [array.ravel() for array in np.meshgrid(X, Y, indexing="ij")]
+        check_grid(read_samples(npz(x=along[0], y=along[1], u=TABLE.ravel()), "u.npz"))
+
+    def test_both_orders_of_meshgrid(self) -> None:
+        first = read_samples(npz(**dict(zip("xyu", (*np.meshgrid(X, Y, indexing="ij"), TABLE), strict=True))), "u.npz")
+        other = read_samples(npz(**dict(zip("xyu", (*np.meshgrid(X, Y), TABLE.T), strict=True))), "u.npz")
+        for field in (first, other):
+            assert isinstance(field, NodalField)
+            np.testing.assert_array_equal(field.values, TABLE)
+
+    def test_json_with_u(self) -> None:
+        body = json.dumps({"x": X.tolist(), "y": Y.tolist(), "u": TABLE.tolist(), "note": 3})
+        check_grid(read_samples(body.encode(), "u.json"))
+
+    def test_npy_has_no_columns(self) -> None:
+        refused(npy(TABLE), "u.npy", "leave the column out", column="u")
+
+    def test_names_that_cannot_be_printed(self) -> None:
+        refused(json.dumps({"x": [0], "y": [0], "a\ud800": [1], "b": [2]}).encode(), "u.json", "\\ud800")
+
+
 def test_unknown_and_empty_files() -> None:
-    refused(b"1", "u.xlsx", "'u.xlsx'", "npz, npy, csv, json, vtu, vtk, xdmf")
+    refused(b"1", "u.xlsx", "'u.xlsx'", "npz, npy, csv, txt, json, vtu, vtk, xdmf")
     refused(b"1", "noname", "suffix")
     for suffix in READERS:
         refused(b"", f"u.{suffix}", "is empty")

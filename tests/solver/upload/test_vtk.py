@@ -58,12 +58,16 @@ class TestVtk:
         check_cloud(read_samples(data, f"u.{suffix}"))
         alone = mesh_file(tmp_path, form, CLOUD, {"T": CLOUD_U, "velocity": np.ones((len(CLOUD), 3))}, **options)
         check_cloud(read_samples(alone, f"u.{suffix}"))
+        both = mesh_file(tmp_path, form, CLOUD, {"T": CLOUD_U, "p": CLOUD_U * 2}, **options)
+        check_cloud(read_samples(both, f"u.{suffix}", column="T"))
         grid = mesh_file(tmp_path, form, GRID_POINTS, {"u": TABLE.ravel()}, **options)
         check_grid(read_samples(grid, f"u.{suffix}"))
         refused(
-            mesh_file(tmp_path, form, CLOUD, {"p": CLOUD_U, "q": CLOUD_U}, **options), f"u.{suffix}", "it has: p, q"
+            mesh_file(tmp_path, form, CLOUD, {"p": CLOUD_U, "q": CLOUD_U}, **options),
+            f"u.{suffix}",
+            "choose u from p, q",
         )
-        refused(mesh_file(tmp_path, form, CLOUD, {}, **options), f"u.{suffix}", "it has: none")
+        refused(mesh_file(tmp_path, form, CLOUD, {}, **options), f"u.{suffix}", "no scalar point data")
         for end in (len(data) // 3, len(data) // 2, len(data) - len(data) // 5):
             refused(data[:end], f"u.{suffix}")
 
