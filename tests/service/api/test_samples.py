@@ -19,7 +19,6 @@ from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
 from service.conftest import SLOW, small
 from service.requests import GRID, WAIT, npz, post, solved
 
-
 ONES = np.ones((5, 5))
 
 
