@@ -1,26 +1,35 @@
-"""The order of the tests, whole products of cases, and what is left out where a program is missing."""
+"""The order of the tests, what is left out where a program is missing, and the end of all that they start."""
 
 from __future__ import annotations
 
+import atexit
 import faulthandler
 import os
 import subprocess
 import sys
+import time
 from collections import Counter
 from typing import Any
 
 import pytest
 
+import leftovers
 from programs import PROGRAMS, missing_program, must_be_here
 from scheduler import FileScheduling
 
 LEFT_OUT = pytest.StashKey[Counter[str]]()
-# Seconds from the last test until the process ends, with all that it started.
-END_SECONDS = 300.0
+MARK = pytest.StashKey[str]()
+# Seconds from the last test until a process of tests must have ended, and until what it started is ended.
+END_SECONDS, KILL_SECONDS = 300.0, 270.0
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the kernels once, before several processes of tests, with services of theirs, all do so at once."""
+    """Mark what this run starts, and compile the kernels once, before several processes all do so at once."""
+    if not hasattr(config, "workerinput"):
+        name = config.stash[MARK] = f"{os.getpid()} {time.time()}"
+        leftovers.mark(name)
+        # At the very end: as long as something that is left holds the output, whoever reads that waits.
+        atexit.register(lambda: leftovers.report(leftovers.end_marked(name)))
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         subprocess.run(
             [sys.executable, "-c", "from equimesh_service.worker.warmth import warm_up; warm_up()"], check=True
@@ -73,8 +82,10 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Report to the process that started this one how many tests were left out: with `-n`, every process reports.
 
-    A process that does not end afterwards says where it stands, and is ended.
+    A process that does not end afterwards says where it stands, and is ended, after all that it has started.
     """
+    if name := session.config.stash.get(MARK, None):
+        leftovers.end_later(KILL_SECONDS, lambda: leftovers.report(leftovers.end_marked(name)))
     faulthandler.dump_traceback_later(END_SECONDS, exit=True, file=sys.__stderr__)
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput["left_out"] = dict(session.config.stash.get(LEFT_OUT, Counter()))

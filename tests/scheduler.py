@@ -5,11 +5,12 @@ from __future__ import annotations
 from zlib import crc32
 
 from xdist.scheduler import LoadScopeScheduling
+from xdist.workermanage import WorkerController
 
 # Folders whose tests share a service or a browser of the session, and how many processes at most start one.
 SHARED = {"browser": 2, "client": 1, "fuzz": 1, "service": 2}
 # Files whose tests share nothing: each test is given out by itself.
-LOOSE = ("tests/docs/test_docs.py", "tests/examples/test_examples.py")
+LOOSE = ("tests/examples/test_examples.py",)
 
 
 class FileScheduling(LoadScopeScheduling):
@@ -17,6 +18,12 @@ class FileScheduling(LoadScopeScheduling):
 
     def _split_scope(self, nodeid: str) -> str:
         return unit_of(nodeid)
+
+    def _reschedule(self, node: WorkerController) -> None:
+        # A process in the place of one that crashed gets its first tests when it has collected them: xdist would give
+        # it some before, and end the whole run by an error.
+        if node in self.registered_collections:
+            super()._reschedule(node)
 
 
 def unit_of(nodeid: str) -> str:

@@ -10,8 +10,11 @@ from playwright.sync_api import Browser, sync_playwright
 from equimesh_service import Settings, running
 from programs import browser as browser_program
 
-# WebGL2 in software: no test depends on the graphics of a machine.
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# WebGL2 in software, for what is marked `webgl`: no test depends on the graphics of a machine.
+WEBGL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# Neither WebGL nor a compositor that uses it: the workbench then draws with its other renderer. This is a third of the
+# work of the processor.
+PLAIN = ["--no-sandbox", "--disable-gpu"]
 
 
 @pytest.fixture(scope="session")
@@ -30,8 +33,9 @@ def page_url(page_settings: Settings) -> Iterator[str]:
 
 # While it is there, its event loop runs in this thread, and tests of other modules could run no loop of theirs.
 @pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
+def chromium(request: pytest.FixtureRequest) -> Iterator[Browser]:
+    flags = WEBGL if request.node.get_closest_marker("webgl") else PLAIN
     with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=browser_program(), args=FLAGS)
+        opened = playwright.chromium.launch(executable_path=browser_program(), args=flags)
         yield opened
         opened.close()

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.image import imread
 from playwright.sync_api import Page, expect
 
-pytestmark = pytest.mark.needs("chromium")
+pytestmark = [pytest.mark.needs("chromium"), pytest.mark.webgl]
 STAGE = "#stage"
 DRAWN = "#stage[data-quick=false]"
 COLOUR = "Colour by"
