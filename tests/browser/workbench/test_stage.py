@@ -60,6 +60,8 @@ def pixels(page: Page, tmp_path: Path) -> Any:
 def test_colours_are_drawn_with_a_legend(visit: Callable[..., Page], tmp_path: Path, query: str, colour: str) -> None:
     page = visit(f"/{query}#u=tanh(20*(x-y))&n=17&monitor=arc_length")
     page.wait_for_selector(DRAWN)
+    # A canvas that is drawn on in another way gives no context of WebGL.
+    assert page.evaluate("() => document.querySelector('#mesh').getContext('webgl2') !== null") is (not query)
     page.get_by_label(COLOUR).select_option(colour)
     expect(page.locator(".legend canvas")).to_be_visible(visible=colour != "none")
     seen = pixels(page, tmp_path)
