@@ -25,12 +25,13 @@ _COUNT_SECONDS = 0.5
 class Line:
     """The line, which is overwritten at each change and removed at the end.
 
-    A ``plain`` line is the sentence alone, once, also where standard error is neither a terminal nor a notebook.
+    A ``plain`` line is also shown where standard error is neither a terminal nor a notebook, as in a log: the sentence
+    once, and the count whenever another tenth of the loops is compiled, if all are needed.
     """
 
     def __init__(self, *, plain: bool = False) -> None:
         self._plain = plain
-        self._is_told = False
+        self._tenths: int | None = None
         self._shown = ""
 
     def show(self, count: Compiled, *, are_all_needed: bool = True) -> None:
@@ -42,9 +43,15 @@ class Line:
             text = text[: shutil.get_terminal_size().columns - 1]
             self._write("\r" + text.ljust(len(self._shown)))
             self._shown = text
-        elif self._plain and not self._is_told:
+        elif self._plain:
+            self._tell(count, 10 * count.compiled // max(count.of, 1) if are_all_needed else 0)
+
+    def _tell(self, count: Compiled, tenths: int) -> None:
+        if self._tenths is None:
             self._write(f"{SENTENCE} ...\n")
-        self._is_told = True
+        elif tenths > self._tenths:
+            self._write(f"{SENTENCE}: {count.compiled} of {count.of}\n")
+        self._tenths = max(self._tenths or 0, tenths)
 
     def clear(self) -> None:
         """Remove the line."""

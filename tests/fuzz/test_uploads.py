@@ -18,7 +18,7 @@ from fuzz.conftest import chosen_seed, count_cases
 from service.conftest import small, until
 
 FEW = 100
-KINDS = 19
+KINDS = 20
 """Formats of samples, and kinds of mesh files."""
 TESTS = Path(__file__).parents[1]
 

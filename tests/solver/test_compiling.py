@@ -85,3 +85,28 @@ def test_a_line_is_no_longer_than_the_terminal_is_wide(loop: Any, monkeypatch: p
     monkeypatch.setenv("COLUMNS", "30")
     loop(1)
     assert max(map(len, sys.stderr.getvalue().split("\r"))) == 29
+
+
+def test_a_log_has_a_line_for_each_tenth_of_the_loops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    monkeypatch.delenv("EQUIMESH_QUIET", raising=False)
+    line = compiling.Line(plain=True)
+    for done in (0, 1, 2, 3, 4, 4, 19, 20):
+        line.show(compiled.Compiled(done, 20))
+    sentence = compiling.SENTENCE
+    assert sys.stderr.getvalue().splitlines() == [
+        f"{sentence} ...",
+        f"{sentence}: 2 of 20",
+        f"{sentence}: 4 of 20",
+        f"{sentence}: 19 of 20",
+        f"{sentence}: 20 of 20",
+    ]
+
+
+def test_a_log_of_one_solve_has_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    monkeypatch.delenv("EQUIMESH_QUIET", raising=False)
+    line = compiling.Line(plain=True)
+    for done in (0, 10, 20):
+        line.show(compiled.Compiled(done, 20), are_all_needed=False)
+    assert sys.stderr.getvalue() == f"{compiling.SENTENCE} ...\n"

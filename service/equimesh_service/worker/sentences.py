@@ -80,7 +80,10 @@ def _about_request(certificate: Mapping[str, Any]) -> Iterator[Sentence]:
         yield {"tone": "good" if is_reached else "bad", "text": text}
     chosen = next((one for one in certificate.get("comparison", ()) if one["chosen"]), None)
     if chosen is not None and chosen["kind"] != "nodal_solution":
-        yield {"tone": "note", "text": f"Of the monitors that were compared, {chosen['kind']} was chosen."}
+        yield {
+            "tone": "note",
+            "text": f"Of the monitors that were compared, {chosen['kind'].replace('_', ' ')} was chosen.",
+        }
 
 
 def _notes(certificate: Mapping[str, Any]) -> Iterator[Sentence]:

@@ -72,5 +72,5 @@ def test_a_target_is_compared_with_what_was_reached(reached: float, tone: str) -
 
 def test_the_choice_of_auto_is_named() -> None:
     compared = [{"kind": "least_error", "chosen": True}, {"kind": "arc_length", "chosen": False}]
-    assert said(comparison=compared)[1:] == [("note", "Of the monitors that were compared, least_error was chosen.")]
+    assert said(comparison=compared)[1:] == [("note", "Of the monitors that were compared, least error was chosen.")]
     assert len(said(comparison=[{"kind": "nodal_solution", "chosen": True}])) == 1
