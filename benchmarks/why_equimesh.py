@@ -57,8 +57,8 @@ ORDER = (
 )
 """The meshers in the order of the tables."""
 Mesher = Callable[[em.Expression, int], Made]
-HEAD = "| mesh | vertices | L2 | H1 | vertices per CPU second | angles | folded | sides |"
-RULE = "|---|---|---|---|---|---|---|---|"
+HEAD = "| mesh | vertices | L2 | H1 | vertices per CPU second | angles |"
+RULE = "|---|---|---|---|---|---|"
 
 
 def meshers() -> Iterator[tuple[str, Mesher]]:
@@ -91,12 +91,8 @@ def row(name: str, found: Measured) -> str:
     """The line of the table for one mesh."""
     rate = f"{float(f'{found.rate:.2g}'):,.0f}"
     angles = f"{found.smallest_angle:.1f} to {found.largest_angle:.1f}"
-    sides = "kept" if found.sides_kept == 4 else f"{found.sides_kept} of 4"
     note = f" ({found.note})" if found.note else ""
-    return (
-        f"| {name}{note} | {found.vertices} | {found.l2:.2g} | {found.h1:.2g} | {rate} | {angles} | {found.folded} |"
-        f" {sides} |"
-    )
+    return f"| {name}{note} | {found.vertices} | {found.l2:.2g} | {found.h1:.2g} | {rate} | {angles} |"
 
 
 def tables(record: dict[str, Any]) -> Iterator[str]:
