@@ -31,6 +31,7 @@ from sqlalchemy import make_url
 from equimesh_cli.checks import machine
 from equimesh_cli.checks.findings import Level
 from equimesh_service.settings import SERVICE_MIB, Settings
+from generator.places import relinked
 from programs import postgresql_program
 from service.databases import Postgres
 
@@ -334,6 +335,15 @@ def test_what_the_image_copies_is_in_the_context() -> None:
                 if fnmatch.fnmatch(source, rule.lstrip("!")):
                     ignored = not rule.startswith("!")
             assert not ignored, source
+
+
+def test_what_pages_link_to_is_in_the_image_that_builds_the_site() -> None:
+    copied = [source for copy in stages()[0].copies for source in copy[:-1]]
+    linked: set[str] = set()
+    for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "examples" / "README.md"]:
+        relinked(path.read_text(), path.relative_to(ROOT).as_posix(), linked.add)
+    assert len(linked) > 50
+    assert {path for path in linked if not any(path == one or path.startswith(f"{one}/") for one in copied)} == set()
 
 
 @pytest.mark.external
