@@ -143,8 +143,8 @@ def _about_resolution(errors: InterpolationErrors) -> Iterator[str]:
     if not all(errors.resolved):
         names = [name for name, known in zip(("L2", "H1"), errors.resolved, strict=True) if not known]
         yield (
-            f"A layer or a jump of u lies inside a cell: the {' and the '.join(names)} gain is not known, as two rules"
-            " of quadrature do not agree. Add grid points, or replace a jump by a steep tanh."
+            f"A layer, a jump or a kink of u lies inside a cell: the {' and the '.join(names)} gain is not known, as"
+            " two rules of quadrature do not agree. Add grid points, or replace a jump by a steep tanh."
         )
 
 

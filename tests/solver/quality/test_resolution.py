@@ -61,6 +61,22 @@ def test_a_gradient_that_no_rule_resolves_is_not_called_known(u: str, n: int) ->
     assert math.isnan(found.gain_h1)
 
 
+@pytest.mark.parametrize(
+    ("steep", "share"),
+    [
+        ("abs(x - {c})", 0.05),
+        ("abs(x - {c})", 0.94),
+        ("log(1 + exp(600*(x - {c})))/300", 0.04),
+    ],
+)
+def test_what_lies_between_the_points_of_two_rules_is_measured(steep: str, share: float) -> None:
+    # One column of cells holds a kink or a layer where neither rule has a point; all others hold a wave. A descent
+    # moves nodes to such places, since its own rule has no point there.
+    u = em.Expression(steep.format(c=(16 + share) / 32) + " + sin(5*x)")
+    found = measured(uniform(33, 18), u)
+    assert found.h1 == pytest.approx(by_many_points(uniform(33, 18), u, 100)[1], rel=0.02)
+
+
 def test_a_resolved_function_takes_few_points_more() -> None:
     u, points = em.Expression("(1 - exp(15*(x - 1)))*sin(pi*y)"), []
 

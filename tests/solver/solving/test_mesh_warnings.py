@@ -86,7 +86,9 @@ def test_a_layer_inside_a_cell_has_no_known_gain() -> None:
     assert certificate.summary()["resolved"] is False
     assert certificate.summary()["interpolation_gain"]["h1"] is None
     assert "not known in H1" in str(certificate)
-    assert certificate.warnings[0].startswith("A layer or a jump of u lies inside a cell: the H1 gain is not known")
+    assert certificate.warnings[0].startswith(
+        "A layer, a jump or a kink of u lies inside a cell: the H1 gain is not known"
+    )
 
 
 def test_rounding_of_u_is_told_of_before_it_decides() -> None:
