@@ -2,11 +2,14 @@
 
 import { COLOURS } from "./drawing/colours.js";
 import { MOST_MESHES } from "./film.js";
+import { sourcesOf } from "./sources.js";
 import { START } from "./store.js";
 
 const SHORT_KINDS = new Set(["auto", "least_error", "arc_length", "curvature"]);
 // Milliseconds between two changes of the address: browsers refuse to change it hundreds of times in a row.
 const PAUSE = 250;
+// Milliseconds without a change of the spec after which the next one is an entry of the history.
+const REST = 1500;
 // Longer addresses are cut off by some programs; samples inside a spec would make them.
 const LONGEST = 30000;
 
@@ -32,6 +35,21 @@ export function stateOf(hash) {
 }
 
 /**
+ * What cannot be read of an address, as a sentence; null where all of it can.
+ *
+ * @param {string} hash such as `location.hash`
+ */
+export function faultOf(hash) {
+  const words = new URLSearchParams(hash.slice(1).replaceAll("+", "%2B"));
+  const names = [...words.keys()];
+  if (!names.length) return null;
+  const damaged = ["spec", "view", "sliders"].find((name) => words.has(name) && !object(words.get(name)));
+  if (damaged) return `The ${damaged} of this link is damaged: it is no JSON object.`;
+  if (words.has("spec") || words.has("view") || words.get("u")) return null;
+  return "This link says nothing that the page can read.";
+}
+
+/**
  * The part of an address after and with "#" that tells this state; "" for that of a page without one.
  *
  * @param {object} state
@@ -41,39 +59,69 @@ export function hashOf(state) {
   const view = Object.fromEntries(Object.entries(state.view).filter(([name, value]) => START.view[name] !== value));
   if (state.spec !== START.spec) words.push(["spec", state.spec]);
   if (Object.keys(view).length) words.push(["view", view]);
-  if (state.sliders !== START.sliders && Object.keys(state.sliders).length) words.push(["sliders", state.sliders]);
+  const sliders = slidersInUse(state);
+  if (Object.keys(sliders).length) words.push(["sliders", sliders]);
   const hash = words.map(([name, value]) => `${name}=${encoded(value)}`).join("&");
   return hash && hash.length < LONGEST ? `#${hash}` : "";
 }
 
+// The ranges of parameters that the spec has, and of t.
+function slidersInUse({ spec, sliders }) {
+  const used = new Set(["t", ...sourcesOf(spec).flatMap(({ source }) => Object.keys(source?.parameters ?? {}))]);
+  return Object.fromEntries(Object.entries(sliders).filter(([name]) => used.has(name)));
+}
+
 /**
- * Keep the address of the page equal to the state, without new entries in the history, and follow an address that the
- * visitor enters.
+ * Keep the address of the page equal to the state, and follow an address that the visitor enters or goes back to.
+ *
+ * The history gets an entry for each question: for the first change of the spec after a rest, and after `step()`.
+ * Further keys, a slider that is dragged, and the view change the entry that is there.
  *
  * @param {object} store
+ * @param {(hash: string) => void} onFollow called with an address that the visitor entered or went back to
+ * @returns {{step: () => void}} `step` makes the next change an entry of its own
  */
-export function followAddress(store) {
+export function followAddress(store, onFollow = () => {}) {
   let written = location.hash;
   let shown = location.hash; // the same as the browser has it, which may escape more
   let timer = 0;
+  let changed = -Infinity; // when the spec was changed last
+  let isNext = false; // whether the next change of the address is an entry
+
   function write() {
+    clearTimeout(timer);
     timer = 0;
     // The visitor has just entered another address, which the event below brings.
     if (location.hash !== shown) return;
     const hash = hashOf(store.get());
     if (hash === written) return;
     written = hash;
-    history.replaceState(null, "", hash || location.pathname + location.search);
+    history[isNext ? "pushState" : "replaceState"](null, "", hash || location.pathname + location.search);
+    isNext = false;
     shown = location.hash;
   }
-  store.subscribe(() => {
+
+  store.subscribe((state, before) => {
+    if (state.spec !== before.spec) {
+      isNext ||= performance.now() - changed > REST;
+      changed = performance.now();
+    }
     timer ||= setTimeout(write, PAUSE);
   });
   addEventListener("hashchange", () => {
     if (location.hash === shown) return;
     written = shown = location.hash;
+    changed = -Infinity;
+    isNext = false;
     store.update(stateOf(location.hash));
+    onFollow(location.hash);
   });
+  return {
+    step() {
+      if (timer) write();
+      isNext = true;
+    },
+  };
 }
 
 // The entries of a view that are of the type which the page uses; a link may bring anything.

@@ -72,16 +72,30 @@ export class Curve {
     this.point = null;
   }
 
-  draw(curve) {
+  /** Draw a curve; with the curve of a `rival`, a slower condition, both without the lines of their rates. */
+  draw(curve, rival = null) {
     this.curve = curve;
     const points = curve.points.filter(({ value }) => value > 0);
+    const others = rival ? rival.points.filter(({ value }) => value > 0) : [];
     const lines = [];
+    if (rival) {
+      this.scale = scaleOf({ points: [...curve.points, ...rival.points] }, [...points, ...others]);
+      this.picture.replaceChildren(...this.axes(), ...this.line(others, "rival"), ...this.line(points));
+      this.keys.replaceChildren(key("line", "optimized"), key("rival", "classical"));
+      this.picture.setAttribute("aria-label", `Optimized: ${inWords(curve, points)} Classical: ${inWords(rival, others)}`);
+      this.list(curve);
+      return;
+    }
     if (points.length > 1 && curve.rate > 0) lines.push({ kind: "observed", ends: lineOf(points, curve.rate, true) });
     if (points.length > 1 && curve.predicted) lines.push({ kind: "predicted", ends: lineOf(points, curve.predicted, false) });
     this.scale = scaleOf(curve, points);
     this.picture.replaceChildren(...this.axes(), ...lines.map((line) => this.rate(line)), ...this.line(points));
     this.keys.replaceChildren(key("line", curve.name), ...lines.map(({ kind }) => key(kind, `${kind} rate ${curve[kind === "observed" ? "rate" : "predicted"].toPrecision(2)}`)));
     this.picture.setAttribute("aria-label", inWords(curve, points));
+    this.list(curve);
+  }
+
+  list(curve) {
     this.caption.textContent = `${curve.name} in each iteration`;
     this.rows.replaceChildren(...curve.points.map(({ iteration, value }) => element("tr", { "data-iteration": String(iteration) },
       element("th", { scope: "row" }, String(iteration)), element("td", {}, value === null ? "not known" : value.toExponential(2)))));
@@ -104,11 +118,11 @@ export class Curve {
     }
   }
 
-  line(points) {
+  line(points, kind = "line") {
     const { x, y } = this.scale;
     const places = points.map(({ iteration, value }) => `${x(iteration)},${y(value)}`);
-    const dots = places.length > MAX_DOTS ? [] : places.map((place) => element("circle", { cx: place.split(",")[0], cy: place.split(",")[1], r: 2.4, class: "curve-dot" }));
-    return [element("polyline", { points: places.join(" "), fill: "none", class: "curve-line" }), ...dots];
+    const dots = places.length > MAX_DOTS ? [] : places.map((place) => element("circle", { cx: place.split(",")[0], cy: place.split(",")[1], r: 2.4, class: kind === "line" ? "curve-dot" : "curve-rival-dot" }));
+    return [element("polyline", { points: places.join(" "), fill: "none", class: `curve-${kind}` }), ...dots];
   }
 
   rate({ kind, ends }) {

@@ -9,6 +9,10 @@ const FUNCTIONS = {
   ),
   erf,
 };
+
+/** The names that the language knows besides x and y. */
+export const NAMES = [...Object.keys(FUNCTIONS), "where"].map((name) => ({ name, isFunction: true })).concat({ name: "pi", isFunction: false });
+
 const COMPARISONS = {
   "<": (a, b) => a < b,
   "<=": (a, b) => a <= b,

@@ -1,6 +1,8 @@
 // From a change of the state to the next drawing: one request at a time, and answers in the order of the changes.
 
+import { waitingOf } from "./notice.js";
 import { hasBlocks } from "./sides.js";
+import { START } from "./store.js";
 
 // Kinds that compare candidates or descend: they take longer than one may wait while typing.
 const SLOW_KINDS = new Set([undefined, "auto", "least_error"]);
@@ -20,9 +22,12 @@ const QUICK_SMOOTHING = 0.02;
 const SLOW = 250;
 // Milliseconds without a change until a slow mesh is requested: while typing, no work of the service is wasted.
 const PAUSE = 220;
-// Statuses of a service whose workers start or are all busy, and milliseconds until the next attempt.
-const BUSY = new Set([429, 503]);
+// Statuses of a service that does not answer, or whose workers start or are all busy, and milliseconds until the next
+// attempt.
+const GONE = 0;
+const BUSY = new Set([GONE, 429, 503]);
 const AGAIN = 700;
+const AGAIN_GONE = 1500;
 // Milliseconds after which a change ends the request before it, in place of waiting for its answer.
 const PATIENCE = 150;
 
@@ -41,6 +46,7 @@ export function createLive(app) {
   let slowTimer = 0;
   let againTimer = 0;
   let isPaused = false;
+  let answers = 0; // so that what an older answer says is not told after a newer one
   const slowKinds = new Set(); // those whose last answer took long
 
   function forgetSlow() {
@@ -51,6 +57,7 @@ export function createLive(app) {
   function change(state) {
     forgetSlow();
     clearTimeout(againTimer);
+    if (!isAnswered(state)) app.emit("stale", true);
     wanted = { state, changed: performance.now() };
     if (isPaused) return;
     if (flight && (flight.isSlow || performance.now() - flight.began > PATIENCE)) flight.controller.abort();
@@ -62,7 +69,7 @@ export function createLive(app) {
     const { state, changed } = wanted;
     wanted = null;
     const quick = quickSpec(state.spec);
-    if (!quick || !isSlowSpec(state.spec, slowKinds)) {
+    if (!quick || !isSlowSpec(state.spec, slowKinds) || isAnswered(state)) {
       fly(state, state.spec, { changed, isQuick: false });
       return;
     }
@@ -84,18 +91,21 @@ export function createLive(app) {
     try {
       const drawing = await service.preview(spec, { samples, signal: mine.controller.signal });
       if (flight !== mine) return;
+      tellAnswered();
       if (!isQuick) slowKinds[performance.now() - mine.began > SLOW ? "add" : "delete"](kindOf(spec));
-      app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
+      if (hasMesh(drawing) || !app.drawing) app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
       app.emit("problem", drawing.document.error ?? null);
     } catch (error) {
       if (flight !== mine || error.name === "AbortError") return;
-      if (BUSY.has(error.problem?.status) && !wanted) {
-        app.status(`${error.message} The page tries again.`);
+      if (BUSY.has(error.problem?.status)) {
+        tellBusy(error);
         // A quick look is not tried again: it would come after the requested mesh, which follows anyway.
-        if (isQuick) return;
-        againTimer = setTimeout(() => !flight && !wanted && fly(state, spec, { changed, isQuick, isSlow }), AGAIN);
+        if (isQuick || wanted) return;
+        const pause = error.problem.status === GONE ? AGAIN_GONE : AGAIN;
+        againTimer = setTimeout(() => !flight && !wanted && fly(state, spec, { changed, isQuick, isSlow }), pause);
         return;
       }
+      tellAnswered();
       // The requested mesh will tell what is wrong with it; its quick look need not exist.
       if (!isQuick || isFaultOf(error)) {
         if (isQuick) forgetSlow();
@@ -108,6 +118,23 @@ export function createLive(app) {
         if (wanted && !isPaused) next();
       }
     }
+  }
+
+  // The stored drawing of the first problem answers its question, and needs no quick look.
+  function isAnswered(state) {
+    return Boolean(app.drawing?.isStored) && state.spec === START.spec;
+  }
+
+  async function tellBusy(error) {
+    app.status(`${error.message} The page tries again.`);
+    const told = (answers += 1);
+    const readiness = error.problem.status === GONE ? null : await service.readiness();
+    if (told === answers) app.notice("service", waitingOf(error.problem, readiness));
+  }
+
+  function tellAnswered() {
+    answers += 1;
+    app.notice("service", null);
   }
 
   store.subscribe((state, before) => {
@@ -125,6 +152,11 @@ export function createLive(app) {
     /** How long the page waits before it requests a slow mesh, in milliseconds. */
     PAUSE,
   };
+}
+
+// A solve that failed may have no mesh, or one that is folded: then the uniform one alone is in the drawing.
+function hasMesh({ arrays }) {
+  return Boolean(arrays.x);
 }
 
 function pointsOf({ n_xi: n = 64, n_eta: m = 64 } = {}) {

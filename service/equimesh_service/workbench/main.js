@@ -1,10 +1,12 @@
 // The workbench: builds the app object and all panels.
 
-import { followAddress, stateOf } from "./address.js";
+import { faultOf, followAddress, stateOf } from "./address.js";
 import { createStage } from "./drawing/stage.js";
 import { createLive } from "./live.js";
+import { createNotice } from "./notice.js";
+import { actionsOf, sentenceOf } from "./remedies.js";
 import { createService } from "./service.js";
-import { alone, createStore } from "./store.js";
+import { START, alone, createStore } from "./store.js";
 import * as copyPanel from "./panels/copy.js";
 import * as domainPanel from "./panels/domain.js";
 import * as downloadsPanel from "./panels/downloads.js";
@@ -17,7 +19,9 @@ import * as monitorPanel from "./panels/monitor.js";
 import * as numbersPanel from "./panels/numbers.js";
 import * as samplesPanel from "./panels/samples.js";
 import * as schwarzPanel from "./panels/schwarz.js";
+import * as setupPanel from "./panels/setup.js";
 import * as sketchPanel from "./panels/sketch.js";
+import * as takePanel from "./panels/take.js";
 import * as timePanel from "./panels/time.js";
 import * as viewPanel from "./panels/view.js";
 import * as workPanel from "./panels/work.js";
@@ -25,17 +29,19 @@ import * as workPanel from "./panels/work.js";
 // In the order of the page; a name is that of the section `panel-<name>`.
 const PANELS = {
   function: functionPanel,
+  setup: setupPanel,
   view: viewPanel,
-  numbers: numbersPanel,
+  take: takePanel,
   gallery: galleryPanel,
-  monitor: monitorPanel,
+  numbers: numbersPanel,
   domain: domainPanel,
+  monitor: monitorPanel,
   grid: gridPanel,
-  schwarz: schwarzPanel,
-  iteration: iterationPanel,
-  time: timePanel,
   samples: samplesPanel,
   sketch: sketchPanel,
+  time: timePanel,
+  schwarz: schwarzPanel,
+  iteration: iterationPanel,
   copy: copyPanel,
   downloads: downloadsPanel,
   work: workPanel,
@@ -43,6 +49,8 @@ const PANELS = {
 };
 // Milliseconds without another announcement until a screen reader is told the last one.
 const SETTLED = 700;
+// What is grey while it is the answer to another question.
+const ANSWERS = ["stage", "headline", "panel-numbers", "status"];
 
 const byId = (id) => document.getElementById(id);
 
@@ -51,8 +59,10 @@ const byId = (id) => document.getElementById(id);
  *
  * `store`, `service`, `live` and `canvas` (the stage) are the parts of the page; `drawing` is the last drawing,
  * `{arrays, document, isQuick, milliseconds}`, or null.  `on(name, listener)` listens to "drawing", "busy" (true or
- * false) and "problem" (the body of a problem, or null); it returns a function that ends it.  `show(drawing)` draws one.
- * `announce(text)` tells it to screen readers, `status(text)` also to everyone else.
+ * false), "stale" (true while what is shown answers another question), "request" (the mesh in place of a preview) and
+ * "problem" (the body of a problem, or null); it returns a function that ends it.  `show(drawing)` draws one.
+ * `announce(text)` tells it to screen readers, `status(text)` also to everyone else, and `notice(source, notice)` shows
+ * it over the figure.  `change(state)` changes the state by an entry of its own in the history of the browser.
  */
 function createApp() {
   const listeners = new Map();
@@ -73,8 +83,14 @@ function createApp() {
     },
     show(drawing) {
       app.drawing = drawing;
+      app.emit("stale", false);
       app.emit("drawing", drawing);
     },
+    change(state) {
+      app.address?.step();
+      app.store.update(state);
+    },
+    notice: createNotice(byId("notice")).tell,
     announce(text) {
       clearTimeout(announcement);
       announcement = setTimeout(() => (byId("live").textContent = text), SETTLED);
@@ -95,8 +111,38 @@ function main() {
     alone(() => panel.create(section.querySelector(".content"), app));
     section.hidden = false;
   }
-  followAddress(app.store);
-  app.live.refresh();
+  app.on("stale", (isStale) => ANSWERS.forEach((id) => byId(id).classList.toggle("stale", isStale)));
+  tellProblems(app);
+  const follow = (hash) => tellOfLink(app, faultOf(hash));
+  app.address = followAddress(app.store, (hash) => queueMicrotask(() => follow(hash)));
+  app.store.subscribe((state, before) => state.spec !== before.spec && ["link", "domain"].forEach((source) => app.notice(source, null)));
+  follow(location.hash);
+  showFirst(app).finally(() => app.live.refresh());
+}
+
+// What is wrong with the request, unless it is told at the function; the last mesh stays.
+function tellProblems(app) {
+  app.on("problem", (problem) => {
+    const isElsewhere = !problem || (problem.errors ?? []).some(({ pointer = "" }) => isOfFunction(app, pointer));
+    app.notice("problem", isElsewhere ? null : { text: sentenceOf(problem), actions: actionsOf(app, problem) });
+  });
+}
+
+function isOfFunction({ store }, pointer) {
+  const place = functionPanel.sourcePath(store.get().spec);
+  return place !== null && `${pointer}/`.startsWith(`/${place.slice(1).join("/")}/`);
+}
+
+function tellOfLink(app, fault) {
+  const close = { text: "Close", act: () => app.notice("link", null) };
+  app.notice("link", fault && { text: `${fault} The first problem is shown in its place.`, actions: [close] });
+}
+
+// The first problem is drawn from a file, so that a page without an address is never empty.
+async function showFirst(app) {
+  if (app.store.get().spec !== START.spec) return;
+  const drawing = await app.service.first().catch(() => null);
+  if (drawing && !app.drawing && app.store.get().spec === START.spec) app.show({ ...drawing, isStored: true });
 }
 
 main();

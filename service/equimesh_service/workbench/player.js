@@ -24,7 +24,7 @@ export function wantsLittleMotion() {
  * @param {(position: number, isPlaying: boolean) => void} options.onMove called after each change of the position
  * @param {() => number} [options.limit] the last position that it may play to now; it waits there
  * @returns {{element: HTMLElement, setSteps: (last: number, position?: number) => void, moveTo: (position: number) => void,
- *   pause: () => void, readonly position: number, readonly isPlaying: boolean}}
+ *   pause: () => void, play: () => void, readonly position: number, readonly isPlaying: boolean}}
  */
 export function createPlayer({ name, stepsPerSecond, describe, onMove, limit = () => Infinity }) {
   const player = { position: 0, last: 0, isPlaying: false };
@@ -79,16 +79,14 @@ export function createPlayer({ name, stepsPerSecond, describe, onMove, limit = (
     frame = requestAnimationFrame(tick);
   }
 
-  play.addEventListener("click", () => {
-    if (player.isPlaying) {
-      pause();
-      return;
-    }
+  function begin() {
     player.isPlaying = true;
     if (player.position >= player.last) player.position = 0;
     moveTo(player.position);
     run();
-  });
+  }
+
+  play.addEventListener("click", () => (player.isPlaying ? pause() : begin()));
   const step = (by) => () => {
     pause();
     moveTo(Math.round(player.position) + by);
@@ -110,6 +108,7 @@ export function createPlayer({ name, stepsPerSecond, describe, onMove, limit = (
     },
     moveTo,
     pause,
+    play: begin,
     get position() {
       return player.position;
     },

@@ -79,6 +79,16 @@ export function createService(root = new URL("./", document.baseURI)) {
     /** What the service says of an expression, with `names` and ranges. */
     check: (document, { signal } = {}) => json("v1/expressions/check", post(document, signal)),
     capabilities: () => json("v1/capabilities"),
+    /** The body of `/readyz`, whether the service is ready or not; null where it does not answer. */
+    async readiness() {
+      try {
+        return await (await fetch(address("readyz"))).json();
+      } catch {
+        return null;
+      }
+    },
+    /** The stored drawing of the first problem, which is there before the service can compute. */
+    first: async () => drawingOf(await send("workbench/first.npz")),
     /** Request a mesh that the service keeps; `wait` in seconds. */
     requestMesh(spec, { samples = null, wait = 0, signal } = {}) {
       const options = samples ? { method: "POST", body: multipart(spec, samples), signal } : post(spec, signal);

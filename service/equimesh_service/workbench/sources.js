@@ -13,7 +13,7 @@ const TIME = /(?<![\w.])t(?!\w)/;
  */
 export function sourcesOf(spec) {
   const monitor = spec.monitor ?? {};
-  const members = (monitor.monitors ?? []).map((one, k) => [one, ["monitor", "monitors", k]]);
+  const members = (Array.isArray(monitor.monitors) ? monitor.monitors : []).map((one, k) => [one, ["monitor", "monitors", k]]);
   return [[monitor, ["monitor"]], ...members].flatMap(([one, path]) =>
     FUNCTIONS.filter((name) => one?.[name] !== undefined).map((name) => ({ path: [...path, name], source: one[name] })),
   );

@@ -1,16 +1,14 @@
 // The state of the workbench: what is requested of the service, and how it is looked at.
 
-/** The state of a page that was opened without an address of its own. */
+/** The state of a page that was opened without an address of its own: the first problem of the README. */
 export const START = Object.freeze({
   spec: {
-    monitor: {
-      u: { expression: "tanh(k*(hypot(x - 0.5, y - 0.5) - r))", parameters: { k: 40, r: 0.3 } },
-    },
-    grid: { n_xi: 65, n_eta: 65 },
+    monitor: { u: { expression: "tanh(40*(y - 0.5 - 0.1*sin(2*pi*x)))" } },
+    grid: { n_xi: 33, n_eta: 33 },
   },
   view: { colour: "error", blend: 1, lines: true, layout: "pair" },
   samples: null,
-  sliders: { k: { min: 1, max: 100 }, r: { min: 0.05, max: 0.6 } },
+  sliders: {},
 });
 
 /**

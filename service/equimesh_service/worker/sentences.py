@@ -14,9 +14,13 @@ ERRORS = {"l2": "The error", "h1": "The error of the gradient"}
 
 
 class Sentence(TypedDict):
-    """One sentence. Its tone is ``good`` or ``bad`` for the worth of the mesh, and ``note`` for everything else."""
+    """One sentence.
 
-    tone: Literal["good", "bad", "note"]
+    Its tone is ``good`` or ``bad`` for the worth of the mesh, ``warning`` for what to know before the mesh is used, and
+    ``note`` for everything else.
+    """
+
+    tone: Literal["good", "bad", "warning", "note"]
     text: str
 
 
@@ -80,10 +84,8 @@ def _about_request(certificate: Mapping[str, Any]) -> Iterator[Sentence]:
         yield {"tone": "good" if is_reached else "bad", "text": text}
     chosen = next((one for one in certificate.get("comparison", ()) if one["chosen"]), None)
     if chosen is not None and chosen["kind"] != "nodal_solution":
-        yield {
-            "tone": "note",
-            "text": f"Of the monitors that were compared, {chosen['kind'].replace('_', ' ')} was chosen.",
-        }
+        name = chosen["kind"].replace("_", " ")
+        yield {"tone": "note", "text": f"Of the monitors that were compared, {name} was chosen."}
 
 
 def _notes(certificate: Mapping[str, Any]) -> Iterator[Sentence]:
@@ -94,4 +96,4 @@ def _notes(certificate: Mapping[str, Any]) -> Iterator[Sentence]:
         if not any(relaxed in warning for warning in warnings):
             yield {"tone": "note", "text": f"Relaxed: {relaxed}."}
     for warning in warnings:
-        yield {"tone": "note", "text": warning}
+        yield {"tone": "warning", "text": warning}

@@ -46,6 +46,16 @@ def test_pictures_and_the_spec_are_saved(page: Page) -> None:
     assert json.loads(saved(page, "Spec (JSON)").read_text())["grid"] == {"n_xi": 17, "n_eta": 17}
 
 
+def test_the_mesh_is_downloaded_next_to_it(page: Page) -> None:
+    expect(page.locator("#status")).to_contain_text("17")
+    row = page.locator("#panel-take")
+    row.get_by_label("Format of the file").select_option("msh")
+    with page.expect_download() as found:
+        row.get_by_role("button", name="Download").click()
+    assert found.value.suggested_filename == "mesh.msh"
+    expect(row).to_contain_text("mesh.msh is downloaded.")
+
+
 def test_what_is_wrong_is_told(visit: Callable[..., Page]) -> None:
     page = visit("/#u=sin(x*&n=17&monitor=arc_length")
     box = panel(page, "downloads")

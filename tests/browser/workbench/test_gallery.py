@@ -6,6 +6,7 @@ import json
 import runpy
 from collections.abc import Callable
 from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +61,21 @@ def test_the_mesh_of_a_problem_is_that_of_its_picture_with_a_much_smaller_error(
         assert np.abs(np.subtract([*map(int, one["u"])], [*map(int, kept["u"])])).mean() <= 0.2
 
 
+def test_the_first_problem_is_that_of_the_page_and_its_stored_drawing() -> None:
+    text = files("equimesh_service").joinpath("workbench", "store.js").read_text()
+    with np.load(BytesIO(files("equimesh_service").joinpath("workbench", "first.npz").read_bytes())) as file:
+        document = json.loads(file["document"].tobytes())
+        assert file["x"].shape == (33, 33)
+    first = SCRIPT["FIRST"]
+    assert document["spec"]["monitor"]["u"]["expression"] == first["monitor"]["u"]["expression"]
+    assert f'expression: "{first["monitor"]["u"]["expression"]}"' in text
+    assert "grid: { n_xi: 33, n_eta: 33 }" in text
+    assert document["certificate"]["interpolation_gain"]["l2"] > 5
+
+
 @pytest.mark.needs("chromium")
 def test_on_a_phone_the_page_goes_to_the_mesh_of_a_chosen_problem(visit: Callable[..., Page]) -> None:
     page = visit("/#u=x*y&n=9&monitor=arc_length", viewport={"width": 390, "height": 844})
     page.get_by_role("button", name="Moving front").click()
     expect(page.locator("#headline")).to_be_in_viewport(timeout=10_000)
+    expect(page.locator("#stage")).to_be_in_viewport(ratio=0.8)

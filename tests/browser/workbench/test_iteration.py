@@ -168,7 +168,16 @@ def test_little_motion_shows_whole_steps_only(page: Page) -> None:
 def test_a_single_domain_has_no_iteration_and_can_be_split(page: Page) -> None:
     panel = panel_at(page, "iteration", {name: SPEC[name] for name in ("monitor", "grid")})
     expect(panel.get_by_text("There is no iteration to show")).to_be_visible()
-    panel.get_by_role("button", name="Split into 2 × 2 subdomains").click()
-    expect(panel.locator(".iteration-status")).to_have_text(re.compile("subdomain 4 of 4"), timeout=60_000)
+    panel.get_by_role("button", name="Show one on 2 × 2 subdomains").click()
+    status = panel.locator(".iteration-status")
+    expect(status).to_have_text(re.compile(r"^Iteration \d+ of \d+\. The distance"), timeout=60_000)
+    last = int((status.text_content() or "").split(" of ")[1].split(".")[0])
+    legend = page.locator(".legend").text_content()
+    panel.get_by_role("slider").press("End")
+    expect(page.locator("#captions")).to_have_text("classical, convergedoptimized, converged")
+    ends = re.compile(rf"^The optimized condition took \d iterations, the classical one {last}\.$")
+    expect(page.locator("#headline")).to_have_text(ends)
+    assert page.locator(".legend").text_content() == legend  # one scale for all iterates
+    assert last > 20
     assert state(page)["spec"]["schwarz"]["subdomains"] == [2, 2]
     assert json.dumps(state(page)["spec"]["monitor"]) == json.dumps(SPEC["monitor"])

@@ -70,7 +70,8 @@ def test_a_stroke_of_the_mouse_makes_cells_small_there(page: Page) -> None:
     assert 0.1 < j / 32 < 0.9
     assert values[24].max() == 1
     monitor = state(page)["spec"]["monitor"]
-    assert monitor["u"] == SPEC["monitor"]["u"]  # its error is still measured
+    assert "u" not in monitor  # the mesh is not to blame for the error of a function that it does not follow
+    expect(page.locator("#headline")).to_have_text("The mesh follows the density that you drew.")
     assert monitor["rho"]["grid"]["x"][-1] == 2
     mesh = em.solve(specs.build(state(page)["spec"]).problem).mesh
     assert np.diff(mesh.x[:, 8]).min() < 0.7 * 2 / 16

@@ -46,7 +46,7 @@ def test_the_error_is_that_of_the_norm_of_the_monitor() -> None:
 
 
 def test_an_unknown_gain_is_left_to_the_warning() -> None:
-    assert said(interpolation_gain={"l2": None, "h1": None}, warnings=["A layer."]) == [("note", "A layer.")]
+    assert said(interpolation_gain={"l2": None, "h1": None}, warnings=["A layer."]) == [("warning", "A layer.")]
     assert said(interpolation_gain=None) == [("note", "There is no u, so no interpolation error is measured.")]
 
 
@@ -55,7 +55,7 @@ def test_every_relaxation_is_said_once() -> None:
     warning = "The mesh solves relaxed equations: a of the arc length: 0.7 requested, 0.3 reached."
     assert said(relaxed=relaxed, warnings=[warning])[1:] == [
         ("note", "Relaxed: distortion: 0.5 requested, 2 reached."),
-        ("note", warning),
+        ("warning", warning),
     ]
 
 

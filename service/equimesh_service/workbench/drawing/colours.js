@@ -13,16 +13,27 @@ const STEPS = 256;
 const DECADES = 3;
 // The share of the map of errors that is used: its darkest colours hide the lines.
 const LEAST_DARK = 0.16;
+// On a dark page its darkest ones hide the lines as well.
+const LEAST_BRIGHT = 0.27;
 
 /** What a mesh can be coloured by: the arrays that it needs, in words, and how values become colours. */
 export const COLOURS = {
   error: { text: "interpolation error", map: "magma", scale: "root", unit: "interpolation error of u in a cell" },
   u: { text: "u", map: "viridis", scale: "linear", unit: "u" },
-  q_eq: { text: "Q_eq", map: "PuOr", scale: "balanced", unit: "Q_eq, 1 where a cell has its equal share" },
+  q_eq: { text: "share (Q_eq)", map: "PuOr", scale: "balanced", unit: "share of a cell (Q_eq), 1 is its equal share" },
   size: { text: "cell size", map: "viridis", scale: "log", unit: "side of a square of the same area" },
   subdomain: { text: "subdomain", map: null, scale: "classes", unit: "subdomain" },
   none: { text: "lines only", map: null, scale: "none", unit: "" },
 };
+
+// The scales in words.
+const SCALES = { root: "square-root scale", log: "logarithmic scale", balanced: "logarithmic scale" };
+
+/** What a legend says: the quantity, and the scale where it is not linear. */
+export function legendOf(name) {
+  const { unit, scale } = COLOURS[name];
+  return SCALES[scale] ? `${unit} (${SCALES[scale]})` : unit;
+}
 
 /**
  * A scale for all values, those of both meshes: `{low, high, scale, place(value)}`, with `place` from 0 to 1.
@@ -79,13 +90,18 @@ export function tableOf(name, isDark) {
   const table = new Uint8Array(4 * STEPS);
   const { map } = COLOURS[name];
   const stops = map ? MAPS[map].split(" ").map(rgbOf) : null;
-  const isReversed = map === "magma" && !isDark;
   for (let k = 0; k < STEPS; k += 1) {
     const place = k / (STEPS - 1);
-    const colour = stops ? between(stops, isReversed ? 1 - (1 - LEAST_DARK) * place : place) : classColour(name, k, isDark);
+    const colour = stops ? between(stops, onMap(map, isDark, place)) : classColour(name, k, isDark);
     table.set([...colour, 255], 4 * k);
   }
   return table;
+}
+
+// Where a place of the scale is on its map: errors are dark on a light page, and bright on a dark one.
+function onMap(map, isDark, place) {
+  if (map !== "magma") return place;
+  return isDark ? LEAST_BRIGHT + (1 - LEAST_BRIGHT) * place : 1 - (1 - LEAST_DARK) * place;
 }
 
 /** The place of a class (the number of a subdomain) on the table of its colours. */

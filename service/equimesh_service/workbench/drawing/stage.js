@@ -46,6 +46,8 @@ export function createStage(stage, app) {
     coloured: null,
     table: null,
     panes: [],
+    /** What each pane shows, as a name and more words. */
+    captions: [],
     frames: 0,
     /** A blend that is drawn in place of that of the view, while nodes travel; else null. */
     journey: null,
@@ -124,8 +126,8 @@ export function createStage(stage, app) {
   function tell() {
     isFresh = false;
     drawings += 1;
-    const { isQuick } = app.drawing;
-    Object.assign(stage.dataset, { drawings, uploads, points: self.mesh.shape.join(" "), quick: Boolean(isQuick) });
+    const { isQuick, isStored } = app.drawing;
+    Object.assign(stage.dataset, { drawings, uploads, points: self.mesh.shape.join(" "), quick: Boolean(isQuick || isStored) });
   }
 
   function resize() {
@@ -155,7 +157,6 @@ export function createStage(stage, app) {
     colour();
     isFresh = true;
   });
-  app.on("problem", (problem) => stage.classList.toggle("stale", Boolean(problem?.errors?.length)));
   app.on("busy", (isBusy) => stage.classList.toggle("busy", isBusy));
   app.store.subscribe((state, before) => {
     if (state.view.colour !== before.view.colour) colour();
@@ -196,7 +197,8 @@ function arrange(self, view) {
 function followCaptions(self, app, place) {
   let shown = "";
   self.on(() => {
-    const texts = app.drawing ? self.panes.map((pane) => captionOf(pane, self)) : [];
+    const texts = app.drawing ? self.panes.map((pane, k) => app.drawing.captions?.[k] ?? captionOf(pane, self)) : [];
+    self.captions = texts;
     const key = JSON.stringify([texts, self.panes]);
     if (key === shown) return;
     shown = key;

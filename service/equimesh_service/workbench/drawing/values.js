@@ -1,7 +1,7 @@
 // What the cells of a drawing are coloured by: values of both meshes on one scale, and their places on the colours.
 
 import { COLOURS, placeOfClass, scaleOf } from "./colours.js";
-import { areasOf, cellCount, eachCell } from "./nodes.js";
+import { areasOf, cellCount, eachCell, meshOf } from "./nodes.js";
 
 /**
  * The values of a drawing for a colour: `{name, values, uniformValues, isFlat, scale}`.
@@ -16,8 +16,9 @@ import { areasOf, cellCount, eachCell } from "./nodes.js";
 export function valuesOf(drawing, mesh, wanted) {
   const name = isThere(drawing, wanted) ? wanted : "size";
   const [values, uniformValues] = bothOf(drawing, mesh, name);
-  const { scale } = COLOURS[name];
-  return { name, values, uniformValues, isFlat: name !== "u", scale: scaleOf(scale, [values, uniformValues]) };
+  // An iterate has the scale of the last mesh, so that the legend stays while an iteration plays.
+  const measured = drawing.like ? bothOf(drawing.like, meshOf(drawing.like), name) : [values, uniformValues];
+  return { name, values, uniformValues, isFlat: name !== "u", scale: scaleOf(COLOURS[name].scale, measured) };
 }
 
 /** The interpolation errors of both meshes in L2, `{l2, l2_uniform}`, as the service measured them; null without u. */

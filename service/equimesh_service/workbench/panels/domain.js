@@ -4,6 +4,7 @@ import { choiceField, faultLine, flagField, follow, pairFields, pointerOf, tidy,
 import { usesOf } from "../capabilities.js";
 import { element, field, freshId, select } from "../dom.js";
 import { freeNames } from "./function.js";
+import { offerToFit } from "../fit.js";
 import { createOutline } from "../outline.js";
 import { SIDES, curvesOf, hasBlocks, pointsOf } from "../sides.js";
 import { replaced } from "../store.js";
@@ -41,7 +42,11 @@ export function create(section, app) {
     choices: KINDS,
     fallback: "rectangle",
     uses: usesOf(app, "domains"),
-    onchoose: (kind) => put(asKind(domain(), kind)),
+    onchoose: (kind) => {
+      const before = domain();
+      put(asKind(before, kind));
+      offerToFit(app, before);
+    },
   });
   const outline = createOutline((side, k, point) => put(moved(domain(), side, k, point)));
   const forms = {

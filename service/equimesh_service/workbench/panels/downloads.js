@@ -3,6 +3,7 @@
 import { capabilitiesOf } from "../capabilities.js";
 import { element } from "../dom.js";
 import { pngOf, svgOf } from "../drawing/picture.js";
+import { save } from "./take.js";
 
 // The label of the meshes that this page requests.
 const LABEL = "workbench";
@@ -22,6 +23,7 @@ const PICTURES = [
 export function create(section, app) {
   const panel = new DownloadsPanel(app);
   section.append(panel.element);
+  app.on("download", (format) => panel.download(format));
   panel.listFormats();
 }
 
@@ -68,12 +70,12 @@ class DownloadsPanel {
     this.cancel.hidden = false;
     try {
       const id = await this.mesh(control.signal);
-      this.status.textContent = `Downloading mesh${suffix}.`;
+      this.say(`Downloading mesh${suffix}.`);
       save(await this.app.service.file(id, name, { signal: control.signal }), `mesh${suffix}`);
-      this.status.textContent = `mesh${suffix} is downloaded.`;
+      this.say(`mesh${suffix} is downloaded.`);
     } catch (error) {
       if (this.control !== control) return; // another download has begun
-      this.status.textContent = error.name === "AbortError" ? "Canceled." : "";
+      this.say(error.name === "AbortError" ? "Canceled." : "");
       if (error.name !== "AbortError") this.tell(error);
     } finally {
       if (this.control === control) {
@@ -87,14 +89,14 @@ class DownloadsPanel {
   async mesh(signal) {
     const { spec, samples } = this.app.store.get();
     if (this.finished?.spec === spec) return this.finished.id;
-    this.status.textContent = "Computing the mesh.";
+    this.say("Computing the mesh.");
     const { service } = this.app;
     let mesh = await service.requestMesh({ ...spec, label: spec.label ?? LABEL }, { samples: samples?.file ?? null, wait: WAIT, signal });
     try {
       while (!mesh.finished_at) {
         const { fraction, phase } = mesh.progress ?? {};
         const done = typeof fraction === "number" && phase ? `, ${Math.round(100 * fraction)} %` : "";
-        this.status.textContent = `Computing the mesh${phase ? `: ${phase}` : ""}${done}.`;
+        this.say(`Computing the mesh${phase ? `: ${phase}` : ""}${done}.`);
         mesh = await service.mesh(mesh.id, { wait: WAIT, signal });
       }
     } catch (error) {
@@ -104,6 +106,12 @@ class DownloadsPanel {
     if (mesh.status !== "succeeded") throw new Failure(mesh);
     this.finished = { spec, id: mesh.id };
     return mesh.id;
+  }
+
+  // In this panel, and next to the mesh.
+  say(text) {
+    this.status.textContent = text;
+    this.app.emit("downloading", text);
   }
 
   async picture(suffix, make) {
@@ -122,6 +130,7 @@ class DownloadsPanel {
     if (problem.status === 410 || problem.status === 404) this.finished = null; // it was removed: the next click computes it anew
     const faults = (problem.errors ?? []).map((each) => each.message);
     this.fault.textContent = [problem.detail ?? error.message, ...(faults.length ? faults : [problem.remedy])].filter(Boolean).join(" ");
+    this.app.emit("downloading", faults[0] ?? problem.detail ?? error.message);
   }
 }
 
@@ -131,12 +140,4 @@ class Failure extends Error {
     super(error?.detail ?? `The mesh was ${status}.`);
     this.problem = error ?? {};
   }
-}
-
-// Hand a file to the browser under its name.
-function save(blob, name) {
-  const link = element("a", { href: URL.createObjectURL(blob), download: name });
-  link.click();
-  // The browser has begun to read it by the next task.
-  setTimeout(() => URL.revokeObjectURL(link.href));
 }

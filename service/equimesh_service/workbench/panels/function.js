@@ -1,5 +1,6 @@
 // The function: its expression with a caret where it is wrong, and a slider for each parameter.
 
+import { createCompletion } from "../completion.js";
 import { element, freshId } from "../dom.js";
 import { amount } from "../words.js";
 import { replaced } from "../store.js";
@@ -12,6 +13,8 @@ const UNKNOWN = /'([A-Za-z_]\w*)' is not a known name/;
 const FRESH = 1;
 const FRESH_RANGE = { min: 0, max: 10 };
 const SLIDER_STEPS = 400;
+// Milliseconds after a key until the text is called wrong: before, a word may not be finished.
+const FINISHED = 900;
 
 /**
  * The path in the state of the source that the field edits: u, the density of a weight, or the first u of an
@@ -48,6 +51,7 @@ export function create(section, app) {
     spellcheck: "false",
     autocomplete: "off",
     autocapitalize: "off",
+    placeholder: "a function of x and y, such as tanh(20*(x - y))",
     "aria-describedby": `${id}-fault`,
   });
   const label = element("label", { for: id }, "u(x, y) =");
@@ -55,7 +59,12 @@ export function create(section, app) {
   const fault = element("p", { class: "fault", id: `${id}-fault`, role: "alert" });
   const offer = element("p", { class: "offer" });
   const sliders = element("div", { class: "parameters", role: "group", "aria-label": "Parameters" });
-  section.append(element("div", { class: "formula" }, label, text, caret, fault), offer, sliders);
+  const understood = element("p", { class: "understood" });
+  const completion = createCompletion(text, { own: () => Object.keys(source().parameters ?? {}), onTake: type, onShow: place });
+  const below = element("div", { hidden: true }, caret, fault, offer, understood, completion.list);
+  section.append(element("div", { class: "formula" }, label, text, element("div", { class: "below" }, below)), sliders);
+  let typed = -Infinity; // when the last key was pressed
+  let telling = 0;
 
   const path = () => sourcePath(store.get().spec);
   const source = () => sourceOf(store.get());
@@ -64,8 +73,18 @@ export function create(section, app) {
     store.update((state) => replaced(state, path(), next));
   }
 
+  // What is told under the field lies over the page; where there is nothing to tell, there is nothing.
+  function place() {
+    const isTold = [fault, offer, understood].some((each) => each.textContent) || !completion.list.hidden;
+    below.hidden = !isTold;
+  }
+
   function type() {
     grow();
+    typed = performance.now();
+    clearTimeout(telling);
+    tell(null);
+    understood.textContent = "";
     const old = source();
     const names = freeNames(text.value);
     for (const [name, value] of Object.entries(old.parameters ?? {})) remembered.set(name, value);
@@ -92,13 +111,17 @@ export function create(section, app) {
   }
 
   function showFault(problem) {
-    const place = `/${path()?.slice(1).join("/")}/`;
-    const found = (problem?.errors ?? []).find((each) => `${each.pointer}/`.startsWith(place));
-    // What a drawing itself tells is in its sentences.
-    const isTold = problem === app.drawing?.document.error;
-    const other = problem && !found && !isTold ? [problem.detail ?? problem.title, problem.remedy].filter(Boolean).join(" ") : "";
-    const isNew = fault.textContent !== (found?.message ?? other);
-    if (isNew) fault.textContent = found?.message ?? other;
+    clearTimeout(telling);
+    const pointer = `/${path()?.slice(1).join("/")}/`;
+    const found = (problem?.errors ?? []).find((each) => `${each.pointer}/`.startsWith(pointer)) ?? null;
+    const pause = document.activeElement === text ? typed + FINISHED - performance.now() : 0;
+    if (found && pause > 0) telling = setTimeout(() => tell(found), pause);
+    else tell(found);
+  }
+
+  // What is wrong with the function: a fault of the service, or null.
+  function tell(found) {
+    if (fault.textContent !== (found?.message ?? "")) fault.textContent = found?.message ?? "";
     if (found) text.setAttribute("aria-invalid", "true");
     else text.removeAttribute("aria-invalid");
     const column = found?.position?.line === 1 ? found.position.column : 0;
@@ -108,6 +131,16 @@ export function create(section, app) {
     offer.replaceChildren(
       ...(name ? [element("button", { type: "button", onclick: () => add(name) }, `Add ${name} as a parameter`)] : []),
     );
+    place();
+  }
+
+  // The formula as the service has read it, where that is not what was typed.
+  function showUnderstood({ document: facts, isIterate, isStored }) {
+    if (isIterate || isStored || document.activeElement !== text) return;
+    const read = expressionAt({ spec: facts.spec }, path());
+    const isOther = read !== null && spaceless(read) !== spaceless(text.value) && facts.status !== undefined;
+    understood.replaceChildren(...(isOther ? ["understood as ", element("code", {}, read)] : []));
+    place();
   }
 
   function show(state, before) {
@@ -133,9 +166,21 @@ export function create(section, app) {
     offer.querySelector("button")?.click();
   });
   app.on("problem", showFault);
+  app.on("drawing", showUnderstood);
+  text.addEventListener("blur", () => {
+    understood.textContent = "";
+    place();
+  });
   store.subscribe(show);
   new ResizeObserver(grow).observe(section);
   show(store.get());
+}
+
+const spaceless = (text) => text.replaceAll(/\s/g, "");
+
+function expressionAt(state, path) {
+  const source = path?.reduce((value, key) => value?.[key], state);
+  return typeof source === "string" ? source : (source?.expression ?? null);
 }
 
 function sourceOf(state) {

@@ -5,8 +5,8 @@ import { element } from "../dom.js";
 
 const FILES = { problems: "workbench/gallery.json", pictures: "workbench/gallery_pictures.json" };
 // Pixels of a picture in the layout; it is drawn for a screen of twice as many.
-const WIDTH = 96;
-const HEIGHT = 72;
+const WIDTH = 80;
+const HEIGHT = 60;
 const SHARPNESS = 2;
 // Milliseconds after which the gallery no longer waits for the first mesh.
 const LATEST = 2000;
@@ -39,7 +39,7 @@ export function create(section, app) {
       sentence.textContent = `The gallery cannot be loaded. ${error.message}`;
       return;
     }
-    list.replaceChildren(...problems.map((problem) => buttonOf(problem, app)));
+    list.replaceChildren(...problems.map((problem) => buttonOf(problem, list, app)));
     app.store.subscribe((state, before) => state.spec !== before.spec && mark());
     mark();
     const pictures = await app.service.json(FILES.pictures).catch(() => ({})); // titles are enough
@@ -59,13 +59,14 @@ export function create(section, app) {
   ends.push(() => clearTimeout(timer), app.on("drawing", begin), app.on("problem", (problem) => problem && begin()));
 }
 
-function buttonOf(problem, app) {
+function buttonOf(problem, list, app) {
   const canvas = element("canvas", { width: WIDTH * SHARPNESS, height: HEIGHT * SHARPNESS, "aria-hidden": "true" });
   const choose = () => {
-    app.store.update({ spec: problem.spec, sliders: slidersOf(problem), samples: null });
+    app.change({ spec: problem.spec, sliders: slidersOf(problem), samples: null });
     app.announce(`${problem.title}. ${problem.sentence}`);
     // On a phone the mesh is far above the gallery.
-    document.querySelector("#headline").scrollIntoView({ block: "nearest" });
+    const isBelow = app.canvas.stage.getBoundingClientRect().bottom < list.getBoundingClientRect().top;
+    document.querySelector("#headline").scrollIntoView({ block: isBelow ? "start" : "nearest" });
   };
   return element("button", { type: "button", title: problem.sentence, "data-name": problem.name, onclick: choose }, canvas, element("span", {}, problem.title));
 }

@@ -5,11 +5,14 @@ import { element } from "../dom.js";
 import { mixed, outlineOf, stepsOf, turnsOf } from "../iterates.js";
 import { createOutlines } from "../outlines.js";
 import { createPlayer, wantsLittleMotion } from "../player.js";
+import { Race, classicalOf, exampleOf, hasRival } from "../race.js";
+import { sentenceOf } from "../remedies.js";
+import { amount } from "../words.js";
 
 // Subdomains that are shown each second.
 const STEPS_PER_SECOND = 2;
-// What a single domain is split into at a press of the button: a condition whose iteration can be watched.
-const EXAMPLE = { subdomains: [2, 2], transmission: { kind: "classical" } };
+// Iterations of a race that are shown each second.
+const ITERATIONS_PER_SECOND = 4;
 
 /**
  * The panel of the iteration.
@@ -21,6 +24,7 @@ export function create(section, app) {
   const panel = new IterationPanel(app);
   section.append(panel.element);
   app.on("drawing", (drawing) => panel.follow(drawing));
+  app.on("problem", (problem) => panel.miss(problem));
   app.store.subscribe((state, before) => {
     if (state.spec !== before.spec || state.samples !== before.samples) panel.forget();
   });
@@ -40,31 +44,107 @@ class IterationPanel {
       onMove: (position, isPlaying) => this.show(position, isPlaying),
       limit: () => (this.frames ? Infinity : 0),
     });
-    const split = element("button", { type: "button", onclick: () => this.split() }, "Split into 2 × 2 subdomains");
-    this.none = element("div", {}, element("p", {}, "The mesh is computed on a single domain. There is no iteration to show."), split);
-    this.shown = element("div", {}, this.player.element, this.status, this.curve.element, element("p", { class: "hint" },
+    this.racer = createPlayer({
+      name: "race",
+      stepsPerSecond: ITERATIONS_PER_SECOND,
+      describe: (step) => `Iteration ${step}`,
+      onMove: (position) => this.showRace(position),
+    });
+    this.racer.element.hidden = true;
+    const split = element("button", { type: "button", class: "primary", onclick: () => this.split() }, "Show one on 2 × 2 subdomains");
+    this.compare = element("button", { type: "button", onclick: () => this.race() }, "Play it next to the classical condition");
+    this.order = element("p", { class: "hint" },
       "The subdomains move one after another to their nodes in the next iterate, in the order in which they are solved. ",
-      "Those of a parallel iteration are solved at the same time."));
+      "Those of a parallel iteration are solved at the same time.");
+    this.none = element("div", {}, element("p", {}, "The mesh is computed on a single domain. There is no iteration to show."), split,
+      element("p", { class: "hint" }, "Takes 17 × 17 points from the uniform mesh, and plays the optimized condition next to the classical one."));
+    this.shown = element("div", {}, this.player.element, this.racer.element, this.status, this.curve.element, this.compare, this.order);
     this.element = element("div", {}, this.none, this.shown);
   }
 
   split() {
-    this.app.store.set(["spec", "schwarz"], EXAMPLE);
+    this.app.change({ spec: exampleOf(this.app.store.get().spec) });
+    this.isRaceWanted = true; // as soon as its mesh is here
     this.app.announce("The domain is split into 2 × 2 subdomains.");
+  }
+
+  /** Fetch the iterates of both conditions, and play them. */
+  async race() {
+    const { spec, samples } = this.app.store.get();
+    this.request?.abort();
+    const mine = (this.request = new AbortController());
+    const options = { samples: samples?.file ?? null, frames: true, isPatient: true, signal: mine.signal };
+    this.status.textContent = "Both iterations are computed.";
+    this.compare.disabled = true;
+    try {
+      const optimized = await this.app.service.preview(spec, options);
+      const classical = await this.app.service.preview(classicalOf(spec), options);
+      if (this.request === mine) this.startRace(optimized, classical);
+    } catch (error) {
+      if (error.name === "AbortError" || this.request !== mine) return;
+      this.status.textContent = `The iterations cannot be shown. ${error.message}`;
+      this.compare.disabled = false;
+    } finally {
+      if (this.request === mine) this.request = null;
+    }
+  }
+
+  startRace(optimized, classical) {
+    this.rivals = new Race(optimized, classical);
+    this.ends = [classical, optimized].map(({ document }) => (document.error ? "not converged" : "converged"));
+    this.player.pause();
+    this.player.element.hidden = this.compare.hidden = this.order.hidden = true;
+    this.racer.element.hidden = false;
+    this.outlines.show([]);
+    this.curve.draw(curveOf(optimized.document.convergence), curveOf(classical.document.convergence));
+    this.app.store.update({ view: { layout: "pair", blend: 1 } });
+    this.racer.setSteps(this.rivals.last, 0);
+    this.racer.play();
+  }
+
+  showRace(position) {
+    if (!this.rivals || !this.base) return;
+    const { nodes: [classical, optimized], factor, done } = this.rivals.at(position);
+    const { shape } = this.rivals;
+    const words = (k) => (done[k] ? `, ${this.ends[k]}` : "");
+    const ends = this.rivals.sides.map(({ numbers }) => numbers.at(-1));
+    const text = done[0] ? `The optimized condition took ${ends[1]} iterations, the classical one ${ends[0]}.` : `Iteration ${Math.round(position)}`;
+    const array = (data) => ({ data, shape });
+    const arrays = { x: array(optimized[0]), y: array(optimized[1]), uniform_x: array(classical[0]), uniform_y: array(classical[1]) };
+    this.app.show({
+      ...this.base,
+      document: { ...this.base.document, certificate: {}, quality: {}, sentences: [{ tone: done[0] ? "good" : "", text }] },
+      arrays,
+      captions: [["classical", words(0)], ["optimized", words(1)]],
+      isIterate: true,
+      like: this.base,
+    });
+    this.curve.mark(Math.min(Math.round(position), ends[1]));
+    this.status.textContent = `Iteration ${Math.round(position)} of ${ends[0]}. The distance from the mesh that both go to is drawn ${amount(factor)} times larger.`;
   }
 
   /** Leave the iteration of the spec before. */
   forget() {
-    this.player.setSteps(0);
-    this.player.pause();
+    for (const player of [this.player, this.racer]) {
+      player.setSteps(0);
+      player.pause();
+      player.element.hidden = true;
+    }
     this.request?.abort();
-    this.base = this.frames = this.steps = this.request = null;
-    const hasSchwarz = Boolean(this.app.store.get().spec.schwarz);
+    this.base = this.frames = this.steps = this.request = this.rivals = null;
+    const { spec } = this.app.store.get();
+    const hasSchwarz = Boolean(spec.schwarz);
+    this.compare.hidden = true;
+    this.compare.disabled = this.order.hidden = false;
     this.none.hidden = hasSchwarz;
     this.shown.hidden = !hasSchwarz;
-    this.player.element.hidden = true;
     this.outlines.show([]);
     this.status.textContent = hasSchwarz ? "Waiting for the mesh." : "";
+  }
+
+  /** There is no mesh, so that no iteration is waited for. */
+  miss(problem) {
+    if (problem && !this.base && this.app.store.get().spec.schwarz) this.status.textContent = sentenceOf(problem);
   }
 
   /** The iteration is that of the last drawing that is no iterate itself. */
@@ -77,7 +157,10 @@ class IterationPanel {
     this.curve.draw(curveOf(convergence));
     this.takeSteps(convergence.iterations.map(({ iteration }) => iteration));
     this.player.element.hidden = false;
+    this.compare.hidden = !hasRival(this.app.store.get().spec);
     this.tell(this.steps.length - 1);
+    if (this.isRaceWanted) this.race();
+    this.isRaceWanted = false;
   }
 
   // One step for each subdomain and each of these iterates; the position is the end.
@@ -94,6 +177,7 @@ class IterationPanel {
     const number = Math.ceil(position);
     this.tell(number);
     if (!this.frames) {
+      this.status.textContent = "The iterates are fetched.";
       this.fetchFrames();
       return;
     }
@@ -137,6 +221,7 @@ class IterationPanel {
       document: { ...this.base.document, certificate: {}, quality: {}, sentences: [{ tone: "note", text }] },
       arrays: { ...kept(this.base.arrays), x: { data: x, shape }, y: { data: y, shape } },
       isIterate: true,
+      like: this.base,
     });
     this.outlines.show(step.active.map((one) => outlineOf(subdomains[one], columns)));
   }

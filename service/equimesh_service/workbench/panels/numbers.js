@@ -1,7 +1,16 @@
 // What the mesh is worth, in words and in numbers, with every warning.
 
 import { element } from "../dom.js";
+import { Density } from "../density.js";
 import { amount, duration } from "../words.js";
+
+// The headline of a quick look, and of a mesh that follows a drawing.
+const QUICK = { tone: "", text: "A first look. The mesh with its numbers comes next." };
+const DRAWN = { tone: "", text: "The mesh follows the density that you drew." };
+// The order of sentences: what is wrong, what to know before one uses the mesh, and everything else.
+const RANKS = ["bad", "warning", "good", "note", ""];
+// The statuses of certificates in words.
+const STATUSES = { completed: "all steps were taken", converged: "converged", relaxed: "a valid approximation", not_converged: "not converged" };
 
 /**
  * The panel of the numbers.  The first sentence is also the headline over the figure.
@@ -15,15 +24,16 @@ export function create(section, app) {
   section.append(list, element("table", {}, element("caption", { class: "hidden" }, "Numbers of the mesh"), rows));
   const headline = document.getElementById("headline");
 
+  app.on("problem", (problem) => {
+    if (problem && !app.drawing) headline.textContent = "There is no mesh.";
+  });
   app.on("drawing", (drawing) => {
-    const { document: facts, isQuick } = drawing;
-    const [first, ...others] = facts.sentences ?? [];
-    const quick = { tone: "note", text: "This is a quick look. The requested mesh comes after it." };
+    const [first, ...others] = sentencesOf(drawing);
+    const { isQuick } = drawing;
     headline.textContent = first?.text ?? "";
     headline.className = `headline ${first?.tone ?? ""}`;
-    list.replaceChildren(
-      ...[...(isQuick ? [quick] : []), ...others].map(({ tone, text }) => element("li", { class: tone }, text)),
-    );
+    const ranked = [...others].sort((one, other) => RANKS.indexOf(one.tone) - RANKS.indexOf(other.tone));
+    list.replaceChildren(...ranked.map(({ tone, text }) => element("li", { class: tone }, text)));
     const numbers = numbersOf(drawing);
     rows.replaceChildren(
       ...numbers.map(([name, value]) => element("tr", {}, element("th", { scope: "row" }, name), element("td", {}, value))),
@@ -33,17 +43,35 @@ export function create(section, app) {
   });
 }
 
-function numbersOf({ arrays, document: facts }) {
+/**
+ * The sentences of a drawing, the headline first.
+ *
+ * A quick look has fewer points and another monitor, so its gain is not said.  A failed solve is told by its title, and
+ * a density that was drawn by hand is not blamed for the error of u.
+ *
+ * @param {object} drawing
+ * @returns {{tone: string, text: string}[]}
+ */
+export function sentencesOf({ document: facts, isQuick, state }) {
+  const [first, ...others] = facts.sentences ?? [];
+  if (isQuick) return [QUICK, { tone: "note", text: "This is a quick look. The requested mesh comes after it." }];
+  if (facts.error) return [{ tone: "bad", text: `${facts.error.title}.` }, ...(facts.sentences ?? [])];
+  const rho = state?.spec.monitor?.rho ?? facts.spec?.monitor?.rho;
+  if (Density.of(rho)) return [DRAWN, ...others];
+  return first ? [first, ...others] : [];
+}
+
+function numbersOf({ arrays, document: facts, isQuick }) {
   const { quality = {}, certificate = {}, seconds = {} } = facts;
-  const gain = certificate.interpolation_gain ?? {};
+  const gain = (isQuick ? null : certificate.interpolation_gain) ?? {};
   const shape = arrays.x?.shape;
   return [
-    certificate.status && ["status", certificate.status],
+    certificate.status && ["status", STATUSES[certificate.status] ?? certificate.status],
     shape && ["points", pointsOf(facts, shape)],
     facts.blocks && ["blocks", String(facts.blocks.length)],
     gain.l2 && ["gain of the error of u (L2)", amount(gain.l2)],
     gain.h1 && ["gain of the error of its gradient (H1)", amount(gain.h1)],
-    quality?.q_eq && ["largest Q_eq, 1 is equidistributed", amount(quality.q_eq.max)],
+    quality?.q_eq && ["largest share of a cell (Q_eq), 1 is equal", amount(quality.q_eq.max)],
     quality?.min_jacobian !== undefined && [facts.blocks ? "smallest Jacobian, over the mean area" : "smallest Jacobian, 1 is uniform", amount(quality.min_jacobian)],
     seconds?.solve !== undefined && ["solved in", duration(1000 * seconds.solve)],
   ].filter(Boolean);
@@ -54,7 +82,8 @@ function pointsOf({ blocks, points }, shape) {
   return blocks ? String(points) : `${shape[0]} × ${shape[1]}`;
 }
 
-function statusOf({ arrays, document: facts, isQuick, milliseconds }) {
+function statusOf({ arrays, document: facts, isQuick, isStored, milliseconds }) {
+  if (isStored) return "A stored picture of this mesh. The service computes it now.";
   const shape = arrays.x?.shape;
   const what = isQuick ? "Quick look" : shape ? "Mesh" : "No mesh";
   const points = shape ? ` of ${pointsOf(facts, shape)} points` : "";

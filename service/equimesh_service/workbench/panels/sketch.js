@@ -122,11 +122,11 @@ class SketchPanel {
     });
   }
 
-  // The weight; u stays where there is one, so that errors are still measured.
+  // The weight alone: the mesh follows what is drawn, so that no error of a function is measured on it.
   monitor(present) {
     const isMine = present.kind === "weight" && Density.of(present.rho);
     if (!isMine) this.before = present;
-    const kept = present.kind === "weight" ? present : present.u ? { u: present.u } : {};
+    const { u: _, ...kept } = present.kind === "weight" ? present : {};
     this.sent = this.density.source(this.box);
     return { ...kept, kind: "weight", rho: this.sent };
   }

@@ -1,7 +1,6 @@
 // How the mesh is looked at: colours with their legend, uniform or adapted, zoom, and pictures of what is seen.
 
-import { COLOURS } from "../drawing/colours.js";
-import { pngOf, svgOf } from "../drawing/picture.js";
+import { COLOURS, legendOf } from "../drawing/colours.js";
 import { isThere } from "../drawing/values.js";
 import { element, freshId, select } from "../dom.js";
 import { hasBlocks } from "../sides.js";
@@ -40,10 +39,9 @@ export function create(section, app) {
         element("span", { class: "group", role: "group", "aria-label": "Layout" }, pair, single),
         element("label", { for: lines.id, class: "row" }, lines, "lines"),
       ),
-      element("div", { class: "row wide" }, createBlend(app, setView), pictureButtons(app)),
+      element("div", { class: "row wide" }, createBlend(app, setView), zoomButtons(canvas)),
     ),
   );
-  canvas.stage.after(zoomButtons(canvas));
 
   function show({ view }) {
     colour.value = view.colour;
@@ -76,9 +74,10 @@ function createLegend(app) {
     shown = table;
     const { name, scale } = coloured;
     const isContinuous = Boolean(COLOURS[name].map);
+    const isOneValue = isContinuous && scale.low === scale.high;
     bar.hidden = !isContinuous;
-    what.textContent = COLOURS[name].unit;
-    const ends = isContinuous ? [scale.low, scale.middle, scale.high].map(amount) : ["", "", ""];
+    what.textContent = legendOf(name);
+    const ends = isContinuous ? [scale.low, isOneValue ? null : scale.middle, isOneValue ? null : scale.high].map((value) => (value === null ? "" : amount(value))) : ["", "", ""];
     [low, middle, high].forEach((each, k) => (each.textContent = ends[k]));
     bar.getContext("2d").putImageData(new ImageData(new Uint8ClampedArray(table), 256, 1), 0, 0);
   }
@@ -158,21 +157,4 @@ function zoomButtons(canvas) {
     button("−", "Zoom out", () => canvas.zoomBy(1 / 1.5)),
     button("whole", "Show the whole domain", () => canvas.reset()),
   );
-}
-
-function pictureButtons(app) {
-  const save = (format, make) =>
-    element(
-      "button",
-      { type: "button", onclick: async () => app.drawing && download(await make(app), `mesh.${format}`) },
-      `Save ${format.toUpperCase()}`,
-    );
-  return element("span", { class: "row" }, save("svg", svgOf), save("png", pngOf));
-}
-
-/** Give a Blob to the visitor as a file. */
-export function download(blob, name) {
-  const link = element("a", { href: URL.createObjectURL(blob), download: name });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }

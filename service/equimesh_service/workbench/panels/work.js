@@ -1,12 +1,15 @@
 // Meshes that take longer than a preview may: requested as meshes that the service keeps, with progress and cancel.
 
 import { element } from "../dom.js";
+import { isForMeshes, sentenceOf } from "../remedies.js";
 import { duration } from "../words.js";
 
 // The label of the meshes that this page requests.
 const LABEL = "workbench";
 // Milliseconds until a stream of events that broke off is opened again.
 const AGAIN = 1000;
+// Seconds that a mesh takes at least, unless it was computed before.
+const SHORTEST = 1e-3;
 // What is being done, by the stage of the progress.
 const STAGES = {
   queued: "waiting for a worker",
@@ -29,6 +32,7 @@ export function create(section, app) {
   const panel = new WorkPanel(app, section);
   section.append(panel.element);
   app.on("problem", (problem) => panel.suggest(problem));
+  app.on("request", () => panel.start());
 }
 
 class WorkPanel {
@@ -43,12 +47,11 @@ class WorkPanel {
     this.element = element("div", { class: "work" }, this.hint, element("div", { class: "row" }, this.request, this.cancel), this.bar, this.status, this.fault);
   }
 
-  /** Say so where a mesh is too large or too slow for a preview, and open the panel. */
+  /** Say so where a mesh is too large or too slow for a preview. */
   suggest(problem) {
     const isTooMuch = Boolean(problem) && isForMeshes(problem);
     this.request.classList.toggle("suggested", isTooMuch);
     if (!isTooMuch || this.control) return;
-    this.section.closest("details")?.setAttribute("open", "");
     this.status.textContent = "This mesh is too much for a preview. Request it here.";
     this.app.announce(this.status.textContent);
   }
@@ -92,6 +95,8 @@ class WorkPanel {
     else this.bar.value = percent;
     const doing = progress.phase || STAGES[progress.stage] || progress.stage;
     this.status.textContent = `${percent === null ? "" : `${percent.toFixed(0)} %: `}${doing}`;
+    const cancel = { text: "Cancel", act: () => this.end() };
+    this.app.notice("problem", { text: `The mesh is computed to its end: ${doing}.`, done: percent ?? 0, of: 100, actions: [cancel] });
   }
 
   /** Draw a mesh that has ended, unless the page shows another spec by now. */
@@ -113,7 +118,8 @@ class WorkPanel {
     }
     this.app.emit("problem", drawing.document.error ?? null);
     this.app.show({ ...drawing, isQuick: false, milliseconds: 1000 * (mesh.timings?.total ?? 0) });
-    this.status.textContent = `${isDone ? "Done in" : "Failed after"} ${took}: ${mesh.grid ? `${mesh.grid.n_xi} × ${mesh.grid.n_eta}` : mesh.points} points.`;
+    const isReused = isDone && !(mesh.timings?.total >= SHORTEST);
+    this.status.textContent = `${isReused ? "It had been computed before" : `${isDone ? "Done in" : "Failed after"} ${took}`}: ${mesh.grid ? `${mesh.grid.n_xi} × ${mesh.grid.n_eta}` : mesh.points} points.`;
     this.app.announce(this.status.textContent);
   }
 
@@ -135,28 +141,25 @@ class WorkPanel {
   }
 
   toggle(isRunning) {
+    const isHere = this.element.contains(document.activeElement);
     this.request.hidden = isRunning;
     this.cancel.hidden = !isRunning;
     this.cancel.disabled = false;
     this.bar.hidden = !isRunning;
     if (isRunning) this.mesh = null;
     else this.control = null;
-    if (isRunning) this.cancel.focus();
+    if (isRunning && isHere) this.cancel.focus();
+    if (!isRunning) this.app.notice("problem", null);
   }
 
   complain(problem) {
-    const faults = (problem.errors ?? []).map(({ message }) => message);
+    const isToldByFaults = (problem.errors ?? []).length > 0;
     this.status.textContent = "";
-    this.fault.textContent = [faults.join("; ") || problem.detail || problem.title, faults.length ? "" : problem.remedy].filter(Boolean).join(" ");
+    this.fault.textContent = [sentenceOf(problem), isToldByFaults ? "" : problem.remedy].filter(Boolean).join(" ");
   }
 }
 
 // Done work in percent; null where it is not known.
 function percentOf({ fraction, stage }) {
   return typeof fraction === "number" && stage !== "queued" ? 100 * fraction : null;
-}
-
-// The problems whose remedy is to request the mesh.
-function isForMeshes({ type = "", detail = "" }) {
-  return /time-limit|preview/.test(type) || /preview/i.test(detail);
 }

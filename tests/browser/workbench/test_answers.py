@@ -1,0 +1,225 @@
+"""What the page says while it has no answer: grey results, a service that is gone, remedies, links, undo."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+from urllib.parse import quote
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+from browser.workbench.states import has_mesh, state
+
+pytestmark = pytest.mark.needs("chromium")
+FUNCTION = "#panel-function textarea"
+NOTICE = "#notice"
+PREVIEWS = "**/v1/previews"
+SPEC: dict[str, Any] = {
+    "monitor": {"kind": "arc_length", "u": {"expression": "tanh(20*(x-y))"}},
+    "grid": {"n_xi": 17, "n_eta": 17},
+}
+# Changes the function, and tells what is grey before any answer can be here.
+TYPED = """async (text) => {
+  const field = document.querySelector("#panel-function textarea");
+  field.value = text;
+  field.dispatchEvent(new InputEvent("input", { bubbles: true }));
+  await null;
+  await null;
+  return ["stage", "headline", "panel-numbers"].filter((id) => document.getElementById(id).classList.contains("stale"));
+}"""
+# Types text, and tells whether it was called wrong when its answer came, and whether it is in the end.
+TYPED_WRONG = """async (text) => {
+  const field = document.querySelector("#panel-function textarea");
+  const isWrong = () => field.getAttribute("aria-invalid") === "true";
+  field.focus();
+  field.value = text;
+  const { fetch } = window;
+  const early = new Promise((tell) => {
+    window.fetch = async (...all) => {
+      const reply = await fetch(...all);
+      setTimeout(() => tell(isWrong()), 50);
+      return reply;
+    };
+  });
+  field.dispatchEvent(new InputEvent("input", { bubbles: true }));
+  const first = await early;
+  window.fetch = fetch;
+  while (!isWrong()) await new Promise((resolve) => setTimeout(resolve, 20));
+  return first;
+}"""
+
+
+@pytest.fixture
+def page(lasting_page: Page) -> Page:
+    """The page at `SPEC`, with its mesh."""
+    lasting_page.evaluate("hash => { location.hash = hash }", f"spec={quote(json.dumps(SPEC))}")
+    has_mesh(lasting_page, 17, 17)
+    expect(lasting_page.locator("#headline")).not_to_have_class(re.compile("stale"))
+    return lasting_page
+
+
+def ran(page: Page, module: str, code: str, *values: Any) -> Any:
+    """The value of an expression with the names of a module of the page, and `values`."""
+    wrapped = f"async (values) => {{ const it = await import('./workbench/{module}'); return ({code}); }}"
+    return page.evaluate(wrapped, list(values))
+
+
+def test_an_answer_to_another_question_is_grey_at_once(page: Page) -> None:
+    held: list[Route] = []
+    page.route(PREVIEWS, lambda route: held.append(route))
+    assert page.evaluate(TYPED, "tanh(7*x)") == ["stage", "headline", "panel-numbers"]
+    page.unroute(PREVIEWS)
+    while not held:
+        page.wait_for_timeout(20)
+    held[0].continue_()
+    expect(page.locator("#headline")).not_to_have_class(re.compile("stale"))
+    expect(page.locator("#stage")).not_to_have_class(re.compile("stale"))
+
+
+def test_the_page_comes_back_after_the_service(page: Page) -> None:
+    page.complaints.expected.append("net::ERR")  # type: ignore[attr-defined]
+    page.route(PREVIEWS, lambda route: route.abort())
+    page.fill(FUNCTION, "tanh(8*x)")
+    expect(page.locator(NOTICE)).to_contain_text("The service does not answer")
+    expect(page.locator("#headline")).to_have_class(re.compile("stale"))
+    page.unroute(PREVIEWS)
+    expect(page.locator("#headline")).not_to_have_class(re.compile("stale"))
+    expect(page.locator(NOTICE)).to_be_hidden()
+
+
+def test_a_service_that_compiles_says_how_far_it_is(page: Page) -> None:
+    busy = {"type": "/problems/workers-busy", "title": "Workers busy", "detail": "All workers are busy."}
+    page.route(PREVIEWS, lambda route: route.fulfill(status=503, json=busy))
+    page.route("**/readyz", lambda route: route.fulfill(status=503, json={"warm_up": {"compiled": 37, "of": 146}}))
+    page.fill(FUNCTION, "tanh(9*x)")
+    expect(page.locator(NOTICE)).to_contain_text("compiles its loops, once in an environment. 37 of 146 are done")
+    assert page.locator(f"{NOTICE} progress").evaluate("bar => [bar.value, bar.max]") == [37, 146]
+    page.unroute(PREVIEWS)
+    page.unroute("**/readyz")
+    expect(page.locator(NOTICE)).to_be_hidden()
+
+
+def test_a_failed_solve_keeps_the_last_mesh_and_a_button_does_what_its_remedy_says(page: Page) -> None:
+    late = {
+        "type": "/problems/time-limit",
+        "status": 409,
+        "title": "Time limit reached",
+        "detail": "A preview is short.",
+    }
+    page.complaints.expected.append("status of 409")  # type: ignore[attr-defined]
+    page.route(PREVIEWS, lambda route: route.fulfill(status=409, json=late))
+    page.fill(FUNCTION, "tanh(10*x)")
+    notice = page.locator(NOTICE)
+    expect(notice).to_contain_text("takes longer than a preview may")
+    expect(page.locator("#stage")).to_have_class(re.compile("stale"))
+    assert page.get_attribute("#stage", "data-points") == "17 17"
+    expect(page.locator("#panel-function .fault")).to_be_empty()
+    expect(notice.get_by_role("button", name="Take 17 × 17 points")).to_have_count(0)  # it has no more
+    notice.get_by_role("button", name="Compute it to its end").click()
+    expect(page.locator("#stage")).not_to_have_class(re.compile("stale"))
+    expect(notice).to_be_hidden()
+    page.unroute(PREVIEWS)
+
+
+def test_remedies_of_problems(page: Page) -> None:
+    def remedies(problem: dict[str, Any], **spec: Any) -> list[dict[str, Any]]:
+        found = ran(page, "remedies.js", "it.remediesOf(...values)", problem, {**SPEC, **spec})
+        return [
+            {"text": one["text"], **{k: v for k, v in one.get("spec", {}).items() if k != "monitor"}} for one in found
+        ]
+
+    large = {"grid": {"n_xi": 400, "n_eta": 20}}
+    fewer = {"text": "Take 200 × 17 points", "grid": {"n_xi": 200, "n_eta": 17}}
+    assert remedies({"type": "/problems/time-limit"}, **large)[1:] == [fewer]
+    assert remedies({"type": "/problems/folded"}, monitor={"u": "x"}, **large) == [fewer]
+    wrong = {"errors": [{"pointer": "/grid/n_xi", "message": "n_xi = -5"}]}
+    assert remedies(wrong) == [{"text": "Take 33 × 33 points", "grid": {"n_xi": 33, "n_eta": 33}}]
+    classical = {"subdomains": [2, 2], "transmission": {"kind": "classical"}}
+    assert [one["schwarz"] for one in remedies({"type": "/problems/not-converged"}, schwarz=classical)] == [
+        {"subdomains": [2, 2]},
+        {**classical, "max_iterations": 300},
+    ]
+    assert remedies({"type": "/problems/internal-error"}) == []
+
+
+@pytest.mark.parametrize(
+    ("hash", "words"),
+    [
+        ("spec=%7Bbroken", "The spec of this link is damaged"),
+        ("garbage", "This link says nothing that the page can read"),
+        ('spec={"monitor":{"kind":"nothing","u":"x"}}', "the key 'kind' must be one of"),
+    ],
+)
+def test_a_broken_link_says_so(page: Page, hash: str, words: str) -> None:
+    page.evaluate("hash => { location.hash = hash }", hash)
+    expect(page.locator(NOTICE)).to_contain_text(words)
+    expect(page.locator(NOTICE).get_by_role("button")).to_have_count(1)
+
+
+def test_back_undoes_a_formula_and_a_choice_of_the_gallery(page: Page) -> None:
+    page.fill(FUNCTION, "tanh(11*x)")
+    assert state(page)["spec"]["monitor"]["u"] == {"expression": "tanh(11*x)"}
+    page.get_by_role("button", name="Ring", exact=True).click()
+    expect(page.locator(FUNCTION)).to_have_value(re.compile("0.09"))
+    assert "0.09" in state(page)["spec"]["monitor"]["u"]["expression"]
+    page.go_back()
+    expect(page.locator(FUNCTION)).to_have_value("tanh(11*x)")
+    page.go_back()
+    expect(page.locator(FUNCTION)).to_have_value("tanh(20*(x-y))")
+    page.go_forward()
+    expect(page.locator(FUNCTION)).to_have_value("tanh(11*x)")
+    has_mesh(page, 17, 17)
+
+
+def test_nothing_moves_while_one_types_a_fault(page: Page) -> None:
+    def places() -> list[Any]:
+        return [page.locator(one).bounding_box() for one in ("#stage", "#headline", ".gallery")]
+
+    before = places()
+    page.fill(FUNCTION, "sin(x*")
+    expect(page.locator("#panel-function .fault")).to_contain_text("something is missing")
+    assert places() == before
+    order = page.eval_on_selector_all("aside section", "all => all.map((each) => each.id)")
+    assert order.index("panel-gallery") < order.index("panel-numbers")  # which has more and fewer lines
+
+
+def test_a_word_that_is_being_typed_is_not_called_wrong(page: Page) -> None:
+    assert page.evaluate(TYPED_WRONG, "tanh(7*x) + si") is False
+
+
+def test_names_are_completed(page: Page) -> None:
+    page.fill(FUNCTION, "")
+    page.locator(FUNCTION).press_sequentially("3*sq")
+    page.get_by_role("option", name="sqrt").click()
+    expect(page.locator(FUNCTION)).to_have_value("3*sqrt(")
+    page.locator(FUNCTION).press_sequentially("x) + ta")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    expect(page.locator(FUNCTION)).to_have_value("3*sqrt(x) + tanh(")
+    expect(page.get_by_role("listbox", name="Names that fit")).to_be_hidden()
+    names = "it.completionsOf(...values).names"
+    assert ran(page, "completion.js", names, "x + steepness", 8, ["steepness"]) == []  # inside a word
+    assert ran(page, "completion.js", names, "x + st", 6, ["steepness"]) == ["steepness"]
+    assert ran(page, "completion.js", names, "sin", 3) == []  # it is whole
+
+
+def test_a_function_is_moved_to_another_domain(page: Page) -> None:
+    fitted = "it.fitted(...values)"
+    unit, wide = [[0, 1], [0, 1]], [[-1, 3], [0, 1]]
+    assert ran(page, "fit.js", fitted, "exp(x) + 2x*max(y, ax)", unit, wide) == (
+        "exp((0.25*x + 0.25)) + 2(0.25*x + 0.25)*max(y, ax)"
+    )
+    page.locator("#panel-domain details").first.evaluate("node => { node.open = true }")
+    page.locator("#panel-domain").get_by_label("Kind").select_option("annulus_sector")
+    page.locator(NOTICE).get_by_role("button", name="Fit it to this one").click()
+    expect(page.locator(FUNCTION)).to_have_value("tanh(20*((0.5*x)-(0.5*y)))")
+    expect(page.locator(NOTICE)).to_be_hidden()
+
+
+def test_a_magnified_iterate_folds_no_cell(page: Page) -> None:
+    square = [[0, 0, 1, 1], [0, 1, 0, 1]]
+    assert ran(page, "race.js", "it.isFolded(...values)", square, [2, 2]) is False
+    assert ran(page, "race.js", "it.isFolded(...values)", [[0, 0, 1, -1], [0, 1, 0, 1]], [2, 2]) is True
