@@ -94,8 +94,9 @@ export function createPlayer({ name, stepsPerSecond, describe, onMove, limit = (
   back.addEventListener("click", step(-1));
   forward.addEventListener("click", step(1));
   slider.addEventListener("input", () => {
+    const wanted = Number(slider.value); // the pause puts the slider back to where the player is
     pause();
-    moveTo(Number(slider.value));
+    moveTo(wanted);
   });
 
   return {

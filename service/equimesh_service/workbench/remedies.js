@@ -8,7 +8,8 @@ const USUAL = 64;
 const FEWEST = 17;
 
 /** Whether the remedy of a problem is to request the mesh, as it is too much for a preview. */
-export function isForMeshes({ type = "", detail = "", errors = [] }) {
+export function isForMeshes({ type = "", detail = "", errors = [], isOfMesh = false }) {
+  if (isOfMesh) return false; // it is one
   return /time-limit|preview/.test(type) || /preview/i.test([detail, ...errors.map(({ message }) => message)].join(" "));
 }
 

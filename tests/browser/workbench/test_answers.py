@@ -70,10 +70,10 @@ def test_an_answer_to_another_question_is_grey_at_once(page: Page) -> None:
     held: list[Route] = []
     page.route(PREVIEWS, lambda route: held.append(route))
     assert page.evaluate(TYPED, "tanh(7*x)") == ["stage", "headline", "panel-numbers"]
-    page.unroute(PREVIEWS)
     while not held:
         page.wait_for_timeout(20)
     held[0].continue_()
+    page.unroute(PREVIEWS)
     expect(page.locator("#headline")).not_to_have_class(re.compile("stale"))
     expect(page.locator("#stage")).not_to_have_class(re.compile("stale"))
 

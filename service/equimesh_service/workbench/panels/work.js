@@ -102,7 +102,7 @@ class WorkPanel {
   /** Draw a mesh that has ended, unless the page shows another spec by now. */
   async finish(mesh, spec) {
     if (mesh.status === "canceled") {
-      this.status.textContent = "Canceled.";
+      this.endCanceled();
       return;
     }
     if (mesh.status === "failed" && !mesh.partial) {
@@ -113,6 +113,7 @@ class WorkPanel {
     const isDone = mesh.status === "succeeded";
     const drawing = await this.app.service.drawing(mesh.id);
     if (this.app.store.get().spec !== spec) {
+      this.app.notice("problem", null);
       this.status.textContent = `${isDone ? "Done" : "Failed"} after ${took}. The function or its settings have changed, so the mesh is not shown.`;
       return;
     }
@@ -123,13 +124,18 @@ class WorkPanel {
     this.app.announce(this.status.textContent);
   }
 
+  endCanceled() {
+    this.status.textContent = "Canceled.";
+    this.app.notice("problem", null);
+  }
+
   /** Cancel the mesh; the events then tell that it has ended. */
   async end() {
     this.cancel.disabled = true;
     if (!this.mesh) {
       this.control.abort();
       this.toggle(false);
-      this.status.textContent = "Canceled.";
+      this.endCanceled();
       return;
     }
     try {
@@ -149,13 +155,13 @@ class WorkPanel {
     if (isRunning) this.mesh = null;
     else this.control = null;
     if (isRunning && isHere) this.cancel.focus();
-    if (!isRunning) this.app.notice("problem", null);
   }
 
   complain(problem) {
     const isToldByFaults = (problem.errors ?? []).length > 0;
     this.status.textContent = "";
     this.fault.textContent = [sentenceOf(problem), isToldByFaults ? "" : problem.remedy].filter(Boolean).join(" ");
+    this.app.emit("problem", { ...problem, isOfMesh: true });
   }
 }
 
