@@ -87,6 +87,7 @@ export function followAddress(store, onFollow = () => {}) {
   let timer = 0;
   let changed = -Infinity; // when the spec was changed last
   let isNext = false; // whether the next change of the address is an entry
+  let followed = null; // the spec of an address that was entered, which has an entry
 
   function write() {
     clearTimeout(timer);
@@ -102,7 +103,7 @@ export function followAddress(store, onFollow = () => {}) {
   }
 
   store.subscribe((state, before) => {
-    if (state.spec !== before.spec) {
+    if (state.spec !== before.spec && state.spec !== followed) {
       isNext ||= performance.now() - changed > REST;
       changed = performance.now();
     }
@@ -113,7 +114,9 @@ export function followAddress(store, onFollow = () => {}) {
     written = shown = location.hash;
     changed = -Infinity;
     isNext = false;
-    store.update(stateOf(location.hash));
+    const state = stateOf(location.hash);
+    followed = state.spec;
+    store.update(state);
     onFollow(location.hash);
   });
   return {

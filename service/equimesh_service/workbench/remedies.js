@@ -37,9 +37,9 @@ export function remediesOf(problem, spec) {
 
 /** A problem in one sentence: its faults, or its detail. */
 export function sentenceOf(problem) {
+  if (isForMeshes(problem)) return "This mesh has more points, or takes longer, than a preview may.";
   const faults = (problem.errors ?? []).filter(({ message }) => message).map(named);
   if (faults.length) return faults.join(" ");
-  if (isForMeshes(problem)) return "This mesh takes longer than a preview may.";
   return problem.detail ?? problem.title ?? "The service refused this.";
 }
 

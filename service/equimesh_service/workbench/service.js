@@ -100,9 +100,9 @@ export function createService(root = new URL("./", document.baseURI)) {
     /** A file of the mesh as a Blob, in the format that is named. */
     file: async (id, format, { signal } = {}) =>
       (await send(`v1/meshes/${id}/file?format=${encodeURIComponent(format)}`, { signal })).blob(),
-    /** Upload samples; the answer has their `id`. */
-    uploadSamples: (file, { signal } = {}) =>
-      json(`v1/samples?filename=${encodeURIComponent(file.name)}`, { method: "POST", body: file, signal }),
+    /** Upload samples; the answer has their `id`.  `column` is the name of u among the columns of the file. */
+    uploadSamples: (file, { column = null, signal } = {}) =>
+      json(`v1/samples?${new URLSearchParams({ filename: file.name, ...(column === null ? {} : { column }) })}`, { method: "POST", body: file, signal }),
     /** Upload a mesh file that is to be a domain; the answer has its `id`. */
     uploadMesh: (file, { signal } = {}) =>
       json(`v1/samples?kind=mesh&filename=${encodeURIComponent(file.name)}`, { method: "POST", body: file, signal }),

@@ -112,7 +112,7 @@ def test_a_failed_solve_keeps_the_last_mesh_and_a_button_does_what_its_remedy_sa
     page.route(PREVIEWS, lambda route: route.fulfill(status=409, json=late))
     page.fill(FUNCTION, "tanh(10*x)")
     notice = page.locator(NOTICE)
-    expect(notice).to_contain_text("takes longer than a preview may")
+    expect(notice).to_contain_text("than a preview may")
     expect(page.locator("#stage")).to_have_class(re.compile("stale"))
     assert page.get_attribute("#stage", "data-points") == "17 17"
     expect(page.locator("#panel-function .fault")).to_be_empty()
@@ -187,6 +187,13 @@ def test_nothing_moves_while_one_types_a_fault(page: Page) -> None:
 
 def test_a_word_that_is_being_typed_is_not_called_wrong(page: Page) -> None:
     assert page.evaluate(TYPED_WRONG, "tanh(7*x) + si") is False
+
+
+def test_a_formula_in_another_spelling_is_shown_as_it_was_understood(page: Page) -> None:
+    page.locator(FUNCTION).fill("tanh(9x)^2")
+    expect(page.locator("#panel-function .understood")).to_have_text("understood as tanh(9*x)**2")
+    page.locator(FUNCTION).fill("tanh(9*x)")
+    expect(page.locator("#panel-function .understood")).to_be_empty()
 
 
 def test_names_are_completed(page: Page) -> None:

@@ -93,6 +93,18 @@ def test_files_of_arrays_become_u(page: Page, panel: Locator, suffix: str) -> No
     assert stored(page)["values"].shape == ((2, 2) if suffix == "json" else (7, 7))
 
 
+def test_the_page_asks_which_column_is_u(panel: Locator) -> None:
+    axis = np.linspace(0, 1, 9)
+    rows = [f"{x},{y},{x * y},{np.tanh(9 * (x - y))}" for x in axis for y in axis]
+    choose(panel, "flow.csv", "\n".join(["x,y,p,T", *rows]).encode(), "text/csv")
+    question = panel.get_by_role("group", name="Columns of the file")
+    expect(question).to_contain_text("Which column of flow.csv is u?", timeout=30_000)
+    expect(panel.locator(".fault").first).to_be_empty()
+    question.get_by_role("button", name="T", exact=True).click()
+    expect(panel.locator(".samples-facts")).to_contain_text("-1.000 to 1.000", timeout=30_000)
+    expect(question).to_be_hidden()
+
+
 def test_a_fault_is_shown_with_its_line(page: Page, panel: Locator) -> None:
     choose(panel, "bad.csv", table("0,0.5,abc").encode(), "text/csv")
     expect(panel.get_by_role("alert")).to_have_text(

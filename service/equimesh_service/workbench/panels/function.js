@@ -137,9 +137,8 @@ export function create(section, app) {
   // The formula as the service has read it, where that is not what was typed.
   function showUnderstood({ document: facts, isIterate, isStored }) {
     if (isIterate || isStored || document.activeElement !== text) return;
-    const read = expressionAt({ spec: facts.spec }, path());
-    const isOther = read !== null && spaceless(read) !== spaceless(text.value) && facts.status !== undefined;
-    understood.replaceChildren(...(isOther ? ["understood as ", element("code", {}, read)] : []));
+    const read = facts.certificate?.understood?.[path()?.slice(1).join(".")];
+    understood.replaceChildren(...(read ? ["understood as ", element("code", {}, read)] : []));
     place();
   }
 
@@ -174,13 +173,6 @@ export function create(section, app) {
   store.subscribe(show);
   new ResizeObserver(grow).observe(section);
   show(store.get());
-}
-
-const spaceless = (text) => text.replaceAll(/\s/g, "");
-
-function expressionAt(state, path) {
-  const source = path?.reduce((value, key) => value?.[key], state);
-  return typeof source === "string" ? source : (source?.expression ?? null);
 }
 
 function sourceOf(state) {

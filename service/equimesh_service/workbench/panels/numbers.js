@@ -26,6 +26,7 @@ export function create(section, app) {
 
   app.on("problem", (problem) => {
     if (problem && !app.drawing) headline.textContent = "There is no mesh.";
+    else if (problem && app.drawing.isQuick) headline.textContent = "A first look with fewer points.";
   });
   app.on("drawing", (drawing) => {
     const [first, ...others] = sentencesOf(drawing);

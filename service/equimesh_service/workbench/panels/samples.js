@@ -5,7 +5,7 @@ import { greySamples } from "../grey.js";
 import { START } from "../store.js";
 
 // Files of numbers, in the formats that the service reads.
-const NUMBERS = [".csv", ".npz", ".npy", ".vtu", ".vtk", ".json", ".xdmf", ".zip"];
+const NUMBERS = [".csv", ".txt", ".npz", ".npy", ".vtu", ".vtk", ".json", ".xdmf", ".zip"];
 // Pictures, which the browser turns into grey values.
 const PICTURES = ["image/png", "image/jpeg", "image/webp", "image/gif", "image/bmp"];
 // Kinds of monitors that do not follow u: with samples as u, the usual monitor takes their place.
@@ -37,16 +37,17 @@ class SamplesPanel {
     this.hasProportions = element("input", { type: "checkbox" });
     this.fault = element("p", { class: "fault", role: "alert" });
     this.line = element("pre", { class: "fault-line", hidden: true });
+    this.columns = element("div", { class: "columns", role: "group", "aria-label": "Columns of the file", hidden: true });
     this.facts = element("dl", { class: "samples-facts" });
     const remove = element("button", { type: "button", onclick: () => this.remove() }, "Remove the samples");
     this.present = element("div", { hidden: true }, this.facts, remove);
     this.element = element("div", { class: "samples" },
       element("p", {}, "Choose a file, or drop it anywhere on the page. It becomes u."),
       field("File of samples, or picture", this.input, {
-        help: "Numbers: csv (x, y, u), npz, npy, vtu, vtk, json, xdmf, zip. Pictures: PNG, JPEG, as grey values.",
+        help: "Numbers: csv or txt (x, y, u), npz, npy, vtu, vtk, json, xdmf, zip. Pictures: PNG, JPEG, as grey values.",
       }),
       field("Give the domain the proportions of a picture", this.hasProportions, { inline: true }),
-      this.fault, this.line, this.present);
+      this.fault, this.line, this.columns, this.present);
   }
 
   catchDrops(page) {
@@ -75,8 +76,8 @@ class SamplesPanel {
     if (file) this.take(file).finally(() => (this.input.value = ""));
   }
 
-  /** Send a file to the service, and take the samples for u. */
-  async take(file) {
+  /** Send a file to the service, and take the samples, or a `column` of them, for u. */
+  async take(file, column = null) {
     this.complain(null);
     this.request?.abort();
     const mine = (this.request = new AbortController());
@@ -84,7 +85,7 @@ class SamplesPanel {
     try {
       const picture = PICTURES.includes(file.type) ? await greySamples(file) : null;
       const sent = picture ? new File([picture.file], `${file.name}.npy`, { type: "application/x-npy" }) : file;
-      const stored = await this.app.service.uploadSamples(sent, { signal: mine.signal });
+      const stored = await this.app.service.uploadSamples(sent, { column, signal: mine.signal });
       if (this.request === mine) this.use(stored, file, picture);
     } catch (error) {
       if (this.request === mine) await this.complain(error, file);
@@ -152,14 +153,29 @@ class SamplesPanel {
     this.facts.replaceChildren(...Object.entries(facts).flatMap(([term, text]) => [element("dt", {}, term), element("dd", {}, text)]));
   }
 
+  /** Ask which column of a file is u. */
+  ask(file, columns) {
+    this.fault.textContent = "";
+    const buttons = columns.map((column) => element("button", { type: "button", onclick: () => this.take(file, column) }, column));
+    this.columns.replaceChildren(element("p", {}, `Which column of ${file.name} is u?`), element("div", { class: "row" }, buttons));
+    this.columns.hidden = false;
+    this.app.announce(`Which column of ${file.name} is u?`);
+    this.element.closest("details")?.setAttribute("open", "");
+  }
+
   // What is wrong, and the line of the file where the service names one.
   async complain(error, file = null) {
-    this.line.hidden = true;
+    this.line.hidden = this.columns.hidden = true;
     if (!error) {
       this.fault.textContent = "";
       return;
     }
     if (error.name === "AbortError") return;
+    const columns = file && (error.problem?.errors ?? []).find((one) => one.columns?.length)?.columns;
+    if (columns) {
+      this.ask(file, columns);
+      return;
+    }
     const faults = (error.problem?.errors ?? []).map(({ message }) => message);
     const text = faults.length ? faults.join("; ") : [error.message, error.problem?.remedy].filter(Boolean).join(" ");
     this.fault.textContent = file ? `${file.name}: ${text}` : text;
