@@ -10,13 +10,16 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import io
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import redirect_stdout
 from itertools import zip_longest
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -60,8 +63,6 @@ URL = "http://127.0.0.1:8000"
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LANGUAGES = {"python", "sh", "py", "shell", "text", "json"}
 PRINTS = re.compile(r"^```python\n(.*?)^```\n\nIt prints:\n\n```text\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-END = "\x1e"
-"""Printed after each block of Python, to tell the output of one from that of the next."""
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 NEAR = 0.1
 """Descents amplify rounding: what they print differs by some percent from processor to processor."""
@@ -97,38 +98,49 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
+@pytest.fixture
+def page_folder(url: str, tmp_path: Path) -> Iterator[Path]:
+    """The folder of a page, in which this process is; its variables are those of a reader, its figures are closed."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        for variable, value in {"EQUIMESH_URL": url, "MPLBACKEND": "agg", "PATH": path}.items():
+            patch.setenv(variable, value)
+        yield tmp_path
+        if pyplot := sys.modules.get("matplotlib.pyplot"):
+            pyplot.close("all")
+
+
+def run_python(code: str, program: ModuleType) -> str:
+    """What a block prints, run here as a part of a program, where warnings are errors."""
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
+        patch.setattr(sys, "argv", ["page"])
+        patch.setitem(sys.modules, "__main__", program)
+        exec(compile(code, "page", "exec"), vars(program))
+    return said.getvalue()
+
+
+def run_shell(code: str) -> None:
+    command = ["bash", "-euo", "pipefail", "-c", code.replace("curl -s ", "curl -sS --fail-with-body ")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 @pytest.mark.parametrize("name", RUN)
-def test_the_code_of_a_page_runs(name: str, url: str, tmp_path: Path) -> None:
+def test_the_code_of_a_page_runs(name: str, url: str, page_folder: Path) -> None:
     text = PAGES[name].read_text().replace(URL, url)
-    told = dict(PRINTS.findall(text))
-    python: list[str] = []
-    variables = {**os.environ, "EQUIMESH_URL": url, "MPLBACKEND": "agg"}
-    variables["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{variables['PATH']}"
-
-    def run(*command: str) -> str:
-        done = subprocess.run(command, cwd=tmp_path, env=variables, capture_output=True, text=True, timeout=180)
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
-
-    def run_python() -> None:
-        printed = run(sys.executable, "-W", "error", "-c", f"\nprint({END!r})\n".join([*python, ""])).split(END)
-        for code, found in zip(python, printed, strict=False):
-            if code in told:
-                assert differences(told[code], found) == [], found
-        python.clear()
-
+    told, program = dict(PRINTS.findall(text)), ModuleType("__main__")
     for kind, code in blocks(text):
         if kind == "sh" and "pip install" not in code:
-            # a block may use the files that the Python before it wrote
-            if python:
-                run_python()
-            run("bash", "-euo", "pipefail", "-c", code.replace("curl -s ", "curl -sS --fail-with-body "))
+            run_shell(code)
+            program = ModuleType("__main__")  # what follows is a program of its own
         elif kind == "python":
-            python.append(code)
-    if python:
-        run_python()
+            printed = run_python(code, program)
+            if code in told:
+                assert differences(told[code], printed) == [], printed
     for kept in re.findall(r"\]\(\.\./images/tutorials/([\w-]+\.png)\)", text):
-        shown, drawn = (_coarse(path) for path in (ROOT / "docs" / "images" / "tutorials" / kept, tmp_path / kept))
+        shown, drawn = (_coarse(path) for path in (ROOT / "docs" / "images" / "tutorials" / kept, page_folder / kept))
         assert sum(abs(a - b) for a, b in zip(shown, drawn, strict=True)) / len(shown) < 5, f"store {kept} again"
 
 
@@ -163,12 +175,12 @@ def test_a_text_that_differs_from_what_is_printed_is_noticed() -> None:
     assert differences(told, f"{told}more\n") == [""]
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_every_block_says_its_language(name: str) -> None:
-    text = PAGES[name].read_text()
-    fences = [line for line in text.splitlines() if line.lstrip().startswith("```")]
-    assert len(fences) == 2 * len(blocks(text))
-    assert {kind for kind, _ in blocks(text)} <= LANGUAGES
+def test_every_block_says_its_language() -> None:
+    for name, path in PAGES.items():
+        text = path.read_text()
+        fences = [line for line in text.splitlines() if line.lstrip().startswith("```")]
+        assert len(fences) == 2 * len(blocks(text)), name
+        assert {kind for kind, _ in blocks(text)} <= LANGUAGES, name
 
 
 def anchors(text: str) -> set[str]:
@@ -177,18 +189,18 @@ def anchors(text: str) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_links_lead_somewhere(name: str) -> None:
-    path = PAGES[name]
-    text = re.sub(r"`[^`\n]*`", "", FENCE.sub("", path.read_text()))
-    for target in re.findall(r"\]\(([^)\s]+)\)", text):
-        if re.match(r"[a-z]+:", target):
-            continue
-        file, _, anchor = target.partition("#")
-        found = (path.parent / file).resolve() if file else path
-        assert found.exists(), target
-        if anchor:
-            assert anchor in anchors(found.read_text()), target
+def test_links_lead_somewhere() -> None:
+    found = {path: anchors(path.read_text()) for path in PAGES.values()}
+    for name, path in PAGES.items():
+        text = re.sub(r"`[^`\n]*`", "", FENCE.sub("", path.read_text()))
+        for target in re.findall(r"\]\(([^)\s]+)\)", text):
+            if re.match(r"[a-z]+:", target):
+                continue
+            file, _, anchor = target.partition("#")
+            led = (path.parent / file).resolve() if file else path
+            assert led.exists(), (name, target)
+            if anchor:
+                assert anchor in (found[led] if led in found else anchors(led.read_text())), (name, target)
 
 
 def test_every_page_is_reached_from_the_index() -> None:

@@ -44,7 +44,7 @@ def run(tmp_path: Path) -> Run:
 
 @pytest.fixture
 def run_alone(tmp_path: Path) -> Run:
-    """As ``run``, in a process of its own: for the first example, and for those that start services."""
+    """As ``run``, in a process of its own, as users do: for the first example, and for one that starts a service."""
 
     def run_script(number: str) -> str:
         (script,) = (path for path in SCRIPTS if path.name.startswith(number))
@@ -113,27 +113,27 @@ def test_a_pde_on_the_mesh_has_a_smaller_error_than_on_uniform_ones(run_alone: R
     check_picture(tmp_path / "poisson.png")
 
 
-def test_a_mesh_from_samples_moves_nodes_into_the_interface(run_alone: Run, tmp_path: Path) -> None:
+def test_a_mesh_from_samples_moves_nodes_into_the_interface(run: Run, tmp_path: Path) -> None:
     pytest.importorskip("equimesh_service")
-    said = run_alone("03")
+    said = run("03")
     inside, uniform = map(int, re.findall(r"(\d+) on the", said))
     assert inside > 1.5 * uniform
     check_picture(tmp_path / "drops.png")
     assert (tmp_path / "drops.vtu").stat().st_size > 10_000
 
 
-def test_a_mesh_that_follows_a_front_keeps_it_sharp(run_alone: Run, tmp_path: Path) -> None:
+def test_a_mesh_that_follows_a_front_keeps_it_sharp(run: Run, tmp_path: Path) -> None:
     pytest.importorskip("equimesh_service")
-    errors = np.array([list(map(float, line.split())) for line in run_alone("15").splitlines() if line[:2] == "0."])
+    errors = np.array([list(map(float, line.split())) for line in run("15").splitlines() if line[:2] == "0."])
     assert errors.shape == (10, 3)
     assert np.all(errors[:, 2] > 8 * errors[:, 1])
     assert errors[-1, 1] < 1.1 * errors[0, 1]  # little is lost from mesh to mesh
     check_picture(tmp_path / "moving-front.png")
 
 
-def test_a_mesh_from_a_callable_sees_its_function(run_alone: Run, tmp_path: Path) -> None:
+def test_a_mesh_from_a_callable_sees_its_function(run: Run, tmp_path: Path) -> None:
     pytest.importorskip("equimesh_service")
-    said = run_alone("04")
+    said = run("04")
     assert rows(said, "at the nodes, the service's spline")[0][0] < 1e-4
     l2, uniform = rows(said, "interpolation error L2")[0]
     assert l2 < 0.5 * uniform
