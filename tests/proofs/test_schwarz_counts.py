@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import cache
 
 import functions
 import numpy as np
@@ -34,6 +35,7 @@ class Case:
     start: em.Mesh
 
     @classmethod
+    @cache
     def of(cls, name: str, n: int) -> Case:
         problem = _problem(name, em.Grid(n_xi=n, n_eta=n))
         coarser = em.solve(_problem(name, halved(problem.grid)), mode=em.Mode.TIGHT).reference
@@ -128,11 +130,17 @@ def test_the_mesh_depends_on_no_ordering(name: str, everything: bool) -> None:
 STAR = "tanh(23.9*(sqrt((x-0.4781)**2 + (y-0.5411)**2 + 1e-4) - 0.217 - 0.033*cos(5*atan2(y-0.5411, x-0.4781))))"
 
 
+@cache
+def star() -> tuple[em.Problem, em.Solution]:
+    """The problem of that function, and its single-domain solution."""
+    problem = em.Problem(monitor=em.ArcLength(u=em.Expression(STAR)), grid=em.Grid(n_xi=65, n_eta=65))
+    return problem, em.solve(problem, mode=em.Mode.TIGHT)
+
+
 @pytest.mark.parametrize(("subdomains", "overlap"), [((4, 4), 2), ((6, 1), 3), ((2, 2), 5)])
 def test_a_mesh_that_is_hard_to_find_needs_8_iterations_at_most(subdomains: tuple[int, int], overlap: int) -> None:
     """Sweeps hardly converge on it; Newton's method takes over the acceleration. No single-domain solve does."""
-    problem = em.Problem(monitor=em.ArcLength(u=em.Expression(STAR)), grid=em.Grid(n_xi=65, n_eta=65))
-    single = em.solve(problem, mode=em.Mode.TIGHT)
+    problem, single = star()
     assert single.status is em.Status.CONVERGED
     settings = em.Schwarz(subdomains=subdomains, overlap=overlap, compare_single_domain=True, fallback=False)
     found = em.solve(problem, settings)
