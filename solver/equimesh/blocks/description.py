@@ -24,6 +24,7 @@ from equimesh.blocks.entries import (
 from equimesh.blocks.grading import Grading, grading_of
 from equimesh.errors import InputError
 from equimesh.inputs import check_name
+from equimesh.io.reading.plain_mesh import MAX_EDGES, check_side_count
 
 # Cells along one edge.
 MAX_CELLS = 100_000
@@ -112,7 +113,7 @@ class Description:
             edges=tuple(_edge(entry, k, vertices, curves) for k, entry in enumerate(listed["edges"])),
             blocks=tuple(_block(entry, k, vertices) for k, entry in enumerate(listed["blocks"])),
             joins=tuple(_join(entry, k, vertices) for k, entry in enumerate(listed["joins"])),
-            sides=_sides(given.get("sides", {}), vertices),
+            sides=_sides(given.get("sides", {}), vertices, MAX_EDGES * len(listed["blocks"])),
             corners=tuple(
                 name_among(name, f"domain.corners[{k}]", vertices, "vertex") for k, name in enumerate(listed["corners"])
             ),
@@ -175,13 +176,19 @@ def _join(value: object, k: int, vertices: Mapping[str, Point]) -> tuple[Ends, E
     return _ends(entry.get("from"), f"{field}.from", vertices), _ends(entry.get("to"), f"{field}.to", vertices)
 
 
-def _sides(value: object, vertices: Mapping[str, Point]) -> dict[str, tuple[Ends, ...]]:
-    found = {}
+def _sides(value: object, vertices: Mapping[str, Point], most_edges: int) -> dict[str, tuple[Ends, ...]]:
+    found, count = {}, 0
+    check_side_count(len(mapping(value, "domain.sides")), "domain.sides")
     for name, edges in named(value, "domain.sides", "a side").items():
         field = f"domain.sides.{name}"
         if not name.strip():
             raise InputError("sides has an empty name", field="domain.sides")
-        found[name] = tuple(_ends(ends, f"{field}[{k}]", vertices) for k, ends in enumerate(entries(edges, field)))
+        listed = entries(edges, field)
+        count += len(listed)
+        if count > most_edges:
+            message = f"sides have more than {most_edges} edges, too many for the blocks: name each edge once"
+            raise InputError(message, field="domain.sides")
+        found[name] = tuple(_ends(ends, f"{field}[{k}]", vertices) for k, ends in enumerate(listed))
     return found
 
 

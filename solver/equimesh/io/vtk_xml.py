@@ -25,6 +25,8 @@ DECOMPRESSORS: dict[str, Callable[[], Any]] = {
 }
 # What a broken file raises besides.
 BROKEN: Final = (KeyError, ValueError, binascii.Error, zlib.error, lzma.LZMAError)
+# The least bytes of a compressed block, but for the last one; VTK's have 32768 of them.
+MIN_BLOCK: Final = 512
 
 
 class VtkXml:
@@ -64,15 +66,15 @@ class VtkXml:
         if form == "ascii":
             values = np.array((element.text or "").split(None, size)[: size + 1], dtype=np.float64)
         else:
-            block, raw = (element.text or "").strip().encode(), False
+            block, raw = memoryview((element.text or "").strip().encode()), False
             if form == "appended":
-                block, raw = self.appended[int(element.attrib["offset"]) :], self.raw
+                block, raw = memoryview(self.appended)[int(element.attrib["offset"]) :], self.raw
             values = np.frombuffer(self._decoded(block, raw, size * dtype.itemsize), dtype).astype(np.float64)
         if values.size != size:
             raise SamplesError(f"array {name!r} of the vtu file has {values.size} numbers where {size} are expected")
         return values
 
-    def _decoded(self, block: bytes, raw: bool, expected: int) -> bytes:
+    def _decoded(self, block: memoryview, raw: bool, expected: int) -> bytes | memoryview:
         """The bytes of a block, which must be ``expected`` in number."""
         item = self.header.itemsize
         if self.decompressor is None:
@@ -84,6 +86,8 @@ class VtkXml:
         blocks = int(np.frombuffer(_take(block, raw, item), self.header)[0])
         if blocks > len(block) // item:
             raise SamplesError("an array of the vtu file ends too early")
+        if blocks > 1 + expected // MIN_BLOCK:
+            raise SamplesError(f"an array of the vtu file has {blocks} blocks for {expected} bytes: save larger blocks")
         sizes = np.frombuffer(_take(block, raw, (3 + blocks) * item), self.header)[3:].astype(object)
         start = (3 + blocks) * item if raw else -(-(3 + blocks) * item // 3) * 4  # the header is encoded by itself
         packed, done, at = _take(block[start:], raw, int(sum(sizes))), bytearray(), 0
@@ -97,7 +101,7 @@ class VtkXml:
         return bytes(done)
 
 
-def _take(block: bytes, raw: bool, count: int) -> bytes:
+def _take(block: memoryview, raw: bool, count: int) -> bytes | memoryview:
     """The first ``count`` bytes of a raw or base64 block."""
     found = block[:count] if raw else base64.b64decode(block[: -(-count // 3) * 4])[:count]
     if len(found) != count:

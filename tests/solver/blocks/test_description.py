@@ -46,6 +46,8 @@ def test_four_gradings_are_along_i_and_then_along_j() -> None:
         ({"joins": [{"from": ["a", "b"]}]}, "domain.joins[0].to"),
         ({"sides": {"": []}}, "domain.sides"),
         ({"sides": {"wall": [["a", "z"]]}}, "domain.sides.wall[0][1]"),
+        ({"sides": {f"s{k}": [] for k in range(1001)}}, "domain.sides"),
+        ({"sides": {"wall": [["a", "b"]] * 1000}}, "domain.sides"),
         ({"corners": ["z"]}, "domain.corners[0]"),
         ({"refine": 0}, "domain.refine"),
     ],

@@ -41,3 +41,12 @@ def test_more_than_the_limit_is_refused_before_it_is_read() -> None:
 def test_another_compressor_is_named() -> None:
     with pytest.raises(SamplesError, match="compressed by vtkLZ4"):
         VtkXml(b'<VTKFile compressor="vtkLZ4"></VTKFile>', 10)
+
+
+def test_more_blocks_than_bytes_are_refused() -> None:
+    packed = base64.b64encode(struct.pack("<1003I", 1000, 1, 0, *[0] * 1000)).decode()
+    array = f'<DataArray type="Int32" Name="q" format="binary">{packed}</DataArray>'
+    file = f'<VTKFile compressor="vtkZLibDataCompressor" byte_order="LittleEndian"><a>{array}</a></VTKFile>'
+    found = VtkXml(file.encode(), 1000)
+    with pytest.raises(SamplesError, match="has 1000 blocks for 12 bytes: save larger blocks"):
+        found.array(found.root[0][0], 3)

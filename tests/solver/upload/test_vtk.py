@@ -33,10 +33,10 @@ RAW = {"u": CLOUD_U.tobytes(), "Points": np.pad(CLOUD, ((0, 0), (0, 1))).tobytes
 
 
 def compressed(data: bytes, pack: Callable[[bytes], bytes], *, declared: int | None = None) -> tuple[bytes, bytes]:
-    """Header and blocks as VTK writes them, in blocks of 100 bytes."""
-    blocks = [pack(data[k : k + 100]) for k in range(0, len(data), 100)]
+    """Header and blocks as VTK writes them, in blocks of 600 bytes."""
+    blocks = [pack(data[k : k + 600]) for k in range(0, len(data), 600)]
     sizes = [len(block) for block in blocks]
-    header = struct.pack(f"<{3 + len(sizes)}Q", declared or len(sizes), 100, len(data) % 100, *sizes)
+    header = struct.pack(f"<{3 + len(sizes)}Q", declared or len(sizes), 600, len(data) % 600, *sizes)
     return header, b"".join(blocks)
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from equimesh.errors import InputError
 from equimesh.io.reading.block_mesh_layer import SAME, Layer, vertex_of
@@ -22,14 +22,43 @@ from equimesh.io.reading.foam_dictionary import (
     one_word,
     text_of,
 )
+from equimesh.numerics.types import Array
 
 # The vertices of each face of a hexahedron, in the order of OpenFOAM.
 FACES: Final = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
 
 
+# Different circles of a dictionary, at most.
+MAX_CIRCLES: Final = 10_000
+
+
+class _Circles:
+    """The circles of arcs, each of which is one curve."""
+
+    def __init__(self) -> None:
+        self._names: list[str] = []
+        self._rows = np.empty((0, 3))  # centers and radii, of as many as there is room for
+
+    def find(self, center: Array, radius: float) -> str | None:
+        """The name of a circle that differs by next to nothing."""
+        rows = self._rows[: len(self._names)]
+        same = (np.abs(rows - [*center, radius]) <= SAME * radius).all(axis=1)
+        return self._names[int(same.argmax())] if same.any() else None
+
+    def add(self, name: str, center: Array, radius: float) -> None:
+        """Take a new circle."""
+        if len(self._names) == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty((len(self._rows) + 64, 3))])
+        self._rows[len(self._names)] = [*center, radius]
+        self._names.append(name)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
 def edge_entries(layer: Layer, items: Sequence[Item], curves: dict[str, Any]) -> list[dict[str, Any]]:
     """The entries of the edges in the lower plane that are no straight lines; their curves are added to ``curves``."""
-    found, rest = [], deque(items)
+    found, rest, circles = [], deque(items), _Circles()
     while rest:
         kind = rest.popleft()
         name = text_of(kind)
@@ -44,7 +73,7 @@ def edge_entries(layer: Layer, items: Sequence[Item], curves: dict[str, Any]) ->
             continue
         entry: dict[str, Any] = {"from": layer.name(first), "to": layer.name(last)}
         if name == "arc":
-            entry |= _arc(layer, first, last, given, curves, kind.line)
+            entry |= _arc(layer, first, last, given, curves, circles, kind.line)
         else:
             between = [layer.place(as_items(item)) for item in as_items(given[0] if given else kind).items]
             points = [list(place) for place in (layer.plane(first), *between, layer.plane(last))]
@@ -54,7 +83,9 @@ def edge_entries(layer: Layer, items: Sequence[Item], curves: dict[str, Any]) ->
     return found
 
 
-def _arc(layer: Layer, first: int, last: int, given: list[Item], curves: dict[str, Any], line: int) -> dict[str, Any]:
+def _arc(
+    layer: Layer, first: int, last: int, given: list[Item], curves: dict[str, Any], circles: _Circles, line: int
+) -> dict[str, Any]:
     """The circle of an arc through a point, or around an origin."""
     a, b = np.array(layer.plane(first)), np.array(layer.plane(last))
     if len(given) == 2:
@@ -73,13 +104,13 @@ def _arc(layer: Layer, first: int, last: int, given: list[Item], curves: dict[st
         raise InputError(f"line {line}: an arc is: arc <vertex> <vertex> (x y z)", field="file")
     radius = float(np.hypot(*(a - center)))
     entry: dict[str, Any] = {} if via is None else {"via": via.tolist()}
-    for name, curve in curves.items():
-        if "circle" in curve:
-            known = curve["circle"]
-            if max(abs(known["radius"] - radius), *np.abs(center - known["center"])) <= SAME * radius:
-                return {"on": name} | entry
-    name = f"circle{len(curves)}"
-    curves[name] = {"circle": {"center": center.tolist(), "radius": radius}}
+    name = circles.find(center, radius)
+    if name is None:
+        if len(circles) == MAX_CIRCLES:
+            raise InputError(f"line {line}: the arcs have more than {MAX_CIRCLES} circles", field="file")
+        name = f"circle{len(curves)}"
+        circles.add(name, center, radius)
+        curves[name] = {"circle": {"center": center.tolist(), "radius": radius}}
     return {"on": name} | entry
 
 
@@ -109,15 +140,13 @@ def sides_and_joins(layer: Layer, entries: Dictionary) -> tuple[dict[str, list[l
 
 def _joins(layer: Layer, edges: list[list[str]], others: list[list[str]]) -> list[dict[str, Any]]:
     """Each edge of a cyclic patch with the one of its neighbour that lies at the same place, moved."""
-    where = {layer.names[k]: np.array(layer.plane(k)) for k in range(len(layer.names))}
-    middle = [np.mean([where[name] for edge in table for name in edge], axis=0) for table in (edges, others)]
-    found = []
-    for edge in edges:
-        goal = [where[name] + middle[1] - middle[0] for name in edge]
-        ways = [way for other in others for way in (other, other[::-1])]
-        apart = [max(math.dist(where[way[k]], goal[k]) for k in range(2)) for way in ways]
-        found.append({"from": edge, "to": ways[int(np.argmin(apart))]})
-    return found
+    ways = [way for other in others for way in (other, other[::-1])]
+    here, there = (
+        np.array([[layer.plane(layer.numbers[name]) for name in edge] for edge in table]) for table in (edges, ways)
+    )
+    moved = here + there.mean(axis=(0, 1)) - here.mean(axis=(0, 1))
+    nearest = np.asarray(KDTree(there.reshape(-1, 4)).query(moved.reshape(-1, 4))[1])
+    return [{"from": edge, "to": ways[k]} for edge, k in zip(edges, nearest.tolist(), strict=True)]
 
 
 def _patch(layer: Layer, items: Sequence[Item]) -> list[list[str]]:

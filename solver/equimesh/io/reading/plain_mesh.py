@@ -15,6 +15,8 @@ from equimesh.numerics.types import Array, IntArray
 PLANE: float = 1e-9
 # Named sides of a mesh, at most: each has an array.
 MAX_SIDES: int = 1000
+# Edges of all sides for each cell, at most: a cell has four edges, and an edge may be of several sides.
+MAX_EDGES: int = 40
 # Named points and blocks of a mesh, at most.
 MAX_PLACES: int = 10_000
 MAX_BLOCKS: int = 100_000
@@ -74,6 +76,13 @@ class PlainMesh:
                 raise InputError(message, field="cells")
         used = np.zeros(len(points), np.bool_)
         used[cells] = True
+        if len(cells) > used.sum():
+            message = f"the file has {len(cells)} cells of {used.sum()} nodes: some lie on each other, remove them"
+            raise InputError(message, field="cells")
+        edge_count = sum(map(len, sides.values()))
+        if edge_count > MAX_EDGES * len(cells):
+            message = f"the sides have {edge_count} edges, the mesh {len(cells)} cells: name each edge once"
+            raise InputError(message, field="sides")
         for name, edges in sides.items():
             if not used[edges].all():
                 row = int((~used[edges]).any(axis=1).argmax())
@@ -112,10 +121,10 @@ def check_names(sides: Collection[str], places: Collection[str], blocks: Collect
             check_name(name, f"a {what}", where)
 
 
-def check_side_count(count: int) -> None:
+def check_side_count(count: int, field: str = "sides") -> None:
     """Refuse more sides than a mesh may have."""
     if count > MAX_SIDES:
-        raise InputError(f"the file has {count} named sides: {MAX_SIDES} are possible", field="sides")
+        raise InputError(f"there are {count} named sides: {MAX_SIDES} are possible", field=field)
 
 
 def _in_plane(points: Array, kept: IntArray) -> Array:

@@ -146,14 +146,8 @@ def _map_row(row: str) -> tuple[str, list[str]]:
 
 def _merged(points: Array, rim: IntArray) -> IntArray:
     """A number for each point, the same at the same place, in the order in which they first occur."""
-    size = float(np.ptp(points, axis=0).max())
-    pairs = (
-        KDTree(points[rim]).query_pairs(SAME_PLACE * size, output_type="ndarray")
-        if size > 0.0
-        else np.empty((0, 2), int)
-    )
-    one, other = rim[pairs[:, 0]], rim[pairs[:, 1]]
-    graph = coo_array((np.ones(len(one)), (one, other)), shape=(len(points), len(points)))
+    one, other = _at_same_place(points[rim], SAME_PLACE * float(np.ptp(points, axis=0).max()))
+    graph = coo_array((np.ones(len(one)), (rim[one], rim[other])), shape=(len(points), len(points)))
     group = connected_components(graph, directed=False)[1]
     first = np.full(int(group.max()) + 1, len(points))
     np.minimum.at(first, group, np.arange(len(points)))
@@ -161,6 +155,23 @@ def _merged(points: Array, rim: IntArray) -> IntArray:
     number[np.argsort(first)] = np.arange(len(first))
     found: IntArray = number[group]
     return found
+
+
+def _at_same_place(places: Array, near: float) -> tuple[IntArray, IntArray]:
+    """Pairs that connect all ``places`` nearer than ``near``, and none that are three times as far from each other.
+
+    Their number is about that of the places, however many are at one place: all of a small square are paired with its
+    first one, and the first ones of squares with each other.
+    """
+    if not 0.0 < near < np.inf:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    squares = np.floor((places - places.min(axis=0)) / (0.5 * near)).astype(np.int64)
+    firsts, square = np.unique(squares, axis=0, return_index=True, return_inverse=True)[1:]
+    pairs = KDTree(places[firsts]).query_pairs(3.0 * near, output_type="ndarray")
+    return (
+        np.concatenate([np.arange(len(places)), firsts[pairs[:, 0]]]),
+        np.concatenate([firsts[square.reshape(-1)], firsts[pairs[:, 1]]]),
+    )
 
 
 def _is_text(data: bytes) -> bool:

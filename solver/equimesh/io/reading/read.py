@@ -16,7 +16,7 @@ from equimesh.io.reading.msh import read_msh
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.reading.plot3d import read_plot3d
 from equimesh.io.reading.poly_mesh import read_poly_mesh
-from equimesh.io.reading.refusals import refusing
+from equimesh.io.reading.refusals import most_unpacked, refusing
 from equimesh.io.reading.su2 import read_su2
 from equimesh.io.reading.vtm import read_vtm
 from equimesh.io.reading.vtu import read_vtu
@@ -43,8 +43,6 @@ MAP: Final = ".nmf"
 # The suffixes of the head and of the grids of VTK's files of several blocks.
 VTM: Final = ".vtm"
 VTS: Final = ".vts"
-# The most bytes of the files inside a zip, in all: so many times its own, within these bounds.
-MAX_EXPANSION, MIN_EXPANDED, MAX_EXPANDED = 100, 1 << 20, 1 << 31
 # The most files of a zip: a vtm has one for each block.
 MAX_MEMBERS: Final = 20_000
 # Where an OpenFOAM case has its mesh.
@@ -110,7 +108,7 @@ def _packed(data: bytes) -> PlainMesh:
     """The mesh of a zip: the files of a polyMesh in any folder, a Plot3D file with its map, or a vtm with its grids."""
     files: dict[str, bytes] = {}
     grids: dict[str, bytes] = {}
-    most = min(max(MAX_EXPANSION * len(data), MIN_EXPANDED), MAX_EXPANDED)
+    most = most_unpacked(len(data))
     with open_zip(data, "zip", most, "pack it again by deflate", MAX_MEMBERS) as members:
         for member in members.names:
             name = Path(member)
@@ -122,7 +120,7 @@ def _packed(data: bytes) -> PlainMesh:
                 raise InputError(f"the zip has two files {kind!r}: pack one mesh", field="file")
             (grids if is_grid else files)[name.name if is_grid else kind] = members.read(member)
     if VTM in files:
-        return read_vtm(files[VTM], lambda name: _grid_of(grids, name))
+        return read_vtm(files[VTM], lambda name: _grid_of(grids, name), most)
     grid = next((files[suffix] for suffix in PLOT3D if suffix in files), None)
     return read_poly_mesh(files) if grid is None else read_plot3d(grid, files.get(MAP))
 

@@ -14,7 +14,15 @@ MAX_MESSAGE: Final = 500
 # What readers raise for broken files. Anything else is a defect of a reader, and is logged as well.
 EXPECTED: Final = (ArithmeticError, EOFError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError)
 
+# The most bytes that a file unpacks to, in all: so many times its own, within these bounds.
+MAX_EXPANSION, MIN_EXPANDED, MAX_EXPANDED = 100, 1 << 20, 1 << 31
+
 _log = logging.getLogger(__name__)
+
+
+def most_unpacked(size: int) -> int:
+    """The most bytes that a file of ``size`` bytes may unpack to."""
+    return min(max(MAX_EXPANSION * size, MIN_EXPANDED), MAX_EXPANDED)
 
 
 @contextmanager

@@ -10,18 +10,19 @@ from typing import Final
 from equimesh.errors import InputError
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.reading.plot3d import joined
+from equimesh.io.reading.refusals import MAX_EXPANDED, most_unpacked
 from equimesh.io.vtk_xml import BROKEN, VtkXml
 from equimesh.io.xml_tree import parse_xml
 from equimesh.numerics.types import Array
 
 # Blocks of a file, at most.
 MAX_BLOCKS: Final = 10_000
-# Bytes of the coordinates of all blocks, at most.
-MAX_BYTES: Final = 1 << 32
 
 
-def read_vtm(head: bytes, read: Callable[[str], bytes]) -> PlainMesh:
+def read_vtm(head: bytes, read: Callable[[str], bytes], most: int = MAX_EXPANDED) -> PlainMesh:
     """The mesh of a ``.vtm`` file, whose ``head`` names a ``.vts`` file for each block; ``read`` has their bytes.
+
+    All coordinates have ``most`` bytes together.
 
     Nodes of blocks at the same place become one node. The blocks keep their names; the sides have none. Raises
     :class:`~equimesh.errors.InputError` for a broken file, and for blocks that are no plane structured grids, with the
@@ -34,7 +35,7 @@ def read_vtm(head: bytes, read: Callable[[str], bytes]) -> PlainMesh:
     if root.get("type") != "vtkMultiBlockDataSet" or not 1 <= len(entries) <= MAX_BLOCKS:
         message = f"the vtm file has {len(entries)} blocks: a vtkMultiBlockDataSet of 1 to {MAX_BLOCKS} is read"
         raise InputError(message, field="file")
-    blocks, names, left = [], [], MAX_BYTES
+    blocks, names, left = [], [], most
     files: set[str] = set()
     for number, entry in enumerate(entries):
         file = entry.get("file", "")
@@ -57,9 +58,9 @@ def read_vtm(head: bytes, read: Callable[[str], bytes]) -> PlainMesh:
     return replace(joined(blocks, {}), blocks=tuple(zip(names, sizes, strict=True)))
 
 
-def _grid(data: bytes, max_bytes: int) -> Array:
+def _grid(data: bytes, most: int) -> Array:
     """The nodes of a ``.vts`` file of one piece, shape ``(n_i, n_j, 3)``."""
-    reader = VtkXml(data, max_bytes)
+    reader = VtkXml(data, min(most, most_unpacked(len(data))))
     pieces = list(reader.root.iterfind("StructuredGrid/Piece"))
     points = pieces[0].find("Points/DataArray") if len(pieces) == 1 else None
     if points is None:

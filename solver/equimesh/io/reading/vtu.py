@@ -9,6 +9,7 @@ import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.io.reading.plain_mesh import PlainMesh, check_side_count, refuse_cell
+from equimesh.io.reading.refusals import most_unpacked
 from equimesh.io.vtk_xml import BROKEN, VtkXml
 from equimesh.numerics.types import Array, IntArray
 
@@ -24,8 +25,6 @@ OTHERS: Final = {
 SIDE_DATA: Final = ("side", "boundary", "gmsh:physical", "CellEntityIds", "tag", "cell_tags")
 # What the names of field data with the edges of a side begin with.
 SIDE_DATA_PREFIX: Final = "sides/"
-# Bytes of arrays that a file may have, at most.
-MAX_BYTES: Final = 1 << 32
 
 
 def read_vtu(data: bytes) -> PlainMesh:
@@ -37,7 +36,7 @@ def read_vtu(data: bytes) -> PlainMesh:
     file.
     """
     try:
-        reader = VtkXml(data, MAX_BYTES)
+        reader = VtkXml(data, most_unpacked(len(data)))
         pieces = list(reader.root.iter("Piece"))
         if len(pieces) != 1:
             raise InputError(f"the vtu file has {len(pieces)} pieces: save one piece", field="file")
@@ -90,11 +89,12 @@ def _rows(nodes: IntArray, starts: IntArray, offsets: IntArray, wanted: Array, c
 
 def _named_sides(reader: VtkXml) -> dict[str, IntArray]:
     """The edges of sides in the field data, by their names."""
-    found = {}
+    found: dict[str, IntArray] = {}
     for array in reader.root.iterfind("UnstructuredGrid/FieldData/DataArray"):
         name = array.get("Name", "")
         if name.startswith(SIDE_DATA_PREFIX) and array.get("NumberOfComponents") == "2":
             numbers = reader.array(array, 2 * int(array.get("NumberOfTuples", "0")))
+            check_side_count(len(found) + 1)
             found[name.removeprefix(SIDE_DATA_PREFIX)] = numbers.astype(np.int64).reshape(-1, 2)
     return found
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -50,3 +52,21 @@ def test_faces_by_block_and_by_vertices_are_sides_but_in_the_planes() -> None:
 def test_patches_of_old_dictionaries() -> None:
     sides, _ = sides_and_joins(layer(), parse("patches ( wall low ((0 1 5 4)) empty planes ((0 1 2 3)) );"))
     assert sides == {"low": [["0", "1"]]}
+
+
+def test_cyclic_patches_of_many_edges_are_read_soon() -> None:
+    one, other = ("( " + face * 10_000 + ")" for face in ("(0 4 7 3)", "(1 2 6 5)"))
+    text = f"boundary ( a {{ neighbourPatch b; faces {one}; }} b {{ neighbourPatch a; faces {other}; }} );"
+    dictionary, began = parse(text), time.process_time()
+    sides, joins = sides_and_joins(layer(), dictionary)
+    assert time.process_time() - began < 8.0
+    assert (sides, len(joins)) == ({}, 10_000)
+    assert joins[0] == {"from": ["0", "3"], "to": ["1", "2"]}
+
+
+def test_more_circles_than_a_mesh_has_are_refused() -> None:
+    arcs = " ".join(f"arc 0 3 (0.5 {0.6 + 1e-5 * k} 0)" for k in range(10_001))
+    began = time.process_time()
+    with pytest.raises(InputError, match="line 1: the arcs have more than 10000 circles"):
+        entries(arcs)
+    assert time.process_time() - began < 8.0

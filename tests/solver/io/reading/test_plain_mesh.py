@@ -53,5 +53,12 @@ def test_the_place_of_another_cell_is_named_where_it_is_known() -> None:
 def test_too_many_sides_are_refused() -> None:
     mesh = small()
     sides = {f"s{k}": mesh.cells[:1, :2] for k in range(1001)}
-    with pytest.raises(InputError, match="the file has 1001 named sides: 1000 are possible"):
+    with pytest.raises(InputError, match="there are 1001 named sides: 1000 are possible"):
         PlainMesh.of(mesh.points, mesh.cells, sides)
+
+
+def test_cells_and_edges_that_are_there_often_are_refused() -> None:
+    with pytest.raises(InputError, match="the file has 5 cells of 4 nodes: some lie on each other"):
+        PlainMesh.of(POINTS, np.repeat(CELLS, 5, axis=0), {})
+    with pytest.raises(InputError, match="the sides have 42 edges, the mesh 1 cells: name each edge once"):
+        PlainMesh.of(POINTS, CELLS, {name: np.repeat(CELLS[:, :2], 21, axis=0) for name in "ab"})

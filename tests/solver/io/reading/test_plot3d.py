@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import time
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from equimesh.errors import InputError
+from equimesh.io.reading import plot3d
 from equimesh.io.reading.plot3d import joined, read_plot3d
 from equimesh.io.reading.read import read_bytes
 from equimesh.numerics.types import Array
@@ -143,3 +147,24 @@ def test_small_files_stand_for_no_huge_ones() -> None:
 def test_long_rows_of_a_map_take_time_by_their_length() -> None:
     rows = b"a " * 50_000 + b"\n" + b"wall" + b" " * 50_000 + b"1\nwall 1 3 1 3 1 1"
     assert list(read_plot3d(text(two_blocks()[:1]), rows).sides) == ["wall"]
+
+
+def test_many_nodes_at_one_place_are_joined_soon() -> None:
+    n = 20_000
+    x = np.concatenate([1e-14 * np.random.default_rng(1).random(2 * n - 1), [1.0]])
+    began = time.process_time()
+    message = refusal(f"{n} 2 " + " ".join(map(repr, x.tolist())) + " 0" * (2 * n), "p3d")
+    assert time.process_time() - began < 8.0
+    assert f"{n - 1} cells of 2 nodes" in message
+
+
+def test_places_are_joined_over_a_short_distance_alone() -> None:
+    near, far = 0.99, 5.0
+    steps = np.tile([near] * 6 + [far], 30)
+    line = np.cumsum(steps)
+    places = np.column_stack([np.cos(0.7) * line, np.sin(0.7) * line])
+    one, other = plot3d._at_same_place(places, 1.0)
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(len(line), len(line)))
+    number, group = connected_components(graph, directed=False)
+    np.testing.assert_array_equal(np.diff(group) == 0, steps[1:] == near)
+    assert number == 31

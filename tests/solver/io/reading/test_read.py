@@ -95,6 +95,6 @@ def test_a_zip_has_one_mesh_of_bounded_size(monkeypatch: pytest.MonkeyPatch) -> 
     packed = zipped({"points": "", "polyMesh/points": ""})
     with pytest.raises(InputError, match="the zip has two files 'points'"):
         read_bytes(packed, "zip")
-    monkeypatch.setattr("equimesh.io.reading.read.MAX_EXPANDED", 100)
+    monkeypatch.setattr("equimesh.io.reading.refusals.MAX_EXPANDED", 100)
     with pytest.raises(InputError, match="the zip file unpacks to more than the bytes allowed"):
         read_bytes(zipped({"points": "0" * 60, "faces": "0" * 60}), "zip")

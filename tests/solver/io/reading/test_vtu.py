@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import meshio
@@ -79,4 +80,21 @@ def test_broken_files_are_refused_with_what_is_wrong(told: str) -> None:
 
 def test_too_many_groups_are_refused_before_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("equimesh.io.reading.plain_mesh.MAX_SIDES", 0)
-    assert "the file has 1 named sides: 0 are possible" in refusal(text_of(), "vtu")
+    assert "there are 1 named sides: 0 are possible" in refusal(text_of(), "vtu")
+
+
+def test_a_file_that_unpacks_to_very_much_is_refused(tmp_path: Path) -> None:
+    points = np.zeros((200_000, 3))
+    meshio.write(tmp_path / "mesh.vtu", meshio.Mesh(points, [("quad", [[0, 1, 2, 3]])]), compression="zlib")
+    assert (tmp_path / "mesh.vtu").stat().st_size < points.nbytes / 100
+    assert "more data than the limit allows" in refusal((tmp_path / "mesh.vtu").read_bytes(), "vtu")
+
+
+def test_sides_that_share_an_array_are_counted_soon() -> None:
+    side = '<DataArray type="Int64" Name="sides/s{}" NumberOfComponents="2" NumberOfTuples="0" format="{}" offset="1"/>'
+    sides = "".join(side.format(k, "appended") for k in range(10_000))
+    text = text_of().replace("<Piece", f"<FieldData>{sides}</FieldData><Piece", 1)
+    data = text.replace("</VTKFile>", '<AppendedData encoding="raw">_').encode()
+    began = time.process_time()
+    assert "named sides: 1000 are possible" in refusal(data + bytes(1 << 26) + b"</AppendedData></VTKFile>", "vtu")
+    assert time.process_time() - began < 8.0
