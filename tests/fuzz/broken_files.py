@@ -23,7 +23,7 @@ from typing import Any, TypeAlias
 
 import meshio
 import numpy as np
-from hypothesis import given, seed, settings
+from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 from equimesh.errors import InputError
@@ -204,7 +204,7 @@ def check(name: str, reads: Read, files: st.SearchStrategy[bytes], number: int, 
     """Read this many files of one format; ``number`` is the seed."""
 
     @seed(number)
-    @settings(max_examples=cases, deadline=None, database=None)
+    @settings(max_examples=cases, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])
     @given(data=files)
     def read(data: bytes) -> None:
         report.digest.update(data)

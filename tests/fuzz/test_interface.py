@@ -1,8 +1,8 @@
 """The whole OpenAPI document, against a real service: every answer is one that the document promises.
 
 Requests come from schemathesis: valid ones, and ones that the schema forbids (:mod:`fuzz.cases`).
-``FUZZ_CASES=20000 FUZZ_SEED=1 python -m pytest tests/fuzz -s`` sends as many, and prints the seed and a digest of the
-requests. Several are under way at once, as most wait for a worker or a file.
+``FUZZ_CASES=20000 FUZZ_SEED=1 python -m pytest tests/fuzz -s -o faulthandler_timeout=0`` sends as many, and prints the
+seed and a digest of the requests. Several are under way at once, as most wait for a worker or a file.
 """
 
 from __future__ import annotations
