@@ -20,10 +20,11 @@ def cluster(settings: Settings) -> Finding | None:
     place = f"the cluster at {settings.scheduler}"
     check = _check_of(settings)
     try:
-        workers = examine(settings.scheduler, check)
+        found = examine(settings.scheduler, check)
     except (OSError, ValueError) as error:
         message = f"the scheduler at {settings.scheduler} cannot be reached ({type(error).__name__})"
-        return failed(message, "start it: dask scheduler --port 8786; check the address, and the settings of TLS")
+        return failed(message, "start it by dask scheduler --host ADDRESS; check the address, and the settings of TLS")
+    workers = found.workers
     if not workers:
         return failed(f"{place} has no workers", f"start one: equimesh worker --scheduler {settings.scheduler}")
     faults = [f"worker {worker.name}: {worker.fault}" for worker in workers if worker.fault]
@@ -40,8 +41,20 @@ def cluster(settings: Settings) -> Finding | None:
             f"; worker {first.name} has {first.memory} MiB for {first.slots} meshes of {settings.memory_limit} MiB each"
         )
         return warning(message, "lower EQUIMESH_MEMORY_LIMIT, or give the worker fewer processes")
+    if is_open(found.address):
+        message += f"; whoever reaches the scheduler at {found.address} can run programs on all of them"
+        remedy = "use TLS, see docs/how-to/cluster.md; on one machine: dask scheduler --host 127.0.0.1"
+        return warning(message, remedy)
     reached = "all reach the database and the files" if check is not None else "the first start checks what they reach"
     return ok(f"{message}; {reached}")
+
+
+def is_open(address: str) -> bool:
+    """Whether other machines can reach a scheduler at this address without a certificate."""
+    from equimesh_service.upkeep.exposure import is_loopback
+
+    protocol, _, place = address.rpartition("://")
+    return protocol != "tls" and not is_loopback(place.rpartition(":")[0])
 
 
 def _check_of(settings: Settings) -> PackedCall | None:

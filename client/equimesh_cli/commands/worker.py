@@ -11,9 +11,9 @@ EXAMPLES = """\
 Every option is also an environment variable, as of `equimesh serve`: --workers is EQUIMESH_WORKERS.
 
 examples:
-  equimesh worker --scheduler tcp://host:8786
-  equimesh worker --scheduler tcp://host:8786 --workers 4 --name rack-7
-  EQUIMESH_SCHEDULER=tcp://host:8786 equimesh worker
+  equimesh worker --scheduler tls://first:8786 --host second
+  equimesh worker --scheduler tls://first:8786 --host second --workers 4 --name rack-7
+  EQUIMESH_SCHEDULER=tls://first:8786 equimesh worker --host second
 
 It waits for the scheduler, and joins again when the scheduler was lost. The service says what it needs to reach.
 
@@ -37,13 +37,14 @@ def add_parser(commands: Any) -> None:
         exits=EXITS,
     )
     for name, help_ in (
-        ("scheduler", "address of the scheduler of the cluster, e.g. tcp://host:8786"),
+        ("scheduler", "address of the scheduler of the cluster, e.g. tls://first:8786"),
         ("workers", "processes that solve (one for each processor)"),
         ("log-level", "least level logged (info)"),
         ("log-format", "text or json (text)"),
     ):
         parser.add_argument(f"--{name}", dest=f"setting_{name.replace('-', '_')}", help=help_)
     parser.add_argument("--name", help="name of this worker in messages (its machine and process)")
+    parser.add_argument("--host", default="", help="address on which others reach this worker (all of its machine)")
     parser.add_argument(
         "--health-port", type=int, default=0, help="port on which GET /health answers while this runs (a free one)"
     )
@@ -70,7 +71,8 @@ def run(options: argparse.Namespace) -> int:
         raise NotInstalled("dask", error) from error
     withhold_files()
     try:
-        run_worker(settings.scheduler, settings.workers, options.name or default_name(), options.health_port)
+        name = options.name or default_name()
+        run_worker(settings.scheduler, settings.workers, name, options.health_port, options.host)
     except ValueError as error:  # an address that Dask cannot read
         raise Refused(f"{settings.scheduler}: {error}") from None
     return Exit.DONE

@@ -24,24 +24,25 @@ def default_name() -> str:
     return f"{socket.gethostname()}-{os.getpid()}"
 
 
-def run_worker(scheduler: str, slots: int, name: str, health_port: int = 0) -> None:
+def run_worker(scheduler: str, slots: int, name: str, health_port: int = 0, host: str = "") -> None:
     """Work for the cluster with this ``scheduler``, ``slots`` jobs at the same time, until SIGINT or SIGTERM.
 
-    ``GET /health`` at ``health_port`` answers all the while; 0 takes a free port.
+    ``GET /health`` at ``health_port`` answers all the while; 0 takes a free port. It listens on all addresses of this
+    machine, or on ``host`` alone.
     """
     # The worker reports itself what becomes of its connection.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    asyncio.run(_work(scheduler, slots, name, health_port))
+    asyncio.run(_work(scheduler, slots, name, health_port, host))
 
 
-async def _work(scheduler: str, slots: int, name: str, health_port: int) -> None:
+async def _work(scheduler: str, slots: int, name: str, health_port: int, host: str) -> None:
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     stopped = asyncio.create_task(stop.wait())
     _log.info("worker %s looks for the scheduler at %s", name, scheduler)
     while not stop.is_set():
-        member = asyncio.create_task(_take_part(scheduler, slots, name, health_port))
+        member = asyncio.create_task(_take_part(scheduler, slots, name, health_port, host))
         await asyncio.wait([member, stopped], return_when=asyncio.FIRST_COMPLETED)
         if not member.done():
             member.cancel()
@@ -57,9 +58,12 @@ async def _work(scheduler: str, slots: int, name: str, health_port: int) -> None
     _log.info("worker %s ends", name)
 
 
-async def _take_part(scheduler: str, slots: int, name: str, health_port: int) -> None:
+async def _take_part(scheduler: str, slots: int, name: str, health_port: int, host: str) -> None:
     """Be a worker of the cluster until the connection to the scheduler is lost."""
-    worker: Any = Worker(scheduler, nthreads=slots, name=name, dashboard=False, dashboard_address=f":{health_port}")
+    health = f"{host}:{health_port}"
+    worker: Any = Worker(
+        scheduler, nthreads=slots, name=name, host=host or None, dashboard=False, dashboard_address=health
+    )
     try:
         await worker  # waits for the scheduler
         _log.info("worker %s joins the cluster at %s with %d processes", name, scheduler, slots)

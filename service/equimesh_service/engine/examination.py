@@ -27,18 +27,30 @@ class Examined:
     fault: str = ""
 
 
-def examine(scheduler: str, check: PackedCall | None) -> list[Examined]:
-    """All workers of the cluster, each after it called ``check``, which returns its fault; raises OSError without one.
+@dataclass(frozen=True, kw_only=True)
+class Examination:
+    """A cluster: the ``address`` at which its scheduler says that it can be reached, and its workers."""
+
+    address: str
+    workers: list[Examined]
+
+
+def examine(scheduler: str, check: PackedCall | None) -> Examination:
+    """The cluster, each of whose workers has called ``check``, which returns its fault; raises OSError without one.
 
     A ``check`` is left out where it is None.
     """
     client: Any = Client(scheduler, timeout=_MAX_CONNECT_SECONDS, set_as_default=False, name="equimesh-doctor")
     try:
-        known = client.sync(client.scheduler.identity, n_workers=-1)["workers"]
+        identity = client.sync(client.scheduler.identity, n_workers=-1)
+        known = identity["workers"]
         answers = client.run(_look_around, check, on_error="return") if known else {}
     finally:
         client.close()
-    return [_examined(str(known[address]["name"]), answer) for address, answer in answers.items() if address in known]
+    workers = [
+        _examined(str(known[address]["name"]), answer) for address, answer in answers.items() if address in known
+    ]
+    return Examination(address=str(identity["address"]), workers=workers)
 
 
 async def _look_around(check: PackedCall | None, dask_worker: Worker) -> dict[str, Any]:

@@ -263,7 +263,7 @@ def _main_hidden() -> Iterator[None]:
     """
     main = vars(sys.modules["__main__"])
     with _server_lock:
-        hidden = {name: main[name] for name in ("__spec__", "__file__") if name in main}
+        hidden: dict[str, Any] = {name: main[name] for name in ("__spec__", "__file__") if name in main}
         main.update(dict.fromkeys(hidden))
         try:
             yield
@@ -274,7 +274,7 @@ def _main_hidden() -> Iterator[None]:
 def _end_server() -> None:
     """End the process that workers are forked from: by itself it would first load all that it was told to load."""
     with _server_lock:
-        server = forkserver._forkserver  # type: ignore[attr-defined]
+        server: Any = forkserver._forkserver
         if server._forkserver_pid is not None:
             with suppress(ProcessLookupError):
                 os.kill(server._forkserver_pid, signal.SIGKILL)

@@ -75,3 +75,28 @@ def test_a_scheduler_that_cannot_be_reached(made: Settings, monkeypatch: pytest.
     found = look(module.cluster, with_cluster(made, "tcp://127.0.0.1:9"))
     assert found.level is Level.FAILED
     assert found.message == "the scheduler at tcp://127.0.0.1:9 cannot be reached (OSError)"
+
+
+@pytest.mark.parametrize(
+    ("address", "is_open"),
+    [
+        ("tcp://127.0.0.1:8786", False),
+        ("tcp://[::1]:8786", False),
+        ("tls://10.0.0.5:8786", False),
+        ("tcp://10.0.0.5:8786", True),
+        ("tcp://0.0.0.0:8786", True),
+        ("ucx://first:8786", True),
+    ],
+)
+def test_a_scheduler_that_others_reach_without_tls_is_open(address: str, is_open: bool) -> None:
+    assert module.is_open(address) == is_open
+
+
+def test_an_open_cluster_is_warned_of(made: Settings) -> None:
+    where = {"protocol": "tcp://", "host": "0.0.0.0", "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **where) as opened:
+        port = opened.scheduler.port
+        found = look(module.cluster, with_cluster(made, f"tcp://127.0.0.1:{port}"))
+    assert found.level is Level.WARNING
+    assert "can run programs on all of them" in found.message
+    assert "dask scheduler --host 127.0.0.1" in found.remedy
