@@ -18,7 +18,9 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
+import equimesh_client
 from browser.workbench.panels import panel
+from equimesh_service.spec.monitors import USES
 
 pytestmark = pytest.mark.needs("chromium")
 ODD = 'it\'s "mine" $HOME `id` \\n %s !! é 𝑢'
@@ -160,6 +162,15 @@ def test_a_link_of_a_stranger_puts_nothing_into_copies_that_would_run(page: Page
         for program in programs:
             called = {ast.unparse(node.func) for node in ast.walk(ast.parse(program)) if isinstance(node, ast.Call)}
             assert PYTHON.rstrip("()") not in called, program
+
+
+def test_a_program_names_the_class_of_every_kind_of_monitor(page: Page) -> None:
+    for kind in USES:
+        spec = {"monitor": {"kind": kind, "u": "x*y", "norm": "h1"}, "grid": {"n_xi": 9, "n_eta": 9}}
+        _, program, _ = page.evaluate(WRITTEN, spec)
+        name = "".join(map(str.capitalize, kind.split("_")))
+        assert f"monitor={name}(" in program, program
+        assert hasattr(equimesh_client, name)
 
 
 def test_a_key_is_named_and_never_written(visit: Callable[..., Page]) -> None:

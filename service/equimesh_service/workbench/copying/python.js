@@ -9,6 +9,7 @@ const INDENT = "    ";
 const CLASSES = {
   auto: "Auto",
   least_error: "LeastError",
+  nodal_solution: "NodalSolution",
   arc_length: "ArcLength",
   curvature: "Curvature",
   weight: "Weight",
