@@ -138,9 +138,9 @@ def running(settings: Settings, *, line: Line | None = None) -> Iterator[str]:
     """A service in a thread of this process, ready to work, for the length of a ``with``; gives its URL.
 
     While its workers compile their loops, ``line`` shows how far they are; by default at a terminal and in a notebook.
-    Worker processes import the main module of the program: guard it by ``if __name__ == "__main__"``. Raises as
-    :func:`run`, and :class:`~equimesh_service.errors.NotStartedError` when the service cannot start. As long as nothing
-    fails it is waited for, however long the compiler takes.
+    Worker processes do not import the main module of the program, so a script needs no guard. Raises as :func:`run`,
+    and :class:`~equimesh_service.errors.NotStartedError` when the service cannot start. As long as nothing fails it is
+    waited for, however long the compiler takes.
     """
     server = _server(settings)
     listener = _open(settings)

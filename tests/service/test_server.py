@@ -6,6 +6,7 @@ import io
 import logging
 import os
 import socket
+import subprocess
 import sys
 import threading
 import time
@@ -31,6 +32,23 @@ def test_small_answers_are_sent_at_once(http: httpx.Client, finished: dict[str, 
         return time.perf_counter() - began
 
     assert any(seconds() < 0.03 for _ in range(300)), "Nagle's algorithm holds every answer back for 40 ms"
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+import httpx
+from equimesh_service import Settings, running
+with running(Settings(data_dir=Path(sys.argv[1]), port=0, workers=1, log_level="error")) as url:
+    print(httpx.get(f"{url}/livez").json()["status"])
+"""
+
+
+def test_a_script_without_a_main_guard_starts_one_service(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(SCRIPT)
+    command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "data")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stdout, done.stderr[-1000:]) == (0, "ok\n", "")
 
 
 def test_the_same_expression_under_load(url: str) -> None:
