@@ -32,6 +32,7 @@ from equimesh_service.store.store import Store
 from equimesh_service.upkeep.metrics import Metrics, Snapshot
 from equimesh_service.upkeep.readiness import OK, Readiness
 from equimesh_service.upkeep.retention import Retention
+from equimesh_service.wire.body import BodyRoom
 from equimesh_service.worker import solve, warmth
 from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.reach import Reach
@@ -100,6 +101,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         lock=lock,
         check_threads=check_threads,
         metrics=metrics,
+        bodies=BodyRoom(folder, settings.max_body),
         readiness=Readiness(
             {
                 "store": store.check,

@@ -31,6 +31,7 @@ from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.upkeep.metrics import Metrics
 from equimesh_service.upkeep.readiness import Readiness
 from equimesh_service.upkeep.retention import Retention
+from equimesh_service.wire.body import BodyRoom
 from equimesh_service.worker import export
 from equimesh_service.worker.job import Export, Storage
 
@@ -58,6 +59,7 @@ class Service:
     lock: TextIOWrapper | None
     check_threads: CheckThreads
     metrics: Metrics
+    bodies: BodyRoom
     readiness: Readiness
     exporting: dict[Export, Future[Artifact | None]] = field(default_factory=dict)
 

@@ -41,7 +41,7 @@ _BODY = {
     "/expressions/check",
     summary="Check an expression",
     operation_id="checkExpression",
-    responses={**problems(400, 408, 413, 415, 422), **KEY_PROBLEMS},
+    responses={**problems(400, 408, 413, 415, 422, 503), **KEY_PROBLEMS},
     openapi_extra={"requestBody": _BODY},
 )
 async def check(request: Request, service: ServiceDependency, caller: Reader) -> ExpressionReport:
@@ -49,7 +49,8 @@ async def check(request: Request, service: ServiceDependency, caller: Reader) ->
 
     A 422 tells what is wrong, and at which column.
     """
-    data = await bodies.read_plain_json(request, service.settings.max_body)
+    with service.bodies.place(caller.key_id) as place:
+        data = await bodies.read_plain_json(request, service.settings.max_body, place)
 
     def find(name: str, settings: Mapping[str, Any]) -> Blocks:
         row = service.admission.find_stored(name, MESH_PLACE, caller)

@@ -153,13 +153,15 @@ MESH_BODY = {
 }
 
 
-async def read_request(request: Request, service: Service) -> tuple[bytes, Upload | None, Upload | None]:
+async def read_request(
+    request: Request, service: Service, place: bodies.BodyPlace
+) -> tuple[bytes, Upload | None, Upload | None]:
     """The bytes of the spec, and the samples and the mesh of its domain, where they came with it."""
     kind = bodies.media_type(request)
     if kind not in (bodies.JSON, bodies.MULTIPART, NPZ):
         shown = repr(kind[:80]) if kind else "no Content-Type"
         raise Problem("unsupported-media-type", f"Send {bodies.JSON}, {bodies.MULTIPART} or {NPZ}, not {shown}.")
-    data = await bodies.read_body(request, service.settings.max_body, service.settings.data_dir)
+    data = await bodies.read_body(request, service.settings.max_body, place)
     if kind == NPZ:
         unpacked = unpack(data) if is_light(data, "request.npz") else await service.check(unpack, data)
         return *unpacked, None
@@ -174,12 +176,13 @@ async def read_request(request: Request, service: Service) -> tuple[bytes, Uploa
 
 async def receive_mesh(request: Request, service: Service, caller: Caller) -> Admitted:
     """Read and admit a request for a mesh, with the samples that came with it."""
-    document, upload, mesh = await read_request(request, service)
-    stopwatch.lap("receive")
-    sent = [one for one in (upload, mesh) if one is not None]
-    # Before the files are stored.
-    await service.quotas.check_bytes(caller, len(document) + sum(len(one.data) for one in sent))
-    admitted = await service.check(service.admission.receive, document, upload, caller, mesh)
+    with service.bodies.place(caller.key_id) as place:
+        document, upload, mesh = await read_request(request, service, place)
+        stopwatch.lap("receive")
+        sent = [one for one in (upload, mesh) if one is not None]
+        # Before the files are stored.
+        await service.quotas.check_bytes(caller, len(document) + sum(len(one.data) for one in sent))
+        admitted = await service.check(service.admission.receive, document, upload, caller, mesh)
     if admitted.is_in_parts:
         await service.quotas.check_bytes(caller, admitted.expected_bytes)
     for _ in sent:

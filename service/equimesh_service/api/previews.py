@@ -42,8 +42,8 @@ async def create(
     The limits are EQUIMESH_MAX_PREVIEW_POINTS and EQUIMESH_PREVIEW_SECONDS. When all workers are busy, the answer is a
     503 with Retry-After.
     """
-    with service.quotas.count_wait(caller, _COUNTED_SECONDS):
-        document, upload, mesh = await read_request(request, service)
+    with service.quotas.count_wait(caller, _COUNTED_SECONDS), service.bodies.place(caller.key_id) as place:
+        document, upload, mesh = await read_request(request, service, place)
         stopwatch.lap("receive")
         if upload is not None or mesh is not None:
             service.metrics.count_upload()

@@ -75,13 +75,14 @@ async def create(
 
     With `kind=mesh` it is a mesh for `{"kind": "mesh", "file": id}` in a domain.
     """
-    upload = await read_upload(request, service.settings.max_body, filename, service.settings.data_dir)
     if column is not None and kind == "mesh":
         raise problem_at("", "a mesh has no columns: leave this out", parameter="column")
-    upload = replace(upload, column=column)
-    await service.quotas.check_bytes(caller, len(upload.data))
     keep = service.admission.keep if kind == "samples" else service.admission.keep_mesh
-    row, new = await service.check(keep, upload, caller)
+    with service.bodies.place(caller.key_id) as place:
+        upload = await read_upload(request, service.settings.max_body, filename, place)
+        upload = replace(upload, column=column)
+        await service.quotas.check_bytes(caller, len(upload.data))
+        row, new = await service.check(keep, upload, caller)
     service.metrics.count_upload()
     headers = {"Location": f"{service.settings.root}/v1/samples/{row.id}"}
     return JSONResponse(

@@ -193,22 +193,24 @@ async def step(
         raise Problem("forbidden", "Only the key that began a sequence takes its steps.")
     waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
-    kind, data = await _read_body(request, service)
-    stopwatch.lap("receive")
-    fingerprint = await run_in_threadpool(_fingerprint, f"{id} {waiting.format} {kind} ", data)
-    with refusals():
-        again = await run_in_threadpool(service.store.meshes.find_repeated, caller.key_id, key, fingerprint)
-    if again is not None:
-        mesh = await service.mesh(again, caller)
-        with service.quotas.count_wait(caller, waiting.seconds):
-            return await _answer(waiting, request, service, caller, AcceptedMesh(again), mesh.cells)
-    await service.quotas.check_bytes(caller, len(data))
-    mesh = await service.mesh(sequence.mesh_id, caller)
-    points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
-    if kind == NPZ:
-        move = await service.check(moves.read_arrays, data, moves.max_bytes(service.settings, points))
-    else:
-        move = await service.check(moves.read_long_json, service.admission, data, points)
+    with service.bodies.place(caller.key_id) as place:
+        kind, data = await _read_body(request, service, place)
+        stopwatch.lap("receive")
+        fingerprint = await run_in_threadpool(_fingerprint, f"{id} {waiting.format} {kind} ", data)
+        with refusals():
+            again = await run_in_threadpool(service.store.meshes.find_repeated, caller.key_id, key, fingerprint)
+        if again is not None:
+            mesh = await service.mesh(again, caller)
+            with service.quotas.count_wait(caller, waiting.seconds):
+                return await _answer(waiting, request, service, caller, AcceptedMesh(again), mesh.cells)
+        await service.quotas.check_bytes(caller, len(data))
+        mesh = await service.mesh(sequence.mesh_id, caller)
+        points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
+        if kind == NPZ:
+            move = await service.check(moves.read_arrays, data, moves.max_bytes(service.settings, points))
+        else:
+            move = await service.check(moves.read_long_json, service.admission, data, points)
+        del data  # a mesh that is waited for needs it no more
     start = await _start(service, caller, sequence.id, move.step)
     prepare = steps.Stepping(service.admission, service.store, service.files).prepare
     with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:
@@ -266,13 +268,13 @@ async def _velocity(service: Service, mesh: MeshRow) -> Any:
         return None
 
 
-async def _read_body(request: Request, service: Service) -> tuple[str, bytes]:
+async def _read_body(request: Request, service: Service, place: bodies.BodyPlace) -> tuple[str, bytes]:
     """The media type and the bytes of a step."""
     kind = bodies.media_type(request)
     if kind not in (bodies.JSON, NPZ):
         shown = repr(kind[:80]) if kind else "no Content-Type"
         raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {NPZ}, not {shown}.")
-    return kind, await bodies.read_body(request, service.settings.max_body, service.settings.data_dir)
+    return kind, await bodies.read_body(request, service.settings.max_body, place)
 
 
 def _fingerprint(head: str, data: bytes) -> str:

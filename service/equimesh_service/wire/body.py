@@ -1,7 +1,11 @@
 """Request bodies: read within the limits of size and time, and taken apart by their media type."""
 
+from __future__ import annotations
+
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from email.message import Message
 from io import BytesIO
@@ -29,6 +33,59 @@ MEMORY_BYTES = 1024 * 1024
 _INLINE_BYTES = 64 * 1024
 # Longer ones are parsed in pieces of this size, so that no copy of the whole is made.
 _PIECE_BYTES = 1024 * 1024
+
+
+# The most bytes under way of the bodies of one key, from the first one to the end of the checks, in the largest bodies.
+_BODIES_OF_KEY = 8
+# The same for all keys, in those of one key.
+_KEYS = 4
+
+
+class BodyRoom:
+    """Room for the bytes of bodies that are under way: each key has a part of it. For one event loop."""
+
+    def __init__(self, folder: Path, max_body: int) -> None:
+        self.folder = folder
+        self._most_of_key = _BODIES_OF_KEY * max_body
+        self._taken = Counter[str]()
+
+    @contextmanager
+    def place(self, key_id: str) -> Iterator[BodyPlace]:
+        """The place of one request, which is free again after the ``with``."""
+        place = BodyPlace(self, key_id)
+        try:
+            yield place
+        finally:
+            self._taken[key_id] -= place.size
+            self._taken += Counter()  # without the keys that have nothing left
+
+    def take(self, key_id: str, size: int) -> None:
+        """Take room; raises a 429 problem where this key has none left, and a 503 problem where there is none."""
+        if self._taken[key_id] + size > self._most_of_key:
+            who = "This key has" if key_id else "Callers without a key have"
+            detail = f"{who} {self._taken[key_id]} bytes of bodies under way: send more when these are answered."
+            raise Problem("quota-exceeded", detail, headers=_LATER)
+        if self._taken.total() + size > _KEYS * self._most_of_key:
+            raise Problem("unavailable", "Too many bytes of bodies are under way.", headers=_LATER)
+        self._taken[key_id] += size
+
+
+@dataclass
+class BodyPlace:
+    """The place of the body of one request, and the bytes for which it has room."""
+
+    room: BodyRoom
+    key_id: str
+    size: int = 0
+
+    def reserve(self, size: int) -> None:
+        """Have room for a body of this size; raises the problems of :meth:`BodyRoom.take`."""
+        if size > self.size:
+            self.room.take(self.key_id, size - self.size)
+            self.size = size
+
+
+_LATER = {"Retry-After": "5", "Connection": "close"}
 
 
 @dataclass(frozen=True)
@@ -77,11 +134,12 @@ class _Body:
         return self._file.read()
 
 
-async def read_body(request: Request, most: int, folder: Path) -> bytes:
+async def read_body(request: Request, most: int, place: BodyPlace) -> bytes:
     """All bytes of the body; raises a 413 problem for more than ``most`` bytes, and a 408 problem for a slow sender.
 
-    While it comes, a long body is in a file in ``folder``, which has no name and is gone with this process. The 413
-    comes as soon as the length is known: from Content-Length, or at the first byte that is too many.
+    While it comes, a long body is in a file, which has no name and is gone with this process. The 413, and the problems
+    of a ``place`` without room, come as soon as the length is known: from Content-Length, or at the first byte that is
+    too many.
     """
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in ("", "identity"):
@@ -89,12 +147,14 @@ async def read_body(request: Request, most: int, folder: Path) -> bytes:
     length = request.headers.get("content-length", "")
     if length.isdigit() and int(length[:20]) > most:
         raise _too_large(most)
-    body = _Body(folder)
+    place.reserve(int(length) if length.isdigit() else 0)
+    body = _Body(place.room.folder)
     try:
         async with asyncio.timeout(BODY_SECONDS):
             async for chunk in request.stream():
                 if body.size + len(chunk) > most:
                     raise _too_large(most)
+                place.reserve(body.size + len(chunk))
                 await body.write(chunk)
         return await body.read()
     except TimeoutError:
@@ -108,11 +168,11 @@ async def read_body(request: Request, most: int, folder: Path) -> bytes:
         body.close()
 
 
-async def read_plain_json(request: Request, most: int) -> bytes:
+async def read_plain_json(request: Request, most: int, place: BodyPlace) -> bytes:
     """The bytes of a JSON body that carries no samples: at most ``most``, and at most :data:`MAX_PLAIN_BYTES`."""
     if media_type(request) != JSON:
         raise Problem("unsupported-media-type", f"Send {JSON}.")
-    return await read_body(request, min(most, MAX_PLAIN_BYTES), Path())  # too short for a file
+    return await read_body(request, min(most, MAX_PLAIN_BYTES), place)
 
 
 def media_type(request: Request) -> str:
@@ -172,9 +232,9 @@ def upload_of(part: Part) -> Upload:
     return Upload(part.data, filename)
 
 
-async def read_upload(request: Request, most: int, filename: str | None, folder: Path) -> Upload:
+async def read_upload(request: Request, most: int, filename: str | None, place: BodyPlace) -> Upload:
     """Samples sent as a multipart part ``samples``, or as the body itself."""
-    body = await read_body(request, most, folder)
+    body = await read_body(request, most, place)
     kind = media_type(request)
     if kind == MULTIPART:
         parts = await read_parts(request, body, ("samples",))

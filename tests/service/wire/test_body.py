@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import tracemalloc
 from collections.abc import Awaitable, Callable
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ import httpx
 import pytest
 from starlette.requests import Request
 
-from equimesh_service.wire.body import MEMORY_BYTES, read_body
+from equimesh_service.problems.problem import Problem
+from equimesh_service.wire.body import MEMORY_BYTES, BodyPlace, BodyRoom, read_body
 
 MALFORMED: dict[str, bytes] = {
     "nothing": b"",
@@ -94,7 +96,9 @@ def test_a_long_body_comes_as_it_was_sent(tmp_path: Path) -> None:
         }
 
     taken: list[int] = []
-    assert asyncio.run(read_body(request_of(receive), 10**8, tmp_path)) == b"".join(pieces)
+    place = BodyRoom(tmp_path, 10**8).place("")
+    with place as found:
+        assert asyncio.run(read_body(request_of(receive), 10**8, found)) == b"".join(pieces)
     assert not list(tmp_path.iterdir())
 
 
@@ -109,8 +113,9 @@ def test_bodies_that_never_end_take_little_memory(tmp_path: Path) -> None:
 
     async def send_all() -> int:
         arrived: list[list[int]] = [[] for _ in range(20)]
+        place = BodyPlace(BodyRoom(tmp_path, 10**8), "")
         tasks = [
-            asyncio.create_task(read_body(request_of(partial(unfinished, came)), 10**8, tmp_path)) for came in arrived
+            asyncio.create_task(read_body(request_of(partial(unfinished, came)), 10**8, place)) for came in arrived
         ]
         while not all(len(came) == 160 for came in arrived):
             await asyncio.sleep(0.01)
@@ -126,3 +131,36 @@ def test_bodies_that_never_end_take_little_memory(tmp_path: Path) -> None:
     finally:
         tracemalloc.stop()
     assert held < 20 * 1.5 * MEMORY_BYTES
+
+
+def test_a_key_has_room_for_some_bodies_and_the_others_keep_theirs(tmp_path: Path) -> None:
+    room = BodyRoom(tmp_path, 100)
+    with ExitStack() as stack:
+        first = stack.enter_context(room.place("a"))
+        first.reserve(700)
+        first.reserve(100)  # a body of which less is there than was announced
+        with room.place("a") as place:
+            place.reserve(100)
+            with pytest.raises(Problem, match="This key has 800 bytes of bodies under way") as caught:
+                place.reserve(101)
+            assert (caught.value.kind.status, caught.value.headers["Retry-After"]) == (429, "5")
+        with room.place("a") as place:
+            place.reserve(100)  # of a request that is answered nothing is left
+        for key in "bcd":
+            stack.enter_context(room.place(key)).reserve(800)
+        with room.place("") as place, pytest.raises(Problem, match="Too many bytes of bodies") as caught:
+            place.reserve(101)
+        assert caught.value.kind.status == 503
+
+
+def test_a_body_without_room_is_refused_by_its_length_before_it_is_sent(tmp_path: Path) -> None:
+    async def receive() -> dict[str, Any]:
+        raise AssertionError("nothing is read")
+
+    request = request_of(receive)
+    request.scope["headers"] = [(b"content-length", b"99")]
+    room = BodyRoom(tmp_path, 100)
+    with room.place("a") as all_of_it, room.place("a") as place:
+        all_of_it.reserve(750)
+        with pytest.raises(Problem, match="bytes of bodies under way"):
+            asyncio.run(read_body(request, 100, place))
