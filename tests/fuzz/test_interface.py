@@ -184,6 +184,7 @@ def test_at_the_limits_of_the_schema(exchange: Exchange, operations: list[APIOpe
         for request in boundary_requests(operation, rng, every):
             exchange.send(request)
     exchange.report("at the limits")
+    assert {label for _, label, _ in exchange.answers} == {operation.label for operation in operations}
     assert exchange.digest.count >= (BOUNDARY if every == 1 else 250)
 
 
@@ -193,6 +194,42 @@ def test_random_requests(exchange: Exchange, operations: list[APIOperation], fuz
     exchange.report("at random")
     assert exchange.answers.total() >= wanted
     assert fuzz_http.get("/readyz").status_code == 200
+
+
+# Headers that the document does not name, since HTTP has them for every file, and the status of a file for each.
+CONDITIONS = {
+    206: {"Range": "bytes=0-0"},
+    304: {"If-None-Match": "*"},
+    412: {"If-Match": '"another"'},
+    416: {"Range": "bytes=999999999999-"},
+}
+
+
+def test_ranges_conditions_and_unknown_parameters_have_documented_answers(
+    operations: list[APIOperation], things: Things
+) -> None:
+    places = {"number": 0, "name": "not-found"}
+    of_file, of_parameter = dict.fromkeys(CONDITIONS, 0), 0
+    for operation in operations:
+        names = {parameter.name for parameter in operation.path_parameters}
+        known = (things.samples if "/samples" in operation.path else things.stay)[0]
+        path = {name: places.get(name, known) for name in names}
+        about_key = "401" in operation.definition.raw["responses"]
+        case = operation.Case(path_parameters=path | {"id": "none"} if names else path, query={"unknown": "1"})
+        answer = case.call(timeout=60)
+        case.validate_response(answer, checks=[not_a_server_error, status_code_conformance])
+        assert (answer.status_code == 422) == about_key, operation.label
+        of_parameter += about_key
+        if operation.method != "get" or operation.path.endswith("/events"):
+            continue
+        whole = {"/v1/samples/{id}": {"format": "npz"}, "/v1/meshes/{id}/quality": {"arrays": "true"}}
+        for status, headers in CONDITIONS.items():
+            case = operation.Case(path_parameters=path, query=whole.get(operation.path, {}), headers=headers)
+            answer = case.call(timeout=60)
+            case.validate_response(answer, checks=[not_a_server_error, status_code_conformance])
+            of_file[status] += answer.status_code == status
+    assert of_file == dict.fromkeys(CONDITIONS, 6)  # file, quality, convergence, plot, drawing; samples
+    assert of_parameter > 20
 
 
 def test_a_seed_gives_the_same_requests_in_another_process() -> None:

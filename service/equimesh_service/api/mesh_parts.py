@@ -11,7 +11,7 @@ from starlette.responses import Response
 from equimesh_service.admission.formats import check_part
 from equimesh_service.api.mesh_files import check_done, parts_of
 from equimesh_service.api.resources import GridSize
-from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, problems
+from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, problems
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
@@ -68,9 +68,8 @@ _FILES: dict[int | str, dict[str, Any]] = {
         "content": {form.media_type: {} for form in PART_FORMATS.values()},
         "headers": {"ETag": {"description": "The SHA-256 of the bytes.", "schema": _TEXT}},
     },
-    206: {"description": "The part that Range requests."},
-    304: {"description": "If-None-Match names the same bytes."},
-    **problems(404, 410, 406, 409, 412, 416, 422, 503, 507),
+    **FILE_ANSWERS,
+    **problems(404, 410, 406, 409, 422, 503, 507),
 }
 
 

@@ -19,7 +19,7 @@ from equimesh_service.api.mesh_files import (
     send_artifact,
 )
 from equimesh_service.api.mesh_requests import NPZ
-from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
+from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import Artifact, MeshRow
@@ -40,9 +40,8 @@ _FILES: dict[int | str, dict[str, Any]] = {
         "content": MESH_CONTENT,
         "headers": {"ETag": {"description": "The SHA-256 of the bytes.", "schema": _TEXT}},
     },
-    206: {"description": "The part that Range requests."},
-    304: {"description": "If-None-Match names the same bytes."},
-    **problems(404, 410, 406, 409, 412, 416, 422, 503, 507),
+    **FILE_ANSWERS,
+    **problems(404, 410, 406, 409, 422, 503, 507),
 }
 _FORMAT = Query(
     description=f"One of {', '.join(FORMATS)}, by default vtu; of a mesh in parts one of {', '.join(HEADED)}, "
@@ -88,7 +87,7 @@ router.head(
     summary="Quality of the mesh",
     operation_id="getMeshQuality",
     response_class=Response,
-    responses={200: {"content": {"application/json": {}}}, **problems(404, 410, 409, 422, 503)},
+    responses={200: {"content": {"application/json": {}}}, **FILE_ANSWERS, **problems(404, 410, 406, 409, 422, 503)},
 )
 async def get_quality(
     id: str,
@@ -116,6 +115,7 @@ async def get_quality(
     response_class=Response,
     responses={
         200: {"model": ConvergenceHistory, "content": {"application/json": {}, "text/csv": {}}},
+        **FILE_ANSWERS,
         **problems(404, 410, 406, 409, 422),
     },
 )
@@ -152,7 +152,11 @@ async def get_convergence(
     summary="A picture",
     operation_id="getMeshPlot",
     response_class=Response,
-    responses={200: {"content": {media: {} for media in PICTURES.values()}}, **problems(404, 410, 406, 409, 422, 503)},
+    responses={
+        200: {"content": {media: {} for media in PICTURES.values()}},
+        **FILE_ANSWERS,
+        **problems(404, 410, 406, 409, 422, 503),
+    },
 )
 async def get_plot(
     id: str,
@@ -182,7 +186,7 @@ async def get_plot(
     summary="All that is needed to draw the mesh",
     operation_id="getMeshDrawing",
     response_class=Response,
-    responses={200: {"content": {NPZ: {}}}, **problems(404, 410, 406, 409, 422, 503)},
+    responses={200: {"content": {NPZ: {}}}, **FILE_ANSWERS, **problems(404, 410, 406, 409, 422, 503)},
 )
 async def get_drawing(id: str, request: Request, service: ServiceDependency, caller: Reader) -> Response:
     """The npz that `POST /v1/previews` answers with, of a mesh that the service keeps; without frames.

@@ -55,8 +55,14 @@ async def _service(request: Request) -> Service:  # async, since FastAPI would u
 
 ServiceDependency = Annotated[Service, Depends(_service)]
 
-# The problems of every route with a caller.
-KEY_PROBLEMS = problems(401, 403, 429)
+# The problems of every route with a caller: of its key, and of query parameters that there are not.
+KEY_PROBLEMS = problems(401, 403, 422, 429)
+# The answers to ranges and conditions of a request for a file.
+FILE_ANSWERS: dict[int | str, dict[str, Any]] = {
+    206: {"description": "The part that Range requests."},
+    304: {"description": "If-None-Match names the same bytes."},
+    **problems(412, 416),
+}
 _bearer = HTTPBearer(
     auto_error=False,
     scheme_name="ApiKey",

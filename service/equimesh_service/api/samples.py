@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from equimesh_service.api.resources import SamplesResource, samples_resource
-from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
+from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Problem, problem_at
 from equimesh_service.wire.body import read_upload
@@ -95,7 +95,7 @@ async def create(
     summary="Look at samples",
     operation_id="getSamples",
     response_model=SamplesResource,
-    responses={200: {"content": {"application/x-npz": {}}}, **problems(404, 410, 412, 416, 422, 503)},
+    responses={200: {"content": {"application/x-npz": {}}}, **FILE_ANSWERS, **problems(404, 410, 422, 503)},
 )
 async def get(
     id: str,
