@@ -75,7 +75,7 @@ def _factor(ratio: float, word: str) -> str:
 
 
 def _about_request(certificate: Mapping[str, Any]) -> Iterator[Sentence]:
-    """Whether a requested error was reached, and which monitor was chosen."""
+    """Whether a requested error was reached, which monitor was chosen, and how formulas were understood."""
     target = certificate.get("target")
     if target is not None:
         (n_xi, n_eta), requested, reached = target["grid"], target["error"], target["reached"]
@@ -86,6 +86,8 @@ def _about_request(certificate: Mapping[str, Any]) -> Iterator[Sentence]:
     if chosen is not None and chosen["kind"] != "nodal_solution":
         name = chosen["kind"].replace("_", " ")
         yield {"tone": "note", "text": f"Of the monitors that were compared, {name} was chosen."}
+    for place, text in certificate.get("understood", {}).items():
+        yield {"tone": "note", "text": f"What was typed was read as {place.rpartition('.')[2]} = {text}."}
 
 
 def _notes(certificate: Mapping[str, Any]) -> Iterator[Sentence]:

@@ -72,5 +72,6 @@ def test_a_target_is_compared_with_what_was_reached(reached: float, tone: str) -
 
 def test_the_choice_of_auto_is_named() -> None:
     compared = [{"kind": "least_error", "chosen": True}, {"kind": "arc_length", "chosen": False}]
+    assert said(understood={"monitor.u": "2*x"})[1:] == [("note", "What was typed was read as u = 2*x.")]
     assert said(comparison=compared)[1:] == [("note", "Of the monitors that were compared, least error was chosen.")]
     assert len(said(comparison=[{"kind": "nodal_solution", "chosen": True}])) == 1
