@@ -29,7 +29,7 @@ _ARRAY = re.compile(
 _ALIASES = {"float64": "Array", "int64": "IntArray", "bool": "BoolArray", "bool_": "BoolArray", "Any": "AnyArray"}
 
 # Names of others that signatures have without their module, or in parts of a text.
-_SHORT = frozenset({*_ALIASES.values(), "Axes", "Figure", "Path", "ArrayLike", "Series", "tuple[int"})
+_SHORT = frozenset({*_ALIASES.values(), "Axes", "Figure", "Path", "ArrayLike", "Series", "int", "str"})
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def _resolve(
     """A link to the public name; the text alone for one that is not public; None, which warns, for no name at all."""
     if node.get("refdomain") != "py":
         return None
-    target = str(node["reftarget"])
+    target = str(node["reftarget"]).removeprefix("tuple[").removeprefix("~")  # of a tuple of any length
     inside = f"{node.get('py:module')}.{target}"
     path = public_path(target) or public_path(inside) or path_of_last(target)
     if path is not None:
