@@ -47,16 +47,6 @@ from equimesh_client.spec.blocks import Blocks, MeshFile
 from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
 from equimesh_client.spec.fields import Field
 from equimesh_client.spec.mesh import Target
-from equimesh_client.spec.monitors import (
-    ArcLength,
-    Auto,
-    Curvature,
-    Intersection,
-    LeastError,
-    NodalSolution,
-    Tensor,
-    Weight,
-)
 from equimesh_client.spec.motion import Motion
 from equimesh_client.spec.schwarz import BlockSchwarz, Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.spec.sources import SampleFile, StoredSamples, Upload
@@ -69,7 +59,21 @@ from equimesh_client.wire.stream import Event
 from equimesh_coupling.adaptation import Adaptation, AdaptRound
 from equimesh_coupling.cells import CellAverages, ErrorIndicator
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
-from equimesh_schema import Aim, Candidate, Certificate, Estimate, Relaxed
+from equimesh_schema import (
+    Aim,
+    ArcLength,
+    Auto,
+    Candidate,
+    Certificate,
+    Curvature,
+    Estimate,
+    Intersection,
+    LeastError,
+    NodalSolution,
+    Relaxed,
+    Tensor,
+    Weight,
+)
 
 Relaxation = Relaxed  # the name in release 0.2
 Step = SequenceStep  # the name in release 0.2

@@ -9,5 +9,31 @@ from equimesh_schema.certificate import (
     InterpolationGain,
     Relaxed,
 )
+from equimesh_schema.monitors import (
+    ArcLength,
+    Auto,
+    Curvature,
+    Intersection,
+    LeastError,
+    NodalSolution,
+    Tensor,
+    Weight,
+)
 
-__all__ = ["Aim", "Candidate", "Certificate", "Estimate", "FaceAngles", "InterpolationGain", "Relaxed"]
+__all__ = [
+    "Aim",
+    "ArcLength",
+    "Auto",
+    "Candidate",
+    "Certificate",
+    "Curvature",
+    "Estimate",
+    "FaceAngles",
+    "InterpolationGain",
+    "Intersection",
+    "LeastError",
+    "NodalSolution",
+    "Relaxed",
+    "Tensor",
+    "Weight",
+]

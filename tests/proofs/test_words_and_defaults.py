@@ -12,12 +12,11 @@ import re
 from ast import literal_eval
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, get_args, get_type_hints
 
 import pytest
 
 import equimesh as em
-from equimesh import specs
 from equimesh.io.write import CELLS
 from equimesh.monitors.auto import PURPOSES
 from equimesh.monitors.curvature import NORMS
@@ -29,12 +28,14 @@ from equimesh_cli.options import problem
 from equimesh_client import Client
 from equimesh_client.spec import domains as client_domains
 from equimesh_client.spec import mesh as client_mesh
-from equimesh_client.spec import monitors as client_monitors
 from equimesh_client.spec import schwarz as client_schwarz
+from equimesh_client.spec.monitors import monitor_json
+from equimesh_schema import monitors as schema
+from equimesh_schema.document import keys_of
+from equimesh_schema.sources import ExpressionSource
 from equimesh_service.api.checks import MODE_USES
-from equimesh_service.spec import domains, monitors, schwarz
+from equimesh_service.spec import domains, schwarz
 from equimesh_service.spec.mesh import GridSpec, MeshSpec, TargetSpec, read_spec
-from equimesh_service.spec.sources import ExpressionSource
 
 DOCS = Path(__file__).parents[2] / "docs"
 U, ONE, NOTHING = {"expression": "x*y"}, {"expression": "1"}, {"expression": "0"}
@@ -125,23 +126,22 @@ def test_the_table_of_words_is_that_of_the_solver() -> None:
     assert known(DOCUMENTS["classical"], "schwarz", "transmission", key="kind") == {*WORDS["transmission"]}
 
 
+def test_words_of_monitors() -> None:
+    assert list(schema.MONITORS.documents) == WORDS["monitor"]
+    assert list(get_args(schema.Norm)) == WORDS["norm"]
+    assert list(get_args(get_type_hints(schema.Weight)["map"])) == WORDS["map"]
+    assert get_args(get_type_hints(schema.Auto)["purpose"])[0] == Literal[PURPOSES]
+
+
 def test_words_of_the_service() -> None:
     settings = schwarz.SchwarzSpec
     assert {
-        "monitor": kinds_of(monitors.AnyMonitor),
         "domain": kinds_of(domains.AnyDomain),
         "transmission": sorted(kinds_of(schwarz.AnyTransmission), key=WORDS["transmission"].index),
-        "norm": words_of(monitors.CurvatureSpec, "norm"),
-        "map": words_of(monitors.WeightSpec, "map"),
         **{name: words_of(MeshSpec, name) for name in ("boundary", "initial", "mode", "cells")},
         "interface_data": words_of(schwarz.OptimizedSpec, "data"),
         **{name: words_of(settings, name) for name in ("ordering", "acceleration", "local_solver")},
-    } == WORDS
-    assert {**monitors.USES}.keys() == {*WORDS["monitor"]}
-    assert words_of(monitors.AutoSpec, "purpose") == [Literal[PURPOSES], type(None)]
-    assert words_of(monitors.AutoSpec, "norm") == words_of(monitors.LeastErrorSpec, "norm") == WORDS["norm"]
-    assert monitors.FOREIGN_TO_AUTO == specs.monitors.FOREIGN_TO_AUTO
-    assert monitors.LeastErrorSpec.REFUSED == {"smoothing": specs.monitors.NO_SMOOTHING}
+    }.items() <= WORDS.items()
     assert {**domains.USES}.keys() == {*WORDS["domain"]}
     for name, uses in (
         ("mode", MODE_USES),
@@ -164,7 +164,7 @@ def test_defaults_and_keys_of_the_service(name: str) -> None:
     assert canonical["monitor"].keys() - {"kind"} == known(document, "monitor")
     assert canonical["domain"].keys() - {"kind"} == known({"domain": {}, **document}, "domain")
     if "expression" in document["monitor"].get("u", {}):
-        assert ExpressionSource.model_fields.keys() == known(document, "monitor", "u")
+        assert {*keys_of(ExpressionSource)} == known(document, "monitor", "u")
     aimed = {**document, "target": {"error": 1}}
     if "schwarz" not in document:
         assert TargetSpec.model_fields.keys() == known(aimed, "target")
@@ -217,16 +217,16 @@ def read(function: object) -> dict[str, Any]:
     return {"nodal": function} if isinstance(function, dict) else {"expression": function}
 
 
-CLIENT_MONITORS: dict[str, tuple[client_monitors.Monitor, str | None]] = {
-    "auto": (client_monitors.Auto(), "x*y"),
-    "least_error": (client_monitors.LeastError(), "x*y"),
-    "nodal_solution": (client_monitors.NodalSolution(u=NODAL["nodal"]), None),
-    "arc_length": (client_monitors.ArcLength(), "x*y"),
-    "curvature": (client_monitors.Curvature(), "x*y"),
-    "weight": (client_monitors.Weight("1"), None),
-    "tensor": (client_monitors.Tensor("1", "0", "1"), None),
+CLIENT_MONITORS: dict[str, tuple[schema.AnyMonitor, str | None]] = {
+    "auto": (schema.Auto(), "x*y"),
+    "least_error": (schema.LeastError(), "x*y"),
+    "nodal_solution": (schema.NodalSolution(u=NODAL["nodal"]), None),
+    "arc_length": (schema.ArcLength(), "x*y"),
+    "curvature": (schema.Curvature(), "x*y"),
+    "weight": (schema.Weight("1"), None),
+    "tensor": (schema.Tensor("1", "0", "1"), None),
     "intersection": (
-        client_monitors.Intersection([client_monitors.ArcLength(), client_monitors.Weight("1")]),
+        schema.Intersection([schema.ArcLength(), schema.Weight("1")]),
         "x*y",
     ),
 }
@@ -242,13 +242,9 @@ CLIENT_CONDITIONS = {name: client_schwarz.transmission(name) for name in CONDITI
 
 def test_words_of_the_client() -> None:
     assert {
-        "monitor": [monitor.json(read, u)["kind"] for monitor, u in CLIENT_MONITORS.values()],
         "domain": list(client_domains.KINDS),
         "transmission": sorted(client_schwarz.TRANSMISSIONS, key=WORDS["transmission"].index),
-        "norm": list(get_args(client_monitors.Norm)),
-        "map": list(get_args(inspect.get_annotations(client_monitors.Weight, eval_str=True)["map"])),
     }.items() <= WORDS.items()
-    assert get_args(inspect.get_annotations(client_monitors.Auto, eval_str=True)["purpose"])[0] == Literal[PURPOSES]
     # the other words are strings that only the service checks: the docstrings of the client name them all
     for described, names in (
         (inspect.getsource(client_mesh.MeshOptions), ("boundary", "mode")),
@@ -263,10 +259,9 @@ def test_words_of_the_client() -> None:
 def test_defaults_and_keys_of_the_client() -> None:
     points = inspect.signature(Client.generate).parameters["n"].default
     for name, (monitor, u) in CLIENT_MONITORS.items():
-        sent = client_mesh.mesh_spec(client_monitors.monitor_json(monitor, read, u), points)
+        sent = client_mesh.mesh_spec(monitor_json(monitor, read, u), points)
         assert build(sent) == build(DOCUMENTS[name]), name
-        names = {"for" if field.name == "purpose" else field.name for field in fields(monitor)}
-        assert names == known(DOCUMENTS[name], "monitor"), name
+        assert {*keys_of(type(monitor))} - {"kind"} == known(DOCUMENTS[name], "monitor"), name
     for name, domain in CLIENT_DOMAINS.items():
         assert build({"monitor": ARC, "domain": domain.json()}) == build(DOCUMENTS[name]), name
         assert domain.json().keys() - {"kind"} == known(DOCUMENTS[name], "domain"), name
@@ -295,7 +290,7 @@ COMMANDS = {
     **{name: f"x*y --monitor arc-length --subdomains 2x1 --transmission {name}" for name in CONDITIONS},
 }
 DEFAULTS = {
-    "--monitor": specs.monitors.USUAL_KIND,
+    "--monitor": schema.MONITORS.default,
     "--distortion": em.LeastError.distortion,
     "--smoothness": em.LeastError.smoothness,
     "-a": em.ArcLength.a,
@@ -304,7 +299,7 @@ DEFAULTS = {
     "--norm": em.Curvature.norm,
     "--target-norm": em.Target.norm,
     "--map": em.Weight.map,
-    "--smoothing": 0,
+    "--smoothing": 0.0,
     "--n-xi": build(DOCUMENTS["least"]).problem.grid.n_xi,
     "--boundary": em.Problem.boundary,
     "--initial": build(DOCUMENTS["least"]).initial,
@@ -329,11 +324,11 @@ def test_what_bounds_angles_is_the_same_on_all_sides() -> None:
     for document in (auto, least):
         assert build({"monitor": read_spec({"monitor": document}).canonical["monitor"]}) == build({"monitor": document})
     sent = [
-        client_monitors.Auto(purpose="finite_volume", orthogonality=40.0),
-        client_monitors.LeastError(rectilinear=True, orthogonality=40.0),
+        schema.Auto(purpose="finite_volume", orthogonality=40.0),
+        schema.LeastError(rectilinear=True, orthogonality=40.0),
     ]
     for monitor, document in zip(sent, (auto, least), strict=True):
-        assert build({"monitor": client_monitors.monitor_json(monitor, read, "x*y")}) == build({"monitor": document})
+        assert build({"monitor": monitor_json(monitor, read, "x*y")}) == build({"monitor": document})
     for words, document in (
         ("x*y --for finite-volume --orthogonality 40", auto),
         ("x*y --monitor least-error --rectilinear --orthogonality 40", least),

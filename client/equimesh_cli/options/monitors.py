@@ -4,96 +4,66 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from dataclasses import MISSING, Field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from equimesh_cli.exits import Refused
+from equimesh_schema.document import docs_of, one_of, types_of
+from equimesh_schema.monitors import MONITORS, REQUIRED_FUNCTIONS, AnyMonitor, Intersection
+from equimesh_schema.sources import SOURCES
 
 if TYPE_CHECKING:
     from equimesh_client.spec.domains import Domain
-    from equimesh_client.spec.monitors import Monitor
 
-NEEDED = {"weight": ("rho",), "tensor": ("m11", "m12", "m22")}
-ALLOWED = {
-    "auto": ("norm", "purpose", "orthogonality"),
-    "least-error": ("norm", "distortion", "smoothness", "rectilinear", "orthogonality"),
-    "nodal-solution": ("norm", "orthogonality"),
-    "arc-length": ("a", "b", "scaled", "smoothing", "orthogonality"),
-    "curvature": ("norm", "isotropic", "smoothing", "orthogonality"),
-    "weight": ("rho", "map", "smoothing", "orthogonality"),
-    "tensor": ("m11", "m12", "m22", "smoothing", "orthogonality"),
-}
 PERIODIC: dict[str, Literal["x", "y", "both"] | None] = {"": None, "x": "x", "y": "y", "both": "both"}
 """The directions in which a rectangle repeats itself, by the word after its numbers."""
 SUFFIXES = (".npz", ".npy", ".csv", ".txt", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
 
 
 def _dashed(word: str) -> str:
-    """A kind of monitor as it is spelled here; ``least_error`` of a spec is understood, too."""
+    """A word of a spec, such as a kind of monitor, as it is spelled here; ``least_error`` itself is understood, too."""
     return word.replace("_", "-")
 
 
+KINDS = {_dashed(kind): made for kind, made in MONITORS.documents.items() if made is not Intersection}
+ALLOWED = {kind: tuple(name for name in types_of(made) if name not in ("kind", "u")) for kind, made in KINDS.items()}
+NEEDED = {_dashed(kind): names for kind, names in REQUIRED_FUNCTIONS.items() if names and "u" not in names}
+METAVARS = {"smoothing": "RADIUS", "orthogonality": "DEGREES"}
+
+
 def add_monitor_options(parser: argparse.ArgumentParser) -> None:
-    """Add the monitor and its settings."""
+    """Add the monitor and its settings, which are the fields of all monitors."""
     group = parser.add_argument_group(
         "monitor", "R, M11, M12 and M22 are expressions, with the values of --parameter and --t, or files of samples"
     )
-    group.add_argument("--monitor", type=_dashed, choices=tuple(ALLOWED), default="auto", help="(auto)")
-    group.add_argument(
-        "--norm",
-        choices=("l2", "h1"),
-        help="auto, least-error, nodal-solution, curvature: the error to keep small (l2)",
-    )
-    group.add_argument(
-        "--for",
-        dest="purpose",
-        type=_dashed,
-        choices=("finite-volume",),
-        help="auto: choose by the error of a code with cell-centred unknowns",
-    )
-    group.add_argument(
-        "--distortion",
-        type=float,
-        help="least-error: weight of deformed cells, less for a smaller error (0.5)",
-    )
-    group.add_argument(
-        "--smoothness", type=float, help="least-error: weight of uneven neighbours, less for a smaller error (1.0)"
-    )
-    group.add_argument(
-        "--rectilinear", action="store_true", default=None, help="least-error: x of xi alone, y of eta alone"
-    )
-    group.add_argument("-a", type=float, help="arc-length: strength of the adaptation, 0 to 1 (0.7)")
-    group.add_argument("-b", type=float, help="arc-length: damping where u is steep, not negative (0.05)")
-    group.add_argument(
-        "--scaled",
-        action=argparse.BooleanOptionalAction,
-        default=None,
-        help="arc-length: u in units of its range, lengths in units of the domain (True: --no-scaled as in the paper)",
-    )
-    group.add_argument(
-        "--isotropic", action="store_true", default=None, help="curvature: small cells, without a preferred direction"
-    )
-    group.add_argument("--rho", metavar="R", help="weight: the function, positive; U is not needed")
-    group.add_argument(
-        "--map",
-        choices=("lines", "gradient"),
-        help="weight: equal lengths along mesh lines, or equal areas times R by a map that is a gradient (lines)",
-    )
-    for name in ("m11", "m12", "m22"):
-        group.add_argument(f"--{name}", metavar=name.upper(), help="tensor: an entry; U is not needed")
-    group.add_argument(
-        "--smoothing",
-        metavar="RADIUS",
-        type=float,
-        help="not for auto and least-error: average the metric over this part of the domain, at most 0.25 (0)",
-    )
-    group.add_argument(
-        "--orthogonality",
-        metavar="DEGREES",
-        type=float,
-        help="largest angle between the normal of a face and the line of its two cell centres (no bound)",
-    )
+    usual = _dashed(str(MONITORS.default))
+    group.add_argument("--monitor", type=_dashed, choices=tuple(KINDS), default=usual, help=f"({usual})")
+    for name in dict.fromkeys(name for names in ALLOWED.values() for name in names):
+        kinds = [kind for kind, names in ALLOWED.items() if name in names]
+        made = KINDS[kinds[0]]
+        (field,) = (field for field in fields(made) if field.name == name)
+        owners = "" if len(kinds) == len(KINDS) else f"{', '.join(kinds)}: "
+        help_of = f"{owners}{docs_of(made).get(name, '')}{_default_of(field.default)}".replace("%", "%%")
+        group.add_argument(_flag(name), dest=name, default=None, help=help_of, **_reading(field, types_of(made)[name]))
+
+
+def _default_of(default: object) -> str:
+    return "" if default is MISSING or default is None or default is False else f" ({default})"
+
+
+def _reading(field: Field[Any], annotation: Any) -> dict[str, Any]:
+    """How an option is read that is a field of this type."""
+    if one_of(annotation) is SOURCES:
+        return {"metavar": field.name.upper().removesuffix("HO")}
+    annotations = [annotation]
+    for one in annotations:
+        annotations += get_args(one)
+    if bool in annotations:
+        return {"action": argparse.BooleanOptionalAction if field.default else "store_true"}
+    if float in annotations:
+        return {"type": float, "metavar": METAVARS.get(field.name)}
+    return {"type": _dashed, "choices": tuple(_dashed(word) for word in annotations if isinstance(word, str))}
 
 
 def check_monitor(options: argparse.Namespace) -> None:
@@ -124,26 +94,16 @@ def function(text: str) -> str | Path:
     return Path(text) if text.lower().endswith(SUFFIXES) else text
 
 
-def monitor_of(options: argparse.Namespace) -> Monitor:
+def monitor_of(options: argparse.Namespace) -> AnyMonitor:
     """The monitor of the client, without its u."""
-    from equimesh_client import ArcLength, Auto, Curvature, LeastError, NodalSolution, Tensor, Weight
-
     values = {name: getattr(options, name) for name in ALLOWED[options.monitor]}
     settings: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
     for name in NEEDED.get(options.monitor, ()):
         settings[name] = function(settings[name])
     if "purpose" in settings:
         settings["purpose"] = settings["purpose"].replace("-", "_")
-    kinds: dict[str, Callable[..., Monitor]] = {
-        "auto": Auto,
-        "least-error": LeastError,
-        "nodal-solution": NodalSolution,
-        "arc-length": ArcLength,
-        "curvature": Curvature,
-        "weight": Weight,
-        "tensor": Tensor,
-    }
-    return kinds[options.monitor](**settings)
+    monitor: AnyMonitor = KINDS[options.monitor](**settings)
+    return monitor
 
 
 def domain(text: str) -> Domain:

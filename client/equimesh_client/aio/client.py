@@ -14,7 +14,6 @@ from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.progress_bar import Watch
 from equimesh_client.spec.domains import Domain, domain_json
 from equimesh_client.spec.mesh import MeshOptions, complete_options
-from equimesh_client.spec.monitors import Norm
 from equimesh_client.spec.request import GenerateArguments, request_of_spec
 from equimesh_client.spec.sources import StoredSamples, read_mesh_file
 from equimesh_client.wire import flows, protocol
@@ -27,6 +26,7 @@ from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import AsyncSession
 from equimesh_client.wire.transport import base_url
 from equimesh_coupling.adaptation import Adaptation
+from equimesh_schema.monitors import Norm
 
 
 class AsyncClient:

@@ -9,7 +9,6 @@ from equimesh_client.blocking.mesh import Mesh
 from equimesh_client.records.sequences import SequenceRecord
 from equimesh_client.spec.fields import Field
 from equimesh_client.spec.mesh import MeshOptions, complete_options
-from equimesh_client.spec.monitors import Monitor
 from equimesh_client.spec.motion import Motion
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.wire import protocol, steps
@@ -17,6 +16,7 @@ from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.pages import SequencePages
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.steps import SequenceState, SequenceStep
+from equimesh_schema.monitors import AnyMonitor as Monitor
 
 
 class Sequence(SequenceState):

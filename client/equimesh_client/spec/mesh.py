@@ -8,8 +8,9 @@ from typing import Any, Literal, TypedDict
 
 from equimesh_client.errors import BadArgument
 from equimesh_client.spec.domains import Domain, domain_json, has_own_points
-from equimesh_client.spec.monitors import Json, Monitor
+from equimesh_client.spec.monitors import Json
 from equimesh_client.spec.schwarz import BlockSchwarz, Schwarz
+from equimesh_schema.monitors import AnyMonitor as Monitor
 
 DEFAULT_POINTS = 64
 """Points a side of `generate`."""

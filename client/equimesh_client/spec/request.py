@@ -10,8 +10,9 @@ from typing import Any
 from equimesh_client.errors import BadArgument
 from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, read_domain
 from equimesh_client.spec.mesh import MeshOptions, mesh_spec
-from equimesh_client.spec.monitors import ArcLength, Auto, Json, Read, monitor_json
+from equimesh_client.spec.monitors import Json, Read, monitor_json
 from equimesh_client.spec.sources import Upload, needs_box, source_of, upload_of
+from equimesh_schema import ArcLength, Auto
 
 UPLOAD = "upload"
 """Name in a spec of the one file of samples that is sent with the request."""
@@ -97,7 +98,7 @@ class GenerateArguments:
     def _monitor_json(self, read: Read) -> Json:
         monitor, a, b = self.options["monitor"], self.options["a"], self.options["b"]
         if monitor is None and a is None and b is None:  # the service's default, which earlier services have, too
-            return {"u": Auto().json(read, self.u)["u"]}
+            return {"u": monitor_json(Auto(), read, self.u)["u"]}
         if monitor is None:
             arc_length = ArcLength(a=ArcLength.a if a is None else a, b=ArcLength.b if b is None else b)
             return monitor_json(arc_length, read, self.u)

@@ -12,7 +12,6 @@ from equimesh_client.errors import BadArgument
 from equimesh_client.records.tables import Array
 from equimesh_client.spec.domains import Domain, has_own_points
 from equimesh_client.spec.mesh import DEFAULT_POINTS, DEFAULTS, MeshOptions
-from equimesh_client.spec.monitors import LeastError, NodalSolution, Norm, Weight
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on
@@ -21,6 +20,7 @@ from equimesh_coupling.density import wanted_density
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.values import node_values
 from equimesh_schema import Certificate
+from equimesh_schema.monitors import LeastError, NodalSolution, Norm, Weight
 
 M = TypeVar("M")
 """The class of the meshes of the client."""

@@ -14,7 +14,7 @@ from equimesh_client.errors import BadArgument, DownloadDamaged
 from equimesh_client.records.state import MeshState
 from equimesh_client.records.tables import Array
 from equimesh_client.spec.fields import number_array, read_fields
-from equimesh_client.spec.monitors import Later, Monitor, monitor_json
+from equimesh_client.spec.monitors import Later, monitor_json
 from equimesh_client.spec.motion import Motion, motion_json
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.spec.sources import StoredSamples, source_of
@@ -26,6 +26,7 @@ from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.protocol import Call, Reply
 from equimesh_coupling.values import is_field
 from equimesh_schema import Certificate
+from equimesh_schema.monitors import AnyMonitor as Monitor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

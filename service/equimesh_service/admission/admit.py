@@ -16,6 +16,7 @@ from typing import Any, ClassVar, TypeVar
 
 from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.limits import Limits
+from equimesh_schema.sources import UPLOAD
 from equimesh_service.admission import in_parts
 from equimesh_service.admission.block_points import count_points, require_kind
 from equimesh_service.admission.callers import Caller
@@ -33,7 +34,6 @@ from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import MESH_PLACE, CheckedSpec, GridSpec, read_spec
 from equimesh_service.spec.schwarz import BlockSchwarzSpec, SchwarzSpec
-from equimesh_service.spec.sources import UPLOAD
 from equimesh_service.store.rows import NewSamples, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
+from equimesh_schema.monitors import AnyMonitor
 from equimesh_service.problems.problem import problem_at
 from equimesh_service.settings import Settings
 from equimesh_service.spec.mesh import CheckedSpec
-from equimesh_service.spec.monitors import AnyMonitor
 
 # The sentences for monitors that are measured or moved on the whole grid, by their kinds.
 NO_PARTS = {

@@ -1,7 +1,7 @@
 """What a time-stepper sends for a step of a sequence, in JSON and in npz."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any
 
@@ -12,6 +12,7 @@ from equimesh.io.npz import NPZ_ARRAYS
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.upload.samples import read_npz
+from equimesh_schema.sources import ExpressionSource
 from equimesh_service.admission.admit import Admission
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
 from equimesh_service.assembly.long_step import pointer_of, settings_of, shorten_step, values_of
@@ -19,7 +20,6 @@ from equimesh_service.assembly.step_fields import Array, StepField, checked_valu
 from equimesh_service.problems.problem import Complaint, Problem, complaint_of, input_problem, problem_at
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import escape_token, parse
-from equimesh_service.spec.sources import ExpressionSource
 from equimesh_service.spec.step import (
     ANSWER,
     MAX_COMPONENTS,
@@ -117,7 +117,7 @@ class Move:
         if isinstance(u, FieldSource):
             u = function("/u", {"field": u.field})
         elif isinstance(u, ExpressionSource):
-            u = u.model_dump(mode="json")
+            u = asdict(u)
         elif u is not None:
             u = nodal(u, "u", "/u/nodes")
         monitor = None if self.monitor is None else with_functions(self.monitor, function)

@@ -11,13 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from equimesh_schema.sources import AnySource, BlockNodesSource, GridSource, NodalSource, ScatteredSource
 from equimesh_service.assembly.problem import check, translate_errors
 from equimesh_service.assembly.samples import canonical_arrays, write
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.spec.bounds import MAX_PLAIN_VALUES
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec, read_spec
-from equimesh_service.spec.sources import AnySource, BlockNodesSource, GridSource, NodalSource, ScatteredSource
 
 # Texts of a spec up to this size are read in the process of the service: within 20 ms whatever they contain.
 MAX_SHORT_BYTES = 256 * 1024
@@ -108,9 +108,9 @@ def _write(
     source: GridSource | NodalSource | ScatteredSource | BlockNodesSource, pointer: str, path: Path
 ) -> dict[str, Any]:
     """Write samples to a file; returns their summary."""
-    ((kind, values),) = source
+    ((kind, values),) = vars(source).items()
     with translate_errors(f"{pointer}/{kind}"), path.open("wb") as file:
-        return write(canonical_arrays(dict(values)), file)
+        return write(canonical_arrays(vars(values)), file)
 
 
 def _replaced(document: Any, tokens: list[str], value: Any) -> Any:

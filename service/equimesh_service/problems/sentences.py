@@ -67,6 +67,7 @@ _WHOLE_NUMBER = "this must be a whole number"
 _SWITCH = "this must be true or false"
 _SENTENCES: Mapping[str, str | Callable[[Mapping[str, Any]], str]] = {
     "model_type": _OBJECT,
+    "dataclass_type": _OBJECT,
     "dict_type": _OBJECT,
     "list_type": "this must be a list",
     "string_type": "this must be a text",

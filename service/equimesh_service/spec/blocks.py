@@ -4,7 +4,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, FiniteFloat, WithJsonSchema
 
-from equimesh_service.spec.strict import Pair, Strict
+from equimesh_schema.document import Pair
+from equimesh_service.spec.strict import Strict
 
 _NAME = {"type": "string"}
 _PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}

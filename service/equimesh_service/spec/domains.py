@@ -4,8 +4,9 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import FailFast, Field, Tag, model_validator
 
+from equimesh_schema.document import TAG, Pair, Parameters
 from equimesh_service.spec.blocks import BlocksSpec, MeshFileSpec
-from equimesh_service.spec.strict import TAG, Pair, Parameters, Strict, by_key, by_kind
+from equimesh_service.spec.strict import Strict, by_key, by_kind
 
 USES = {
     "rectangle": "A box; the unit square unless x and y are given.",

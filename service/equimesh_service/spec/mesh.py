@@ -11,22 +11,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat, ValidationInfo, field_validator
 
+from equimesh_schema.document import Parameters
+from equimesh_schema.monitors import ArcLength, Auto, LeastError, Monitor, NodalSolution
+from equimesh_schema.sources import AnySource, ExpressionSource, GridSource, NodalSource, StoredSource
 from equimesh_service.problems.problem import problem_at
 from equimesh_service.problems.sentences import WITHOUT_NUL
 from equimesh_service.spec.blocks import BlocksSpec, MeshFileSpec
 from equimesh_service.spec.domains import Domain, RectangleSpec
-from equimesh_service.spec.monitors import (
-    ArcLengthSpec,
-    AutoSpec,
-    LeastErrorSpec,
-    Monitor,
-    NodalSolutionSpec,
-    sources_of,
-    with_samples,
-)
+from equimesh_service.spec.monitors import sources_of, with_samples
 from equimesh_service.spec.schwarz import AnySchwarz, OnBlocks
-from equimesh_service.spec.sources import AnySource, ExpressionSource, GridSource, NodalSource, StoredSource
-from equimesh_service.spec.strict import Parameters, Strict, either, validate
+from equimesh_service.spec.strict import Strict, either, validate
 
 # The most parts that a spec may ask for; how many a grid can have is checked by the solver.
 MAX_PARTS = 4096
@@ -132,9 +126,9 @@ class CheckedSpec:
     def is_plain(self) -> bool:
         """Whether its monitor needs no work to fit a domain, or only that of evaluating u at some points."""
         monitor = self.spec.monitor
-        if isinstance(monitor, ArcLengthSpec):
+        if isinstance(monitor, ArcLength):
             return monitor.smoothing == 0.0
-        return isinstance(monitor, AutoSpec | LeastErrorSpec | NodalSolutionSpec)
+        return isinstance(monitor, Auto | LeastError | NodalSolution)
 
     @property
     def is_quick(self) -> bool:
@@ -167,7 +161,7 @@ class CheckedSpec:
 
         Meshes in different parts have the same points in different files, so their digests differ.
         """
-        measured = isinstance(self.spec.monitor, AutoSpec | LeastErrorSpec)
+        measured = isinstance(self.spec.monitor, Auto | LeastError)
         other = ["label"] if measured else ["label", "cells"]
         if self.canonical["parts"] is None:  # as in releases without parts
             other.append("parts")

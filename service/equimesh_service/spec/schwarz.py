@@ -4,7 +4,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, FiniteFloat, GetJsonSchemaHandler, Tag
 
-from equimesh_service.spec.strict import TAG, Strict, by_kind, either
+from equimesh_schema.document import TAG
+from equimesh_service.spec.strict import Strict, by_kind, either
 
 TRANSMISSION_USES = {
     "optimized": "For every mesh: a handful of iterations, however many subdomains. The default.",

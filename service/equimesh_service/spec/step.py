@@ -4,8 +4,9 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Discriminator, Field, FiniteFloat, Tag
 
-from equimesh_service.spec.sources import ExpressionSource, OrText
-from equimesh_service.spec.strict import TAG, FirstFault, Numbers, Pair, Strict, by_key
+from equimesh_schema.document import TAG, Limits, Numbers, Pair
+from equimesh_schema.sources import ExpressionSource, OrText
+from equimesh_service.spec.strict import Strict, by_key
 
 # The most fields of a step.
 MAX_FIELDS = 32
@@ -19,8 +20,8 @@ Outrun = Literal["substeps", "refuse"]
 OUTRUNS: tuple[Outrun, ...] = get_args(Outrun)
 TRANSFERS: tuple[Transfer, ...] = get_args(Transfer)
 LOCATIONS: tuple[Location, ...] = get_args(Location)
-_Rows = Annotated[list[Numbers], FirstFault()]
-_Vectors = Annotated[list[_Rows], FirstFault()]
+_Rows = Annotated[list[Numbers], Limits(fail_fast=True)]
+_Vectors = Annotated[list[_Rows], Limits(fail_fast=True)]
 
 
 def _kind_of_values(value: Any) -> str:

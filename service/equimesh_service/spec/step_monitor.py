@@ -3,16 +3,16 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeAlias
 
+from equimesh_schema.monitors import FUNCTIONS, REQUIRED_FUNCTIONS
 from equimesh_service.problems.problem import problem_at
 
 Monitor: TypeAlias = Mapping[str, Any]
 """The JSON of a monitor."""
 
-FUNCTIONS = ("u", "rho", "m11", "m12", "m22")
 # The kinds that cannot do without u.
-NEEDS_U = ("auto", "least_error", "nodal_solution", "arc_length", "curvature")
+NEEDS_U = tuple(kind for kind, names in REQUIRED_FUNCTIONS.items() if "u" in names)
 # The functions that other kinds cannot do without.
-NEEDED = {"weight": ("rho",), "tensor": ("m11", "m12", "m22")}
+NEEDED = {kind: names for kind, names in REQUIRED_FUNCTIONS.items() if names and kind not in NEEDS_U}
 _TOP = "/monitor"
 _UNUSED = "u is not used: every monitor has a u of its own"
 _MANY = (

@@ -1,18 +1,13 @@
 """Strict models of JSON bodies, and the complaints about a body that does not fit one."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args, get_origin
 
 from pydantic import (
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Discriminator,
-    FailFast,
-    Field,
-    FiniteFloat,
     ModelWrapValidatorHandler,
     Tag,
     ValidationError,
@@ -23,45 +18,18 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from equimesh_schema import document
+from equimesh_schema.document import TAG, Document
 from equimesh_service.problems.problem import Complaint, input_problem
 from equimesh_service.problems.sentences import did_you_mean, sentence_of
 from equimesh_service.spec.document import escape_token
 
-# The first character of tags of unions, so that they can be removed from a pointer.
-TAG = "\x00"
 # The most complaints about one body.
 MAX_COMPLAINTS = 20
-# The most parameters of an expression.
-MAX_PARAMETERS = 64
 # The type of the error for what is not looked at any more.
 _ENOUGH = "enough"
-Model = TypeVar("Model", bound=BaseModel)
-
-
-class FirstFault(FailFast):
-    """A list is read up to its first fault. Other than its base class it can be part of a union."""
-
-    __hash__ = object.__hash__
-
-
-Numbers = Annotated[list[FiniteFloat], FirstFault()]
-Pair = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
-
-
-def _up_to_a_fault(value: Any) -> Any:
-    """The parameters up to the first that is no number: then there is one complaint about all of them."""
-    if not isinstance(value, dict):
-        return value
-    kept: dict[Any, Any] = {}
-    for name, number in value.items():
-        kept[name] = number
-        is_number = isinstance(number, int | float) and not isinstance(number, bool) and abs(number) < math.inf
-        if not is_number or len(kept) > MAX_PARAMETERS:
-            break
-    return kept
-
-
-Parameters = Annotated[dict[str, FiniteFloat], Field(max_length=MAX_PARAMETERS), BeforeValidator(_up_to_a_fault)]
+Model = TypeVar("Model")
+Validated = TypeVar("Validated", bound=BaseModel)
 
 
 @dataclass
@@ -70,11 +38,28 @@ class Faults:
 
     number: int = 0
 
+    def read(self, model: type[Any], value: Any, handler: Callable[[Any], Model]) -> Model:
+        """The object, read no further when :data:`MAX_COMPLAINTS` faults were found: each costs memory and time."""
+        left = MAX_COMPLAINTS - self.number
+        if left <= 0:
+            raise PydanticCustomError(_ENOUGH, "not looked at")
+        if isinstance(value, Mapping):
+            unknown = [key for key in value if key not in keys_of(model)]
+            if len(unknown) > left:
+                extra = set(unknown[left:])
+                value = {key: member for key, member in value.items() if key not in extra}
+        before = self.number
+        try:
+            return handler(value)
+        except ValidationError as error:
+            self.number = before + error.error_count()
+            raise
+
 
 class Strict(BaseModel):
     """A JSON object without further keys, whose values have exactly the types of the model."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
     REFUSED: ClassVar[Mapping[str, str]] = {}
     """The sentences that refuse keys of other models, by these keys."""
     MISSING: ClassVar[Mapping[str, str]] = {}
@@ -83,28 +68,13 @@ class Strict(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _stop_after_enough(cls, value: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
-        """Look no further when :data:`MAX_COMPLAINTS` faults were found: each of them costs memory and time."""
-        faults = info.context
-        if not isinstance(faults, Faults):
-            return handler(value)
-        left = MAX_COMPLAINTS - faults.number
-        if left <= 0:
-            raise PydanticCustomError(_ENOUGH, "not looked at")
-        if isinstance(value, Mapping):
-            unknown = [key for key in value if key not in keys_of(cls)]
-            if len(unknown) > left:
-                extra = set(unknown[left:])
-                value = {key: member for key, member in value.items() if key not in extra}
-        before = faults.number
-        try:
-            return handler(value)
-        except ValidationError as error:
-            faults.number = before + error.error_count()
-            raise
+        return info.context.read(cls, value, handler) if isinstance(info.context, Faults) else handler(value)
 
 
-def keys_of(model: type[BaseModel]) -> tuple[str, ...]:
+def keys_of(model: type[Any]) -> tuple[str, ...]:
     """The keys of the JSON objects of a model."""
+    if issubclass(model, Document):
+        return document.keys_of(model)
     return tuple(field.alias or name for name, field in model.model_fields.items())
 
 
@@ -143,12 +113,12 @@ def either(words: str) -> WrapValidator:
     return WrapValidator(validate)
 
 
-def validate(model: type[Model], document: Any) -> Model:
+def validate(model: type[Validated], body: Any) -> Validated:
     """The model of a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
-    if not isinstance(document, Mapping):
+    if not isinstance(body, Mapping):
         raise input_problem([Complaint(pointer="", message="the body must be one JSON object")])
     try:
-        return model.model_validate(document, context=Faults())
+        return model.model_validate(body, context=Faults())
     except ValidationError as error:
         found = error.errors(include_url=False, include_context=True)
         entries = [entry for entry in found if entry["type"] != _ENOUGH]
@@ -165,7 +135,7 @@ def _complaint(model: type[BaseModel], entry: Any) -> Complaint:
 
 def _sentence(model: type[BaseModel], entry: Any, loc: list[Any]) -> str:
     match entry["type"]:
-        case "missing" | "extra_forbidden" as fault:
+        case "missing" | "extra_forbidden" | "unexpected_keyword_argument" as fault:
             return _sentence_of_key(_model_at(model, loc[:-1]), loc[-1], missing=fault == "missing")
         case "kind" if isinstance(entry["input"], Mapping):
             sentence = str(entry["msg"]).replace("an object whose kind is one of", "this key must be one of")
@@ -186,9 +156,9 @@ def _is_tag(part: object) -> bool:
     return isinstance(part, str) and part.startswith(TAG)
 
 
-def _sentence_of_key(place: type[BaseModel] | None, key: Any, *, missing: bool) -> str:
+def _sentence_of_key(place: type[Any] | None, key: Any, *, missing: bool) -> str:
     """What is wrong with a key of the model at a ``place``, None where there is no single model."""
-    if place is not None and issubclass(place, Strict):
+    if place is not None and issubclass(place, Strict | Document):
         told = (place.MISSING if missing else place.REFUSED).get(key)
         if told is not None:
             return told
@@ -198,7 +168,7 @@ def _sentence_of_key(place: type[BaseModel] | None, key: Any, *, missing: bool) 
     return "there is no such key here" + (f"; known are {', '.join(known)}" if known else "") + did_you_mean(key, known)
 
 
-def _model_at(model: type[BaseModel], loc: Sequence[Any]) -> type[BaseModel] | None:
+def _model_at(model: type[BaseModel], loc: Sequence[Any]) -> type[Any] | None:
     """The model at ``loc``; None when there is no single one."""
     found: Any = model
     for part in loc:
@@ -206,18 +176,30 @@ def _model_at(model: type[BaseModel], loc: Sequence[Any]) -> type[BaseModel] | N
         if _is_tag(part):
             found = next((branch for tag, branch in models if tag == part), None)
         elif isinstance(part, str):
-            field = models[0][1].model_fields.get(part) if len(models) == 1 else None
-            found = field.annotation if field is not None else None
+            found = _annotations(models[0][1]).get(part) if len(models) == 1 else None
     models = _models(found)
     return models[0][1] if len(models) == 1 else None
 
 
-def _models(annotation: Any, tag: str | None = None) -> list[tuple[str | None, type[BaseModel]]]:
+def _annotations(model: type[Any]) -> dict[str, Any]:
+    """The types of the values of a model, by their keys."""
+    if issubclass(model, Document):
+        return {document.key_of(model, name): kind for name, kind in document.types_of(model).items()}
+    return {
+        field.alias or name: Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
+        for name, field in model.model_fields.items()
+    }
+
+
+def _models(annotation: Any, tag: str | None = None) -> list[tuple[str | None, type[Any]]]:
     """The models of a type, with their tags."""
     if get_origin(annotation) is None:
-        is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+        is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel | Document)
         return [(tag, annotation)] if is_model else []
     metadata = getattr(annotation, "__metadata__", None)
+    mark = next((part for part in metadata or () if isinstance(part, document.OneOf)), None)
+    if mark is not None:
+        return [(TAG + name, branch) for name, branch in mark.documents.items()]
     inner = get_args(annotation) if metadata is None else get_args(annotation)[:1]
     tag = next((part.tag for part in metadata or () if isinstance(part, Tag)), tag)
     return [found for part in inner for found in _models(part, tag)]

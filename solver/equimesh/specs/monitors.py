@@ -2,7 +2,9 @@
 
 from collections.abc import Callable
 from functools import partial, wraps
-from typing import Any
+from inspect import signature
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
@@ -18,31 +20,24 @@ from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Tensor, Weight
-from equimesh.specs.document import (
-    ByKind,
-    Reader,
-    Record,
-    Refusing,
-    as_given,
-    flag,
-    number,
-    optional,
-    several,
-    within,
-)
+from equimesh.specs.document import ByKind, Reader, Record, Refusing, as_given, flag, number, optional, several, within
 from equimesh.specs.sources import FindSamples, build_field
+from equimesh_schema.document import OneOf, key_of, kind_of, one_of, types_of
+from equimesh_schema.monitors import MONITORS, MonitorDocument
+from equimesh_schema.sources import SOURCES
 
-USUAL_KIND = "auto"
-"""The kind of a monitor that names none."""
-USUAL_MEMBER = "arc_length"
-"""The kind of a member of an intersection that names none: members need a metric."""
-NO_SMOOTHING = (
-    "smoothing averages a metric, and this monitor minimises the interpolation error itself: leave it out, or name a"
-    " kind with a metric, such as curvature"
-)
-OF_ARC_LENGTH = "this belongs to the arc length, which is no longer the kind of a monitor that names none: add kind"
-FOREIGN_TO_AUTO = {"smoothing": NO_SMOOTHING, **dict.fromkeys(("a", "b", "scaled"), f"{OF_ARC_LENGTH} arc_length")}
-"""Keys of other kinds, with the sentence that refuses them where the kind is ``auto``."""
+SETTINGS: dict[Any, Reader] = {float: number, bool: flag}
+"""The readers of settings by their types; those of other types are checked when the monitor is built."""
+MAKERS: dict[str, Callable[..., Monitor]] = {
+    "auto": Auto,
+    "least_error": LeastError,
+    "nodal_solution": NodalSolution,
+    "arc_length": ArcLength,
+    "curvature": Curvature,
+    "weight": Weight,
+    "tensor": Tensor,
+    "intersection": Intersection,
+}
 
 
 def build_monitor(
@@ -77,56 +72,42 @@ def _on_blocks(monitor: Any, blocks: Blocks) -> Monitor:
         raise
 
 
-def _monitor(function: Reader, cells: Cells) -> ByKind[Monitor]:
+def _monitor(function: Reader, cells: Cells, documents: OneOf = MONITORS) -> ByKind[Monitor]:
     """The reader of monitors whose functions ``function`` reads."""
-    angle = optional(number)
-    plain = {
-        "arc_length": _record(ArcLength, u=function, a=number, b=number, scaled=flag, orthogonality=angle),
-        "curvature": _record(Curvature, u=function, norm=as_given, isotropic=flag, orthogonality=angle),
-        "weight": _record(Weight, rho=function, u=optional(function), map=as_given, orthogonality=angle),
-        "tensor": _record(Tensor, m11=function, m12=function, m22=function, u=optional(function), orthogonality=angle),
-    }
-    members = several(ByKind(plain, USUAL_MEMBER))
-    both: dict[str, Reader] = {"u": function, "norm": as_given, "orthogonality": angle}
-    auto = Record(_auto(cells), {**both, "for": as_given})
-    weights = {"distortion": number, "smoothness": number, "rectilinear": flag}
-    least_error = Record(partial(LeastError, cells=cells), {**both, **weights})
-    solution = Record(NodalSolution, both)
-    kinds: dict[str, Callable[[object, str], Monitor]] = {
-        "auto": Refusing(auto, FOREIGN_TO_AUTO),
-        "least_error": Refusing(least_error, {"smoothing": NO_SMOOTHING}),
-        "nodal_solution": Refusing(solution, {"smoothing": NO_SMOOTHING}),
-        **plain,
-        "intersection": _record(Intersection, monitors=members, orthogonality=angle),
-    }
-    return ByKind(kinds, USUAL_KIND)
+
+    def reader(annotation: Any) -> Reader:
+        mark = one_of(annotation)
+        if get_origin(annotation) is Annotated:
+            (annotation, *_) = get_args(annotation)
+        if mark is not None and mark is not SOURCES:
+            return several(_monitor(function, cells, mark))
+        plain = [one for one in get_args(annotation) if one is not NoneType]
+        if get_origin(annotation) in (Union, UnionType) and len(plain) < len(get_args(annotation)):
+            return optional(reader(plain[0]))
+        return function if mark is SOURCES else SETTINGS.get(annotation, as_given)
+
+    def record(document: type[MonitorDocument]) -> Callable[[object, str], Monitor]:
+        keys = {key_of(document, name): reader(kind) for name, kind in types_of(document).items() if name != "kind"}
+        return Refusing(Record(_maker(document, cells), keys), document.REFUSED)
+
+    return ByKind({kind: record(document) for kind, document in documents.documents.items()}, documents.default)
 
 
-def _auto(cells: Cells) -> Callable[..., Auto]:
-    """What makes a monitor of kind ``auto``: its key ``for`` is no name that Python allows."""
+def _maker(document: type[MonitorDocument], cells: Cells) -> Callable[..., Monitor]:
+    """What makes a monitor of the keys of a document: some are no names of the solver, and all metrics are smoothed."""
+    names = {key_of(document, name): name for name in types_of(document)}
+    make = MAKERS[kind_of(document)]
+    make = partial(make, cells=cells) if "cells" in signature(make).parameters else make
 
-    @wraps(Auto, updated=())
-    def make(**settings: Any) -> Auto:
-        purpose = settings.pop("for", None)
+    @wraps(MAKERS[kind_of(document)], updated=())
+    def made(*, smoothing: float = 0.0, **settings: Any) -> Monitor:
+        field = ""
         try:
-            return Auto(cells=cells, purpose=purpose, **settings)
+            monitor = make(**{names[key]: value for key, value in settings.items()})
+            field = "smoothing"
+            return monitor if smoothing == 0.0 else Smoothed(monitor=monitor, radius=smoothing)
         except InputError as error:
-            raise InputError(error.message, field="for" if error.field == "purpose" else error.field) from None
+            error.field = field or document.JSON_NAMES.get(error.field, error.field)
+            raise
 
-    return make
-
-
-def _record(make: Callable[..., Monitor], **keys: Reader) -> Record[Monitor]:
-    """The reader of a monitor with the ``keys``, and with ``smoothing``, which all monitors have."""
-
-    @wraps(make, updated=())
-    def smoothed(*, smoothing: float = 0.0, **settings: Any) -> Monitor:
-        monitor = make(**settings)
-        if smoothing == 0.0:
-            return monitor
-        try:
-            return Smoothed(monitor=monitor, radius=smoothing)
-        except InputError as error:
-            raise InputError(error.message, field="smoothing") from None
-
-    return Record(smoothed, {**keys, "smoothing": number})
+    return made

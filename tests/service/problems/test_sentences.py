@@ -35,6 +35,9 @@ FAULTS = {
     "model": {"model_type"},
     "model-fields": set(),  # missing and extra_forbidden get the sentences of their models
     "model-field": set(),
+    "dataclass": {"dataclass_type"},
+    "dataclass-args": set(),  # missing and unexpected_keyword_argument, as of a model
+    "dataclass-field": set(),
     "tagged-union": set(),  # by_kind and by_key have sentences of their own
     "union": set(),  # either has one
     "nullable": set(),

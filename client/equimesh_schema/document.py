@@ -1,0 +1,232 @@
+"""Requests as dataclasses: what their fields hold, beyond the types of Python.
+
+Whoever validates with pydantic can make a ``TypeAdapter`` of a document: the classes here answer what it asks, as plain
+dictionaries, without importing it.
+"""
+
+import ast
+import inspect
+import math
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, TypeAlias, get_args, get_origin, get_type_hints
+
+CoreSchema: TypeAlias = dict[str, Any]
+TAG = "\x00"
+"""The first character of tags of unions, so that they can be removed from a pointer."""
+MAX_PARAMETERS = 64
+"""The most parameters of an expression."""
+
+
+class Document:
+    """The base class of JSON objects without further keys, whose values have exactly the types of the fields.
+
+    A field that is required although it has a default is in ``NEEDED``: in Python it is given later.
+    """
+
+    JSON_NAMES: ClassVar[Mapping[str, str]] = {}
+    """The keys of fields whose names differ from them."""
+    NEEDED: ClassVar[tuple[str, ...]] = ()
+    """Keys that a document has to have, although their fields have a default."""
+    REFUSED: ClassVar[Mapping[str, str]] = {}
+    """The sentences that refuse keys of other documents, by these keys."""
+    MISSING: ClassVar[Mapping[str, str]] = {}
+    """The sentences for keys that are required and absent."""
+    __pydantic_config__: ClassVar[Mapping[str, Any]]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        names = cls.JSON_NAMES
+        cls.__pydantic_config__ = {
+            "extra": "forbid",
+            "strict": True,
+            "allow_inf_nan": False,
+            "alias_generator": lambda name: names.get(name, name),
+        }
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Callable[[Any], CoreSchema]) -> CoreSchema:
+        schema = {**handler(source), "strict": False}  # a dictionary will do; its values are read strictly
+        docs = docs_of(cls)
+        for one in schema["schema"]["fields"]:
+            updates = {"description": docs[one["name"]]} if one["name"] in docs else {}
+            one["metadata"] = {**one.get("metadata", {}), "pydantic_js_updates": updates}
+            if one["name"] in cls.NEEDED and one["schema"]["type"] == "default":
+                one["schema"] = one["schema"]["schema"]
+
+        def read(value: Any, inner: Callable[[Any], Any], info: Any) -> Any:
+            reader = getattr(info.context, "read", None)  # who counts faults
+            return inner(value) if reader is None else reader(cls, value, inner)
+
+        ref = schema.pop("ref")  # another field of this type refers to the whole
+        return {
+            "type": "function-wrap",
+            "function": {"type": "with-info", "function": read},
+            "schema": schema,
+            "ref": ref,
+        }
+
+
+def key_of(document: type[Document], name: str) -> str:
+    """The key of a field."""
+    return document.JSON_NAMES.get(name, name)
+
+
+def keys_of(document: type[Any]) -> tuple[str, ...]:
+    """The keys of a document."""
+    return tuple(key_of(document, one.name) for one in fields(document))
+
+
+def required_of(document: type[Any]) -> tuple[str, ...]:
+    """The names of the fields that a document has to have."""
+    return tuple(
+        one.name
+        for one in fields(document)
+        if one.name in document.NEEDED or (one.default is MISSING and one.default_factory is MISSING)
+    )
+
+
+def _types_of(document: type[Any]) -> Mapping[str, Any]:
+    hints = get_type_hints(document, include_extras=True)
+    return {one.name: hints[one.name] for one in fields(document)}
+
+
+types_of: Callable[[type[Any]], Mapping[str, Any]] = lru_cache(_types_of)  # type: ignore[assignment]
+"""The types of the fields of a document, by their names."""
+
+
+def docs_of(document: type[Any]) -> dict[str, str]:
+    """What the fields of a document are, by their names: their docstrings, or the descriptions of their types."""
+    marks = {name: getattr(kind, "__metadata__", ()) for name, kind in types_of(document).items()}
+    docs = {
+        name: str(mark.json["description"])
+        for name, all_marks in marks.items()
+        for mark in all_marks
+        if isinstance(mark, Limits) and "description" in mark.json
+    }
+    for cls in filter(is_dataclass, reversed(document.__mro__)):
+        docs |= _docstrings(cls.__module__).get(cls.__name__, {})
+    return {name: text for name, text in docs.items() if name in marks}
+
+
+@lru_cache
+def _docstrings(module: str) -> dict[str, dict[str, str]]:
+    """The docstrings of the fields of all classes of a module."""
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    found: dict[str, dict[str, str]] = {}
+    for cls in [node for node in tree.body if isinstance(node, ast.ClassDef)]:
+        for line, after in pairwise(cls.body):
+            if not (isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name)):
+                continue
+            if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+                found.setdefault(cls.name, {})[line.target.id] = " ".join(str(after.value.value).split())
+    return found
+
+
+class Limits:
+    """What values of a field have to satisfy, as pydantic's schemas say it; ``json`` goes into the JSON schema."""
+
+    def __init__(self, *, json: Mapping[str, Any] | None = None, **limits: Any) -> None:
+        self.limits, self.json = limits, json or {}
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], CoreSchema]) -> CoreSchema:
+        return {**handler(source), **self.limits}
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Callable[[Any], CoreSchema]) -> CoreSchema:
+        return {**handler(schema), **self.json}
+
+
+def described(text: str) -> Limits:
+    """The description of all fields of a type."""
+    return Limits(json={"description": text})
+
+
+class UpToAFault:
+    """Parameters are read up to the first that is no number: then there is one complaint about all of them."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], CoreSchema]) -> CoreSchema:
+        return before(_up_to_a_fault, handler(source))
+
+
+def _up_to_a_fault(value: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    kept: dict[Any, Any] = {}
+    for name, number in value.items():
+        kept[name] = number
+        is_number = isinstance(number, int | float) and not isinstance(number, bool) and abs(number) < math.inf
+        if not is_number or len(kept) > MAX_PARAMETERS:
+            break
+    return kept
+
+
+def before(function: Callable[[Any], Any], schema: CoreSchema) -> CoreSchema:
+    """The schema that reads what ``function`` returns of the value."""
+    return {"type": "function-before", "function": {"type": "no-info", "function": function}, "schema": schema}
+
+
+Numbers = Annotated[list[float], Limits(fail_fast=True)]
+"""Read up to the first that is none."""
+Pair = Annotated[list[float], Limits(min_length=2, max_length=2)]
+Parameters = Annotated[dict[str, float], Limits(max_length=MAX_PARAMETERS), UpToAFault()]
+
+
+@dataclass(frozen=True, eq=False)
+class OneOf:
+    """Marks a field that holds one of several documents: the ``tag`` of a value is the name of its document."""
+
+    documents: Mapping[str, type[Any]]
+    tag: Callable[[Any], object]
+    fault: str
+    """The type of the error of a value that is none of them."""
+    sentence: str
+    default: str | None = None
+    """The kind of a document that names none."""
+
+    def branch(self, value: Any) -> str | None:
+        """The name of the document in the place of an error."""
+        tag = self.tag(value)
+        return TAG + tag if isinstance(tag, str) and tag in self.documents else None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        choices = {TAG + name: handler.generate_schema(document) for name, document in self.documents.items()}
+        error = {"custom_error_type": self.fault, "custom_error_message": self.sentence}
+        return {"type": "tagged-union", "discriminator": self.branch, "choices": choices, **error}
+
+
+def by_key(*documents: type[Document]) -> OneOf:
+    """A union whose document is the one that has the key that is present, its only one."""
+    keys = {keys_of(document)[0]: document for document in documents}
+
+    def tag(value: Any) -> str | None:
+        has = value.__contains__ if isinstance(value, Mapping) else lambda key: hasattr(value, key)
+        return next(filter(has, keys), None)
+
+    return OneOf(keys, tag, "source", f"this must be an object with one of the keys {', '.join(keys)}")
+
+
+def by_kind(*documents: type[Document], default: str | None = None) -> OneOf:
+    """A union whose document is named by the key ``kind``."""
+    kinds = {kind_of(document): document for document in documents}
+
+    def tag(value: Any) -> object:
+        return value.get("kind", default) if isinstance(value, Mapping) else getattr(value, "kind", None)
+
+    return OneOf(kinds, tag, "kind", f"an object whose kind is one of {', '.join(kinds)}", default)
+
+
+def kind_of(document: type[Any]) -> str:
+    """The kind of a document."""
+    return str(next(one.default for one in fields(document) if one.name == "kind"))
+
+
+def one_of(annotation: Any) -> OneOf | None:
+    """The documents of a field of this type, where it marks them: alone, or null, or in a list."""
+    marks = getattr(annotation, "__metadata__", ())
+    inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
+    return next((mark for mark in marks if isinstance(mark, OneOf)), None) or next(
+        filter(None, map(one_of, inner)), None
+    )

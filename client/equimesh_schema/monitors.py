@@ -1,0 +1,209 @@
+"""Monitors: the error that a mesh minimises, or the metric that it equidistributes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+
+from equimesh_schema.document import Document, Limits, by_kind, described, required_of
+from equimesh_schema.sources import Function, functions_of
+
+MAX_MONITORS = 8
+NO_SMOOTHING = (
+    "smoothing averages a metric, and this monitor minimises the interpolation error itself: leave it out, or name a"
+    " kind with a metric, such as curvature"
+)
+OF_ARC_LENGTH = (
+    "this belongs to the arc length, which is no longer the kind of a monitor that names none: add kind arc_length"
+)
+NO_U = {"u": "the norm is that of the error of interpolating u: give u, an expression or samples"}
+LATER = Limits()
+"""Marks a key that requests leave out where it has its default, for services that do not know it."""
+Norm: TypeAlias = Literal["l2", "h1"]
+ErrorNorm: TypeAlias = Annotated[Norm, described("The interpolation error to minimise: that of u, or of its gradient.")]
+Measured: TypeAlias = Annotated[Function | None, described("The function whose interpolation is measured.")]
+Smoothing: TypeAlias = Annotated[
+    float,
+    LATER,
+    described(
+        "Radius over which the metric is averaged, in units of the domain's shorter extent, at most 0.25; 0 for none."
+    ),
+]
+Orthogonality: TypeAlias = Annotated[
+    float | None,
+    LATER,
+    described(
+        "Largest angle of non-orthogonality, between the normal of a face and the line of its two cell centres, in "
+        "degrees, over 0 and at most 90. null for no bound."
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorDocument(Document):
+    """What all monitors have. A ``u`` of None is that of `generate`."""
+
+    USE: ClassVar[str]
+    """When to take it, in a sentence."""
+    NEEDED: ClassVar[tuple[str, ...]] = ("kind", "u")
+    kind: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Auto(MonitorDocument):
+    """The monitor with the smallest measured interpolation error among candidates, compared on a coarse grid."""
+
+    USE = "You have u: candidates are tried on a coarse grid, and the one of least error is taken. The default."
+    JSON_NAMES: ClassVar = {"purpose": "for"}
+    NEEDED = ("u",)
+    REFUSED: ClassVar = {
+        "smoothing": NO_SMOOTHING,
+        **dict.fromkeys(("a", "b", "scaled"), OF_ARC_LENGTH),
+    }
+    MISSING: ClassVar = NO_U
+    kind: Literal["auto"] = "auto"
+    u: Function = None
+    norm: ErrorNorm = "l2"
+    purpose: Annotated[Literal["finite_volume"] | None, LATER] = None
+    """finite_volume chooses by the error of a code with cell-centred unknowns; null by the error of interpolating u."""
+    orthogonality: Orthogonality = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeastError(MonitorDocument):
+    """The mesh of least interpolation error of u, measured on the cells of the file."""
+
+    USE = "You have u, and want the settings in your hand: the measured interpolation error is minimised."
+    REFUSED: ClassVar = {"smoothing": NO_SMOOTHING}
+    MISSING: ClassVar = NO_U
+    kind: Literal["least_error"] = "least_error"
+    u: Function = None
+    norm: ErrorNorm = "l2"
+    distortion: float = 0.5
+    """Weight of the deformation of cells, positive; less for a smaller error."""
+    smoothness: float = 1.0
+    """Weight of uneven neighbours, positive; less for a smaller error."""
+    rectilinear: Annotated[bool, LATER] = False
+    """Keep lines straight: x depends on xi alone, y on eta alone."""
+    orthogonality: Orthogonality = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodalSolution(MonitorDocument):
+    """The next mesh of a solver whose solution on a mesh is given: one round of adapting, without the exact u."""
+
+    USE = "You solve for u: from its values at the nodes of one mesh to the next mesh."
+    REFUSED: ClassVar = {"smoothing": NO_SMOOTHING}
+    MISSING: ClassVar = {"u": "a round follows from values at the nodes of a mesh: give u"}
+    kind: Literal["nodal_solution"] = "nodal_solution"
+    u: Function = None
+    """Values of a solver at the nodes of a mesh: nodal, or samples with x and y of 2-D."""
+    norm: ErrorNorm = "l2"
+    orthogonality: Orthogonality = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArcLength(MonitorDocument):
+    """The scaled arc length of Haynes and Howse: M = k grad u grad u^T + I."""
+
+    USE = "Fronts and layers: small cells where u is steep, after Haynes and Howse."
+    kind: Literal["arc_length"] = "arc_length"
+    u: Function = None
+    a: float = 0.7
+    """Strength of the adaptation, in [0, 1]; 0 gives the uniform mesh."""
+    b: float = 0.05
+    """Damping where u is steep, not negative."""
+    scaled: Annotated[bool, LATER] = True
+    """Take u in units of its range on the domain, and lengths in units of the domain's size (the root of its area).
+
+    The mesh does not depend on units. false is the formula of the paper for u as it is given.
+    """
+    smoothing: Smoothing = 0.0
+    orthogonality: Orthogonality = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArcLengthMember(ArcLength):
+    """The arc length as a member of an intersection, where it is the kind that is not named."""
+
+    NEEDED = ("u",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curvature(MonitorDocument):
+    """Huang's optimal metric tensors for the interpolation of u, made of its second derivatives."""
+
+    USE = "A metric made for a small interpolation error of u (norm l2) or of its gradient (h1)."
+    kind: Literal["curvature"] = "curvature"
+    u: Function = None
+    norm: ErrorNorm = "l2"
+    isotropic: bool = False
+    """Small cells only, without a preferred direction."""
+    smoothing: Smoothing = 0.0
+    orthogonality: Orthogonality = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weight(MonitorDocument):
+    """The metric rho I."""
+
+    USE = "You know the sizes of cells: they are as small as rho > 0 is large, and not stretched."
+    NEEDED = ("kind",)
+    kind: Literal["weight"] = "weight"
+    rho: Function = field(kw_only=False)
+    """Positive on the whole domain."""
+    u: Measured = None
+    map: Literal["lines", "gradient"] = "lines"
+    """lines: equal metric lengths along each mesh line. gradient: equal rho times area of the cells, by a map that is
+    a gradient; smoother meshes, also where rho is steep, and no subdomains."""
+    smoothing: Smoothing = 0.0
+    orthogonality: Orthogonality = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tensor(MonitorDocument):
+    """The metric m11 dx^2 + 2 m12 dx dy + m22 dy^2."""
+
+    USE = "You know sizes and directions, for instance from an error estimate: a positive definite metric."
+    NEEDED = ("kind",)
+    kind: Literal["tensor"] = "tensor"
+    m11: Function = field(kw_only=False)
+    """The entry of dx^2."""
+    m12: Function = field(kw_only=False)
+    """The entry of dx dy."""
+    m22: Function = field(kw_only=False)
+    """The entry of dy^2."""
+    u: Measured = None
+    smoothing: Smoothing = 0.0
+    orthogonality: Orthogonality = None
+
+
+PlainMonitor: TypeAlias = ArcLength | Curvature | Weight | Tensor
+MEMBERS = by_kind(ArcLengthMember, Curvature, Weight, Tensor, default="arc_length")
+Member: TypeAlias = Annotated[PlainMonitor | Mapping[str, Any], MEMBERS]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Intersection(MonitorDocument):
+    """Several monitors: each length is at least that of every monitor. Interpolation is measured for the first u."""
+
+    USE = "Several of the others at once: cells as small as each of them requires."
+    NEEDED = ("kind",)
+    kind: Literal["intersection"] = "intersection"
+    monitors: Annotated[list[Member], Limits(max_length=MAX_MONITORS, json={"minItems": 2})] = field(kw_only=False)
+    """2 to 8, none of them an intersection."""
+    smoothing: Smoothing = 0.0
+    orthogonality: Orthogonality = None
+
+
+AnyMonitor: TypeAlias = Auto | LeastError | NodalSolution | PlainMonitor | Intersection
+MONITORS = by_kind(
+    *(Auto, LeastError, NodalSolution, ArcLength, Curvature, Weight, Tensor, Intersection), default="auto"
+)
+Monitor: TypeAlias = Annotated[AnyMonitor, MONITORS]
+FUNCTIONS = tuple({name: None for kind in MONITORS.documents.values() for name in functions_of(kind)})
+"""The names of the functions of all monitors."""
+REQUIRED_FUNCTIONS = {
+    name: tuple(function for function in functions_of(kind) if function in required_of(kind))
+    for name, kind in MONITORS.documents.items()
+}
+"""The functions that a kind cannot do without."""
