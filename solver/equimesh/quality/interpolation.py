@@ -83,8 +83,8 @@ class InterpolationErrors:
     def estimated_gain(self, norm: str) -> float:
         """The gain in ``norm``, ``"l2"`` or ``"h1"``, by the best estimate of the errors: also where not resolved."""
         if norm == "l2":
-            return _gain(self.l2_uniform, self.l2, self.rounding[0])
-        return _gain(self.h1_uniform, self.h1, self.rounding[1])
+            return gain_of(self.l2_uniform, self.l2, self.rounding[0])
+        return gain_of(self.h1_uniform, self.h1, self.rounding[1])
 
 
 def interpolation_errors(
@@ -256,7 +256,8 @@ def sample(rows: WindowRows) -> IntArray | None:
     return None
 
 
-def _gain(uniform: float, adapted: float, rounding: float) -> float:
+def gain_of(uniform: float, adapted: float, rounding: float) -> float:
+    """The error on the uniform mesh over that on the adapted one; 1 where both are at most ``rounding``."""
     if max(uniform, adapted) <= rounding:
         return 1.0
     return uniform / adapted if adapted > 0.0 else math.inf

@@ -125,7 +125,9 @@ class BlockSolution:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Sentences to read before using the mesh."""
-        found = block_warnings(self.mesh, self.problem.monitor.u, self.interpolation, self.faces)
+        u, on_triangles = self.problem.monitor.u, interpolated_cells(self.problem.monitor) == "triangle"
+        initial = None if on_triangles else self.initial
+        found = block_warnings(self.mesh, initial, u, self.interpolation, self.faces)
         return (*self.detours, *found, *about_cut_off(self.cut_off))
 
     @cached_property

@@ -16,15 +16,20 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Pair
+from equimesh.quality.cells import Cells, UniformCells
 from equimesh.quality.cut_off import CutOff, measure_cut_off
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.probes import probe_errors
+from equimesh.quality.quad_cells import cells_of
+from equimesh.quality.quadratic import quadratic_gain
 from equimesh.solving.status import Status
 from equimesh_schema import Relaxed
 
 # A mesh whose L2 gain is smaller interpolates u worse than the uniform mesh by a hundredth, and deserves a warning.
 MIN_GAIN = 0.99
+# The same for the H1 gain of a mesh whose L2 gain is not warned of, and for the estimated gain of quadratic elements.
+MIN_GAIN_H1, MIN_QUADRATIC_GAIN = 0.9, 0.9
 # A residual that rounding alone causes deserves a warning above this.
 MAX_SILENT_ROUNDING = 1e-6
 # Largest error of interpolation, as a share of the range of u, that a mesh may have without a warning.
@@ -74,6 +79,10 @@ def warnings(
         yield from _about_structure(problem, meshes, errors)
         yield from about_cut_off(measure_cut_off(problem.domain, meshes[1]))
     yield from _about_gains(errors)
+    u, on_triangles = problem.monitor.u, getattr(problem.monitor, "cells", "quad") == "triangle"
+    if u is not None and status.succeeded and not on_triangles:
+        uniform = UniformCells(problem.grid, problem.domain, meshes[0].rows)
+        yield from _about_quadratic(cells_of(meshes[0]), uniform, u, errors)
 
 
 def about_cut_off(cut: CutOff) -> Iterator[str]:
@@ -87,15 +96,23 @@ def about_cut_off(cut: CutOff) -> Iterator[str]:
         )
 
 
-def block_warnings(mesh: QuadMesh, u: Field | None, errors: InterpolationErrors | None, faces: Faces) -> Iterator[str]:
-    """Sentences to read before using a mesh of blocks: about u, its interpolant, and thin or oblique cells."""
-    if errors is None or mesh.is_folded:
+def block_warnings(
+    mesh: QuadMesh, initial: QuadMesh | None, u: Field | None, errors: InterpolationErrors | None, faces: Faces
+) -> Iterator[str]:
+    """Sentences to read before using a mesh of blocks: about u, its interpolant, and thin or oblique cells.
+
+    ``initial`` is the mesh that it began with, ``None`` where u is interpolated on triangles.
+    """
+    if u is None or errors is None or mesh.is_folded:
         return
     yield from _about_noise(u)
     yield from _about_jumps(u)
     yield from _about_resolution(errors)
     yield from _about_thin_cells(mesh.min_jacobian)
     yield from _about_large_errors(errors)
+    yield from _about_gains(errors, "initial")
+    if initial is not None:
+        yield from _about_quadratic(cells_of(mesh), cells_of(initial), u, errors, "initial")
     yield from about_faces(faces)
 
 
@@ -200,15 +217,35 @@ def _about_uniformity(problem: Problem, mesh: MeshWindow, u: Field, errors: Inte
     )
 
 
-def _about_gains(errors: InterpolationErrors) -> Iterator[str]:
-    if not errors.gain_l2 < MIN_GAIN:
-        return
-    if errors.l2_uniform <= errors.rounding[0]:
-        yield "The uniform mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
-    elif errors.gain_l2 > 0.0:
+def _about_gains(errors: InterpolationErrors, other: str = "uniform") -> Iterator[str]:
+    """Where the ``other`` mesh interpolates u or its gradient better."""
+    if errors.gain_l2 < MIN_GAIN:
+        if errors.l2_uniform <= errors.rounding[0]:
+            yield f"The {other} mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
+        elif errors.gain_l2 > 0.0:
+            yield (
+                f"The mesh interpolates u worse than the {other} one: its L2 error is {1 / errors.gain_l2:.2g} times as"
+                " large. Take the curvature monitor to interpolate u well."
+            )
+    elif 0.0 < errors.gain_h1 < MIN_GAIN_H1 and errors.h1_uniform > errors.rounding[1]:
         yield (
-            f"The mesh interpolates u worse than the uniform one: its L2 error is {1 / errors.gain_l2:.2g} times as"
-            " large. Take the curvature monitor to interpolate u well."
+            f"The mesh interpolates the gradient of u worse than the {other} one: its H1 error is"
+            f" {1 / errors.gain_h1:.2g} times as large. If you need the gradient, for fluxes or stresses, adapt with"
+            " norm h1."
+        )
+
+
+def _about_quadratic(
+    cells: Cells, uniform: Cells, u: Field, errors: InterpolationErrors, other: str = "uniform"
+) -> Iterator[str]:
+    """What quadratic elements get, where bilinear ones gain or nearly so."""
+    if not errors.gain_l2 >= MIN_GAIN:
+        return
+    gain = quadratic_gain(cells, uniform, u, errors.size)
+    if 0.0 < gain < MIN_QUADRATIC_GAIN:
+        yield (
+            f"The mesh is one for bilinear elements: quadratic ones interpolate u worse on it than on the {other} mesh,"
+            f" with an L2 error about {1 / gain:.2g} times as large. Take the {other} mesh for quadratic elements."
         )
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import equimesh as em
 from cases import problem
+from equimesh.quality.interpolation import InterpolationErrors
+from equimesh.solving.mesh_warnings import _about_gains
 
 SPIKE = "exp(-1e5*((x - 0.503)**2 + (y - 0.507)**2))"
 FRONT = "tanh(20*(x - y**2))"
@@ -134,3 +138,32 @@ def test_cells_as_thin_as_a_kink_are_named() -> None:
     assert any("smallest Jacobian" in text for text in warnings)
     ordinary = em.Problem(monitor=em.LeastError(u=em.Expression("tanh(20*x)")), grid=em.Grid(n_xi=17, n_eta=17))
     assert not any("smallest Jacobian" in text for text in em.solve(ordinary).certificate.warnings)
+
+
+def test_a_mesh_for_u_that_loses_the_gradient_is_warned_about() -> None:
+    errors = InterpolationErrors(l2=0.1, l2_uniform=0.2, h1=2.0, h1_uniform=1.0)
+    (said,) = _about_gains(errors)
+    assert "the gradient of u worse than the uniform one: its H1 error is 2 times as large" in said
+    (on_blocks,) = _about_gains(errors, "initial")
+    assert "worse than the initial one" in on_blocks
+    assert [*_about_gains(replace(errors, h1=1.05))] == []
+    assert [*_about_gains(replace(errors, resolved=(True, False)))] == []
+
+
+def test_quadratic_elements_are_warned_of_a_mesh_for_bilinear_ones_where_they_lose() -> None:
+    def said(u: str) -> list[str]:
+        monitor = em.LeastError(u=em.Expression(u))
+        solution = em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=33, n_eta=33)))
+        return [one for one in solution.certificate.warnings if "quadratic" in one]
+
+    (warning,) = said("sin(2*pi*x)*sin(2*pi*y)")
+    assert float(warning.partition("error about ")[2].partition(" times")[0]) > 4
+    assert said(FRONT) == []
+
+
+def test_quadratic_elements_on_blocks_are_compared_with_the_initial_mesh() -> None:
+    nodes = em.Mesh.uniform(em.Grid(n_xi=17, n_eta=17))
+    domain = em.Blocks.of_mesh(nodes.points, nodes.cells, nodes.sides)
+    problem = em.BlockProblem(monitor=em.LeastError(u=em.Expression("cos(3*x)*exp(y)")), domain=domain)
+    warnings = em.solve(problem).certificate.warnings
+    assert any("quadratic ones interpolate u worse on it than on the initial mesh" in one for one in warnings)
