@@ -24,16 +24,30 @@ END_SECONDS, KILL_SECONDS = 300.0, 270.0
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Mark what this run starts, and compile the kernels once, before several processes all do so at once."""
+    """Mark what this run starts, and compile once what several processes would all compile."""
     if not hasattr(config, "workerinput"):
         name = config.stash[MARK] = f"{os.getpid()} {time.time()}"
         leftovers.mark(name)
         # At the very end: as long as something that is left holds the output, whoever reads that waits.
         atexit.register(lambda: leftovers.report(leftovers.end_marked(name)))
-    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
-        subprocess.run(
-            [sys.executable, "-c", "from equimesh_service.worker.warmth import warm_up; warm_up()"], check=True
-        )
+        if config.getoption("numprocesses", None):
+            _compile_once(config.args)
+
+
+def _compile_once(paths: list[str]) -> None:
+    """Compile the kernels, and meanwhile, on another processor, as many of the tests as there is time for.
+
+    All processes of the run keep what they compile, also where the environment says otherwise: there are hundreds.
+    """
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    warm_up = [sys.executable, "-c", "from equimesh_service.worker.warmth import warm_up; warm_up()"]
+    collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:cacheprovider", *paths]
+    silent = subprocess.DEVNULL
+    with subprocess.Popen(collect, stdin=silent, stdout=silent, stderr=silent) as collecting:
+        try:
+            subprocess.run(warm_up, check=True)
+        finally:
+            collecting.kill()
 
 
 @pytest.hookimpl(optionalhook=True)
