@@ -8,7 +8,8 @@ import { START } from "./store.js";
 const SLOW_KINDS = new Set([undefined, "auto", "least_error"]);
 // Kinds whose mesh does not follow u, even where they have one.
 const LED_BY_OTHERS = new Set(["nodal_solution", "weight", "tensor"]);
-// The most points of a side of a quick look.
+// The fewest points of a side of any mesh, and the most of a quick look.
+const FEWEST_POINTS = 4;
 const QUICK_POINTS = 65;
 // The most cells of a quick look at blocks, about: a descent on them takes some 50 ms.
 const QUICK_CELLS = 1000;
@@ -159,6 +160,10 @@ function hasMesh({ arrays }) {
   return Boolean(arrays.x);
 }
 
+function isGrid({ n_xi: n = FEWEST_POINTS, n_eta: m = FEWEST_POINTS }) {
+  return n >= FEWEST_POINTS && m >= FEWEST_POINTS;
+}
+
 function pointsOf({ n_xi: n = 64, n_eta: m = 64 } = {}) {
   return n * m;
 }
@@ -185,9 +190,10 @@ export function quickSpec(spec) {
   const { monitor = {}, grid = {}, domain, schwarz } = spec;
   if (!monitor.u || LED_BY_OTHERS.has(monitor.kind)) return null;
   if (hasBlocks(domain)) return quickBlocks(monitor, domain);
+  if (!isGrid(grid)) return null; // the service says what is wrong with it
   if (monitor.kind === "arc_length" && !schwarz && pointsOf(grid) <= QUICK_POINTS ** 2) return null;
   const shrink = Math.max(1, (grid.n_xi ?? 64) / QUICK_POINTS, (grid.n_eta ?? 64) / QUICK_POINTS);
-  const points = (number) => Math.max(4, Math.round((number ?? 64) / shrink));
+  const points = (number) => Math.max(FEWEST_POINTS, Math.round((number ?? 64) / shrink));
   const quick = {
     monitor: { kind: "arc_length", u: monitor.u, smoothing: QUICK_SMOOTHING },
     grid: { n_xi: points(grid.n_xi), n_eta: points(grid.n_eta) },

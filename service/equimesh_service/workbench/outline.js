@@ -104,7 +104,7 @@ function sideOf(name, points, frame) {
   const anchor = { left: "end", right: "start" }[name] ?? "middle";
   return [
     lineOf(`side ${name}`, points, frame),
-    element("text", { x: x + dx, y: y + dy, "text-anchor": anchor }, name),
+    element("text", { x: x + dx, y: y + dy, "text-anchor": anchor }, name), // with a halo, as it may be on a line
   ];
 }
 

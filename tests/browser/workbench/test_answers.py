@@ -54,6 +54,7 @@ TYPED_WRONG = """async (text) => {
 @pytest.fixture
 def page(lasting_page: Page) -> Page:
     """The page at `SPEC`, with its mesh."""
+    lasting_page.unroute_all()  # what a test that failed has left
     lasting_page.evaluate("hash => { location.hash = hash }", f"spec={quote(json.dumps(SPEC))}")
     has_mesh(lasting_page, 17, 17)
     expect(lasting_page.locator("#headline")).not_to_have_class(re.compile("stale"))

@@ -99,6 +99,8 @@ def test_a_quick_look_at_blocks_is_one_descent_on_fewer_cells(page: Page) -> Non
         {"kind": "mesh", "file": "s-1"},
     )
     specs = [spec(None, few), spec("least_error", few), spec("auto", many), spec("auto", file), spec("weight", few)]
+    wrong = {"monitor": {"u": "x"}, "grid": {"n_xi": 3}}
+    specs.append(wrong)
     code = "async (specs) => { const { quickSpec } = await import('/workbench/live.js'); return specs.map(quickSpec); }"
     least = {"kind": "least_error", "u": "x", "norm": "l2"}
     fewer = {**many, "refine": 0.5}  # 4 * (640 + 3360) cells are 16 times too many
@@ -108,6 +110,7 @@ def test_a_quick_look_at_blocks_is_one_descent_on_fewer_cells(page: Page) -> Non
         {"monitor": least, "domain": fewer},
         {"monitor": least, "domain": file},
         None,
+        None,  # a grid that the service refuses
     ]
 
 
