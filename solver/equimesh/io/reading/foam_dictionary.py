@@ -16,7 +16,7 @@ MAX_DEPTH: Final = 32
 # Words of a file, and words that variables may bring, in all.
 MAX_WORDS: Final = 500_000
 
-_TOKEN = re.compile(r'//[^\n]*|/\*.*?(?:\*/|\Z)|"(?:[^"\\]|\\.)*(?:"|\\?\Z)|[(){}\[\];]|[^\s(){}\[\];"]+', re.DOTALL)
+_TOKEN = re.compile(r'//[^\n]*|/\*.*?(?:\*/|\Z)|"(?:[^"\\]|\\.)*+(?:"|\\?\Z)|[(){}\[\];]|[^\s(){}\[\];"]+', re.DOTALL)
 _VARIABLE = re.compile(r"\$([A-Za-z_][\w.]*)|\$\{([A-Za-z_][\w.]*)\}")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import pytest
 
 from equimesh.errors import InputError
@@ -77,3 +79,14 @@ def test_wrong_kinds_of_items_are_named() -> None:
 def test_comments_and_texts_that_never_end_are_searched_once(bad: str) -> None:
     with pytest.raises(InputError):
         parse("a " + bad * 200_000)
+
+
+def test_a_text_that_does_not_end_takes_little_memory() -> None:
+    text = '("' + "\\" * (1 << 20)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="is not closed"):
+            parse(text)
+        assert tracemalloc.get_traced_memory()[1] < 20 * len(text)
+    finally:
+        tracemalloc.stop()
