@@ -33,8 +33,11 @@ _NAME = re.compile(r"[^\s\d]")
 _RANGES = re.compile(r"'?((?: -?\d+){6})(?: -?\d|$)")
 # Blocks of a file, and nodes of a block along a direction, at most.
 MAX_BLOCKS, MAX_NODES = 100_000, 10_000_000
-# Numbers that Fortran's repetitions such as ``3*0.5`` stand for, at most: so many for each byte of the file, and more.
-MAX_REPEATED, MORE_REPEATED = 20, 100_000
+# Fortran's repetitions such as ``3*0.5``, ...
+_REPETITION = re.compile(rb"(?<!\S)(\d{1,19}+)\*(\S++)")
+# ... how many a file may have, and the numbers that they stand for, at most: one for each byte of the file, and more.
+MAX_REPETITIONS: Final = 1_000_000
+MORE_REPEATED: Final = 100_000
 # Records of a file, at most.
 MAX_RECORDS = 200_000
 
@@ -182,13 +185,14 @@ def _text(data: bytes) -> tuple[_Head, list[Array]]:
     """The head of a text, and the coordinates of each block."""
     text = data.replace(b",", b" ").replace(b"D", b"e").replace(b"d", b"e")
     if b"*" in text:
-        words = text.split()
-        most = MAX_REPEATED * len(data) + MORE_REPEATED
-        if sum(_repeats(word) for word in words) > most:
+        most = len(data) + MORE_REPEATED
+        if text.count(b"*") > MAX_REPETITIONS:
+            raise InputError(f"more than {MAX_REPETITIONS} repetitions: write them out, or a binary file", field="file")
+        if sum(int(found[1]) for found in _REPETITION.finditer(text)) > most:
             raise InputError(
                 f"repetitions stand for more than {most} numbers: write them out, or a binary file", field="file"
             )
-        text = b" ".join(_repeated(word) for word in words)
+        text = _REPETITION.sub(lambda found: (found[2] + b" ") * int(found[1]), text)
     flat = floats(text, 1, "the coordinates")
     for head in _heads(flat):
         for blanked in (0, 1):
@@ -204,18 +208,6 @@ def _cut(flat: Array, head: _Head, at: int, blanked: int) -> list[Array]:
         found.append(flat[at : at + head.dimension * i * j])
         at += (head.dimension + blanked) * i * j
     return found
-
-
-def _repeats(word: bytes) -> int:
-    """How many numbers Fortran's ``3*0.5`` stands for; 0 for other words."""
-    count, star, _ = word.partition(b"*")
-    return int(count) if star and count.isdigit() and len(count) < 20 else 0
-
-
-def _repeated(word: bytes) -> bytes:
-    """Fortran's ``3*0.5`` written out."""
-    count, value = _repeats(word), word.partition(b"*")[2]
-    return b" ".join([value] * count) if count and value else word
 
 
 def _heads(numbers: npt.NDArray[Any]) -> Iterator[_Head]:

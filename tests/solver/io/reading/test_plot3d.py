@@ -138,7 +138,7 @@ def test_broken_files_are_refused(told: str) -> None:
 
 
 def test_small_files_stand_for_no_huge_ones() -> None:
-    with pytest.raises(InputError, match="repetitions stand for more than 100800 numbers"):
+    with pytest.raises(InputError, match="repetitions stand for more than 100040 numbers"):
         read_plot3d(b"2 2 " + b"9999999*0.5 " * 3)
     with pytest.raises(InputError, match="of the map: the sides have more edges than the blocks"):
         read_plot3d(text(two_blocks()[:1]), b"\n".join([b"wall 1 3 1 3 1 1"] * 20))

@@ -76,6 +76,7 @@ COSTLY: dict[str, tuple[str, Callable[[], bytes]]] = {
     "many keywords": ("su2", lambda: b"A=\n" * (4 * MEGABYTE)),
     "records of no length": ("p3d", lambda: bytes(12 * MEGABYTE)),
     "repetitions": ("p3d", lambda: b"4472 4472 19999998*0.5 19999998*x "),
+    "many repetitions": ("p3d", lambda: b"2 2 " + b"1*1 " * (12 * MEGABYTE)),
     "one bad word at the end": ("p3d", lambda: b"2 2 " + b"1 " * (8 * MEGABYTE) + b"x"),
     "many words in a boundary": ("zip", lambda: with_boundary(b"1(a{b c;}" + b" d" * (24 * MEGABYTE) + b")")),
 }
