@@ -284,6 +284,9 @@ def _take(found: _Found, kind: int, numbers: IntArray, nodes: IntArray, group: i
     if kind == QUADRILATERAL:
         found.quads.append(nodes)
     elif kind == LINE:
+        if len(found.lines) == MAX_BLOCKS:
+            message = f"the lines change their group more than {MAX_BLOCKS} times: sort them by group"
+            raise InputError(message, field="file")
         found.lines.append((nodes, group))
     elif kind == POINT:
         found.vertices[group] = int(nodes[-1, 0])

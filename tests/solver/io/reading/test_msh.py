@@ -133,3 +133,12 @@ def test_nodes_of_no_width_and_many_groups_are_refused() -> None:
 def test_the_line_of_a_section_counts_those_before() -> None:
     data = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n" + b"$A\n" + b"\n" * 100_000 + b"$EndA\n$Nodes\n"
     assert "line 100006: the section $Nodes does not end" in refusal(data, "msh")
+
+
+def test_lines_that_change_their_group_without_end_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = "".join(f"{k} 1 2 {k} 1 1 2\n" for k in range(1, 7))
+    head = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n$EndNodes\n"
+    data = f"{head}$Elements\n7\n{lines}7 3 2 9 1 1 2 3 4\n$EndElements\n".encode()
+    assert len(read_bytes(data, "msh").sides) == 6
+    monkeypatch.setattr("equimesh.io.reading.msh.MAX_BLOCKS", 5)
+    assert "the lines change their group more than 5 times" in refusal(data, "msh")
