@@ -61,6 +61,7 @@ _LIGHT = {
     "color-background-border": "#dcd8cf",
     "color-foreground-primary": "#1c2430",
     "color-foreground-secondary": "#566070",
+    "color-foreground-muted": "#566070",
 }
 _DARK = {
     "color-brand-primary": "#8ec5ff",
@@ -71,6 +72,7 @@ _DARK = {
     "color-background-border": "#2f3944",
     "color-foreground-primary": "#e8eaee",
     "color-foreground-secondary": "#a3adba",
+    "color-foreground-muted": "#a3adba",
 }
 html_theme_options = {
     "navigation_with_keys": True,

@@ -11,9 +11,9 @@ EXAMPLES = """\
 Every option is also an environment variable, as of `equimesh serve`: --workers is EQUIMESH_WORKERS.
 
 examples:
-  equimesh worker --scheduler tls://first:8786 --host second
-  equimesh worker --scheduler tls://first:8786 --host second --workers 4 --name rack-7
-  EQUIMESH_SCHEDULER=tls://first:8786 equimesh worker --host second
+  equimesh worker --scheduler tls://a:8786 --host b
+  equimesh worker --scheduler tls://a:8786 --host b --workers 4 --name rack-7
+  EQUIMESH_SCHEDULER=tls://a:8786 equimesh worker --host b
 
 It waits for the scheduler, and joins again when the scheduler was lost. The service says what it needs to reach.
 
