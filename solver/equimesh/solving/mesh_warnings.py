@@ -224,7 +224,7 @@ def _about_gains(errors: InterpolationErrors, other: str = "uniform") -> Iterato
             yield f"The {other} mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
         elif errors.gain_l2 > 0.0:
             yield (
-                f"The mesh interpolates u worse than the {other} one: its L2 error is {1 / errors.gain_l2:.2g} times as"
+                f"The mesh interpolates u worse than the {other} one: its L2 error is {1 / errors.gain_l2:.3g} times as"
                 " large. Take the curvature monitor to interpolate u well."
             )
     elif 0.0 < errors.gain_h1 < MIN_GAIN_H1 and errors.h1_uniform > errors.rounding[1]:

@@ -68,7 +68,7 @@ def read_su2(data: bytes) -> PlainMesh:
     for entry in entries:
         if entry.key == "MARKER_TAG":
             name = entry.value
-        elif entry.key == "MARKER_ELEMS":
+        elif entry.key == "MARKER_ELEMS" and (entry.count() or entry.rows.strip()):  # others are empty
             sides.setdefault(name, []).append(_elements(entry, LINE, points))
     cells = _elements(single["NELEM"], QUADRILATERAL, points)
     return PlainMesh.of(points, cells, {name: np.concatenate(edges) for name, edges in sides.items()})

@@ -37,6 +37,12 @@ def test_elements_without_numbers_and_points_in_any_order() -> None:
     assert mesh.sides["wall"].tolist() == [[0, 1], [1, 2]]
 
 
+def test_a_marker_without_elements_is_no_side() -> None:
+    text = SHORT.replace("NMARK= 1", "NMARK= 2\nMARKER_TAG= gone\nMARKER_ELEMS= 0")
+    assert [*read_bytes(text.encode(), "su2").sides] == ["wall"]
+    assert "are told, but" in refusal(text.replace("MARKER_ELEMS= 0", "MARKER_ELEMS= 0\n3 0 1").encode(), "su2")
+
+
 def test_points_without_numbers() -> None:
     mesh = small()
     text = su2_text(mesh.points, mesh.cells, mesh.sides)
