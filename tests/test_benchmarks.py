@@ -14,7 +14,6 @@ import adapt
 import bench
 import cluster
 import convection
-import least_error
 import least_error_gains
 import least_error_goals
 import numpy as np
@@ -215,15 +214,6 @@ def test_what_goes_wrong_with_random_functions_is_counted(monkeypatch: pytest.Mo
     }
     assert rows["exceptions"].note == "ZeroDivisionError: 1"
     assert rows["folded"].met is False
-
-
-def test_the_section_of_the_page_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = tmp_path / "page.md"
-    monkeypatch.setattr(least_error, "PAGE", page)
-    page.write_text("# Title\n\n## Other mesh generators\n\nlast\n")
-    for number in (1, 2):
-        least_error.write(f"{least_error.HEADING}\n\n{number}\n")
-        assert page.read_text() == f"# Title\n\n## Least error\n\n{number}\n\n## Other mesh generators\n\nlast\n"
 
 
 @pytest.mark.parametrize("library", ["mmgpy", "gmsh"])
