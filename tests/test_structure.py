@@ -86,6 +86,13 @@ def imported(code: str) -> Iterator[str]:
         yield from (name for name in names if name.split(".")[0] in PACKAGES)
 
 
+def test_no_test_stops_the_clock_of_its_process() -> None:
+    """A service of the session would sleep in its event loop until the clock shows the time that a test set."""
+    patched = re.compile(r"setattr\((?:\w+\.)?time, \"(?:monotonic|perf_counter|sleep)\"")
+    found = [str(path.relative_to(ROOT)) for path in (ROOT / "tests").rglob("*.py") if patched.search(path.read_text())]
+    assert found == [], "replace the name `time` in the module that is tested"
+
+
 def test_examples_and_docs_import_faces_only() -> None:
     codes = {path.name: path.read_text() for path in (ROOT / "examples").glob("*.py")}
     codes |= {f"{name}, block {k}": code for name, text in pages().items() for k, code in enumerate(CODE.findall(text))}

@@ -111,7 +111,7 @@ def test_a_service_that_compiles_is_waited_for_however_long_it_takes(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     there, line = Starting(loops=20), Shown()
-    monkeypatch.setattr(server.time, "monotonic", there.clock)
+    monkeypatch.setattr(server, "time", SimpleNamespace(monotonic=there.clock))
     with caplog.at_level(logging.INFO):
         server._Start(there, line=line).wait()  # type: ignore[arg-type]
     assert line.counts == [Compiled(number, 20) for number in range(1, 21)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -66,7 +67,7 @@ def test_a_worker_that_is_gone_silent_or_another_is_given_back(monkeypatch: pyte
     assert two not in members
     assert members.slots == 3
     late = time.monotonic() + module.MAX_SILENT_SECONDS + 1.0
-    monkeypatch.setattr(time, "monotonic", lambda: late)
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: late))
     assert members.update({"a": known("one", slots=1), "b": known("two", seen=2.0, identity="new")}) == [one]
 
 

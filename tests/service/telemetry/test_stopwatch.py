@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextvars import copy_context
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,7 +12,7 @@ from equimesh_service.telemetry import stopwatch
 
 def test_parts_follow_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter([10.0, 10.5, 12.0, 12.25])
-    monkeypatch.setattr(stopwatch.time, "perf_counter", lambda: next(times))
+    monkeypatch.setattr(stopwatch, "time", SimpleNamespace(perf_counter=lambda: next(times)))
     watch = stopwatch.Stopwatch()
     watch.lap("check")
     watch.include({"solve": 1.0, "file": 0.25})
