@@ -174,7 +174,7 @@ Pair = Annotated[list[float], Limits(min_length=2, max_length=2)]
 Parameters = Annotated[dict[str, float], Limits(max_length=MAX_PARAMETERS), UpToAFault()]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OneOf:
     """Marks a field that holds one of several documents: the ``tag`` of a value is the name of its document."""
 
@@ -185,6 +185,9 @@ class OneOf:
     sentence: str
     default: str | None = None
     """The kind of a document that names none."""
+
+    def __repr__(self) -> str:
+        return f"OneOf({', '.join(map(repr, self.documents))})"
 
     def branch(self, value: Any) -> str | None:
         """The name of the document in the place of an error."""

@@ -28,6 +28,7 @@ _ARRAY = re.compile(
 )
 _ALIASES = {"float64": "Array", "int64": "IntArray", "bool": "BoolArray", "bool_": "BoolArray", "Any": "AnyArray"}
 
+_NAME = re.compile(r"[\w.\[\] ]+")
 # Names of others that signatures have without their module, or in parts of a text.
 _SHORT = frozenset({*_ALIASES.values(), "Axes", "Figure", "Path", "ArrayLike", "Series", "int", "str"})
 
@@ -52,6 +53,8 @@ def _resolve(
     if node.get("refdomain") != "py":
         return None
     target = str(node["reftarget"]).removeprefix("tuple[").removeprefix("~")  # of a tuple of any length
+    if not _NAME.fullmatch(target):
+        return content  # a part of what marks an annotated type: OneOf('expression', 'grid')
     inside = f"{node.get('py:module')}.{target}"
     path = public_path(target) or public_path(inside) or path_of_last(target)
     if path is not None:
