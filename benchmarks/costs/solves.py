@@ -92,10 +92,15 @@ def threads(n: int) -> Iterator[Row]:
         goal, what = SPEEDUP_GOAL if n == LARGE else None, f"n = {n}, {mode}, two threads against one"
         note = f"{1e3 * one.wall:.0f} and {1e3 * two.wall:.0f} ms; needs two free cores"
         yield Row(what=what, value=one.wall / two.wall, unit="x", goal=goal, at_least=True, note=note)
-        alone = max(0.0, 2.0 * two.busier - two.all) / two.all
+        alone = not_shared(two.busier, two.all)
         note = f"{100 * alone:.1f} % of the work is not shared: at most {2.0 / (1.0 + alone):.2f} x"
         what = f"n = {n}, {mode}, CPU time of the busier one"
         yield Row(what=what, value=one.all / two.busier, unit="x", note=note)
+
+
+def not_shared(busier: float, both: float) -> float:
+    """Share of the work that only one of two threads does, from the processor times of the busier one and of both."""
+    return max(0.0, 2.0 * busier - both) / both
 
 
 @dataclass
