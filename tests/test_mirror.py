@@ -1,10 +1,10 @@
-"""Where the test of a module is: ``tests/<part>/<package>/test_<noun>.py`` for ``<package>/<noun>.py`` of that part."""
+"""Where the tests of a package are: ``tests/<part>/<package>/`` for each folder of modules of that part."""
 
 from __future__ import annotations
 
+import ast
+import re
 from pathlib import Path
-
-import pytest
 
 TESTS = Path(__file__).parent
 ROOT = TESTS.parent
@@ -16,45 +16,42 @@ PARTS = {
     "schema": ROOT / "client" / "equimesh_schema",
     "cli": ROOT / "client" / "equimesh_cli",
 }
-# Tests of no single module, by part, with the reason.
-OF_NO_MODULE: dict[str, dict[str, str]] = {
-    "solver": {},
-    "service": {
-        "assembly/test_schwarz.py": "the half of problem.py that builds the settings of the Schwarz iteration",
-        "spec/test_sources.py": "what the service answers about functions, which equimesh_schema describes",
-    },
-    "client": {"test_imports.py": "what the whole package imports"},
-    "coupling": {},
-    "schema": {},
-    "cli": {},
-}
-# Modules of the solver without a file of tests, with the reason.
-WITHOUT_TESTS = {
-    "cluster/errors.py": "names of errors, which the other tests of the folder see raised",
-    "numerics/types.py": "names of types",
-    "single_domain/steps.py": "records; test_level.py and test_iteration.py look at what they hold",
-    "testing/functions.py": "what the kits are run on",
-    "solving/options.py": "a record; test_inputs.py looks at the words",
+# Modules of the solver that the tests of their folder do not name, with the reason.
+UNNAMED = {
     "schwarz/holding/port.py": "an interface; test_in_one_process.py and test_on_channel.py test both implementations",
 }
 
 
-def modules(part: str) -> set[str]:
-    """The modules of a part, as paths below its package."""
-    found = (path.relative_to(PARTS[part]).as_posix() for path in PARTS[part].rglob("*.py"))
-    return {name for name in found if not name.endswith("__init__.py")}
+def test_every_folder_of_tests_stands_where_its_package_stands() -> None:
+    for part, package in PARTS.items():
+        for file in (TESTS / part).rglob("test_*.py"):
+            folder = package / file.parent.relative_to(TESTS / part)
+            assert folder.is_dir(), f"{file} has no package {folder}"
 
 
-@pytest.mark.parametrize("part", PARTS)
-def test_every_file_of_tests_stands_where_its_module_stands(part: str) -> None:
-    files = {path.relative_to(TESTS / part).as_posix() for path in (TESTS / part).rglob("test_*.py")}
-    tested = {name for name in files if name.replace("test_", "", 1) in modules(part)}
-    assert files - tested == {*OF_NO_MODULE[part]}
+def test_every_module_of_the_solver_has_tests_in_the_folder_of_its_package() -> None:
+    package = PARTS["solver"]
+    modules = [path for path in package.rglob("*.py") if path.name != "__init__.py"]
+    unnamed = {path.relative_to(package).as_posix() for path in modules if not _is_named(path)}
+    assert unnamed <= {*UNNAMED}
 
 
-def test_every_module_of_the_solver_has_its_tests() -> None:
-    files = {path.relative_to(TESTS / "solver").as_posix() for path in (TESTS / "solver").rglob("test_*.py")}
-    untested = {
-        name for name in modules("solver") if Path(name).with_name(f"test_{Path(name).name}").as_posix() not in files
-    }
-    assert untested <= {*WITHOUT_TESTS} <= modules("solver")
+def _is_named(module: Path) -> bool:
+    """Whether a file of tests in the folder of a module, or a word in one, names it or something that it defines."""
+    folder = TESTS / "solver" / module.parent.relative_to(PARTS["solver"])
+    if (folder / f"test_{module.name}").exists():
+        return True
+    words = {word for file in folder.glob("*.py") for word in re.findall(r"\w+", file.read_text())}
+    return not words.isdisjoint({module.stem, *_defined(module)})
+
+
+def _defined(module: Path) -> set[str]:
+    """The functions, classes and constants of a module, without those that begin with ``_``."""
+    names = set[str]()
+    for node in ast.parse(module.read_text()).body:
+        match node:
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name) | ast.AnnAssign(target=ast.Name(id=name)):
+                names.add(name)
+            case ast.Assign(targets=[ast.Name(id=name)]):
+                names.add(name)
+    return {name for name in names if not name.startswith("_")}
