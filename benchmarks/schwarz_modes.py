@@ -27,7 +27,7 @@ STRIPS, STEP = (2, 4, 8), 1e-7
 
 def squared_lengths(metric: Any, x: Array, y: Array) -> tuple[Array, Array]:
     """Values of the xi-edges on all inner lines, shape ``(n_xi - 1, n_eta - 2)``, and the metric of the cells."""
-    from equimesh.sweeps.cell_metrics import cell_metrics
+    from equimesh.sweeps.line_sums import cell_metrics
 
     cells = np.empty((3, x.shape[0] - 1, x.shape[1] - 1))
     cell_metrics(metric, x, y, cells)

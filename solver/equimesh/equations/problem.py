@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.closing import is_closed
+from equimesh.domains.curve import FormulaPath
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.boundary import Boundary, sides
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.errors import InputError
+from equimesh.fields.expression import Expression
 from equimesh.fields.periodic import repeated
 from equimesh.inputs import choice
 from equimesh.meshes.grid import Grid
@@ -81,3 +84,35 @@ class Problem:
             list(sides(self.boundary).values()),
             cross_line,
         )
+
+
+# The formulas of a problem that were typed in another spelling than that of the language.
+
+
+def understood(problem: object) -> dict[str, str]:
+    """The formulas of a problem as they were understood, by their place in it: ``{"monitor.u": "2*x"}`` for ``2x``.
+
+    Those that are in the language itself are left out.
+    """
+    return dict(_differences(problem, ""))
+
+
+def _differences(part: object, place: str) -> Iterator[tuple[str, str]]:
+    if isinstance(part, Expression):
+        if part.understood != part.text:
+            yield place, part.understood
+    elif isinstance(part, FormulaPath):
+        for name, typed, read in zip("xy", (part.x, part.y), part.understood, strict=True):
+            if read != typed:
+                yield f"{place}.{name}", read
+    elif isinstance(part, Mapping):
+        for key, value in part.items():
+            yield from _differences(value, f"{place}.{key}")
+    elif isinstance(part, tuple) and part and is_dataclass(part[0]):
+        for number, value in enumerate(part):
+            yield from _differences(value, f"{place}[{number}]")
+    elif is_dataclass(part) and not isinstance(part, type):
+        for field in fields(part):
+            if field.init:
+                inner = place if field.name == "path" else f"{place}.{field.name}".removeprefix(".")
+                yield from _differences(getattr(part, field.name), inner)

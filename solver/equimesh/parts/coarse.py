@@ -24,9 +24,8 @@ from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of, orthogonality_of
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.threads import thread_count
-from equimesh.single_domain.climb import Climb
-from equimesh.single_domain.level import Solved
-from equimesh.single_domain.newton_level import MAX_RELAXED_POINTS
+from equimesh.single_domain.iteration import Climb
+from equimesh.single_domain.level import MAX_RELAXED_POINTS, Solved
 from equimesh.single_domain.steps import Mode, Step
 from equimesh.solving.options import SolveOptions
 from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_rounding
@@ -163,7 +162,7 @@ def _solved(
     *,
     only_requested: bool,
 ) -> CoarseSolution | None:
-    """The levels up to the coarse grid; ``None`` as :meth:`~equimesh.single_domain.climb.Climb.by_sweeps`."""
+    """The levels up to the coarse grid; ``None`` as :meth:`~equimesh.single_domain.iteration.Climb.by_sweeps`."""
     level = _coarse_level(grids, max_points)
     here = problem.on_grid(grids[level])
     _require_uniform(here)

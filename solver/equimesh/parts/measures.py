@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from equimesh.equations.understood import understood
+from equimesh.equations.problem import understood
 from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh_part import MeshPart
 from equimesh.meshes.mesh_window import MeshWindow, WindowRows

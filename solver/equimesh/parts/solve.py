@@ -16,7 +16,7 @@ from equimesh.meshes.parts import Parts
 from equimesh.numerics.channel import Channel, Counted
 from equimesh.parts.coarse import CoarseSolution, OtherGridsNeededError
 from equimesh.parts.part_solution import PartSolution, PartStep
-from equimesh.single_domain.climb import Climb
+from equimesh.single_domain.iteration import Climb
 from equimesh.single_domain.steps import Step, Steps
 from equimesh.solving.single_domain import outcome
 

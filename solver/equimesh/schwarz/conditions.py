@@ -13,8 +13,7 @@ from typing import ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
 
-from equimesh.equations.flux import HalfFlux, LocalMetric, SeenGradient
-from equimesh.equations.mesh_equations import NodalState
+from equimesh.equations.mesh_equations import HalfFlux, LocalMetric, NodalState, SeenGradient
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.numerics.types import Array, IntArray

@@ -13,9 +13,8 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from equimesh.domains.domain import map_mesh
-from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
+from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, smallest_tolerance
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_tolerance
 from equimesh.meshes.folding import largest_difference
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import require_lines

@@ -7,16 +7,15 @@ from typing import Protocol
 
 import numpy as np
 
+from equimesh.equations.newton_solve import smallest_move
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_move
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array
 from equimesh.schwarz.holding.on_channel import OnChannel
 from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.lines.held_sweep import HeldSweep
-from equimesh.sweeps.contraction import error_left
-from equimesh.sweeps.sweep import Correction, Sweep, memory_needed
+from equimesh.sweeps.sweep import Correction, Sweep, error_left, memory_needed
 
 # Later corrections are not assumed to reduce the moves by a smaller factor: slow errors show late.
 MIN_CONTRACTION = 0.5

@@ -6,13 +6,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from equimesh.equations.newton_solve import NewtonSolution
+from equimesh.equations.newton_solve import NewtonSolution, smallest_move
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_move
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array
-from equimesh.sweeps.frame import Frame
+from equimesh.sweeps.sides import Frame
 from equimesh.sweeps.sweep import Sweep, memory_needed, take_midpoints
 
 Rest: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]

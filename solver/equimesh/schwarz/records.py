@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from equimesh.equations.newton_solve import smallest_tolerance
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_tolerance
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.quality import measures
-from equimesh.sweeps.contraction import error_left
+from equimesh.sweeps.sweep import error_left
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from equimesh.meshes.folding import largest_difference
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.decomposition import Decomposition, Subdomain
-from equimesh.sweeps.frame import Frame
+from equimesh.sweeps.sides import Frame
 
 AXES = (0, 1)
 ENDS = (0, 1)

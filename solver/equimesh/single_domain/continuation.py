@@ -5,21 +5,221 @@ A weaker problem has a cross-line term with the smallest weight that helps. Wher
 monitor is lowered, too. Both ways lead from an easy problem towards the requested one.
 """
 
-from collections.abc import Generator
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from equimesh.equations.boundary import Boundary
+from equimesh.equations.newton_solve import smallest_residual
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_residual
+from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.compiled import compiled, vectorised
+from equimesh.numerics.gmres import gmres
 from equimesh.numerics.newton import newton_iterations
-from equimesh.single_domain.interior import Interior
+from equimesh.numerics.sines import solve_by_sines, solve_lines
+from equimesh.numerics.types import Array
 from equimesh.single_domain.solved_sides import straight_start, with_solved_sides
-from equimesh.sweeps.cell_metrics import cell_metrics
+from equimesh.sweeps.line_sums import cell_metrics
+
+# Compiled loops: the defects of the equations at all interior nodes, and what changes them.
+
+
+@vectorised
+def defects(x: Array, y: Array, m: Array, per_spacing: tuple[float, float], cross_line: float, out: Array) -> None:
+    """The defects of both equations at the interior nodes, in ``out`` of shape ``(2, n_xi - 2, n_eta - 2)``.
+
+    They are the values of :class:`~equimesh.equations.mesh_equations.MeshEquations` there: differences of the squared
+    metric lengths of the two edges that meet at a node, and the cross-line term. ``m`` of shape ``(3, n_xi - 1,
+    n_eta - 1)`` is the metric of the cells, ``per_spacing`` one over the squared spacings.
+    """
+    n_xi, n_eta = x.shape
+    per_xi, per_eta = per_spacing
+    before = np.empty(n_eta)
+    for j in range(1, n_eta - 1):
+        gx, gy = x[1, j] - x[0, j], y[1, j] - y[0, j]
+        p11, p12, p22 = m[0, 0, j - 1] + m[0, 0, j], m[1, 0, j - 1] + m[1, 0, j], m[2, 0, j - 1] + m[2, 0, j]
+        before[j] = 0.5 * (p11 * gx * gx + 2.0 * p12 * gx * gy + p22 * gy * gy)
+    along = np.empty(n_eta)
+    for i in range(1, n_xi - 1):
+        for j in range(n_eta - 1):
+            fx, fy = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
+            p11, p12, p22 = m[0, i - 1, j] + m[0, i, j], m[1, i - 1, j] + m[1, i, j], m[2, i - 1, j] + m[2, i, j]
+            along[j] = 0.5 * (p11 * fx * fx + 2.0 * p12 * fx * fy + p22 * fy * fy)
+        for j in range(1, n_eta - 1):
+            gx, gy = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j]
+            p11, p12, p22 = m[0, i, j - 1] + m[0, i, j], m[1, i, j - 1] + m[1, i, j], m[2, i, j - 1] + m[2, i, j]
+            after = 0.5 * (p11 * gx * gx + 2.0 * p12 * gx * gy + p22 * gy * gy)
+            bend_x = x[i, j - 1] - 2.0 * x[i, j] + x[i, j + 1]
+            bend_y = y[i - 1, j] - 2.0 * y[i, j] + y[i + 1, j]
+            out[0, i - 1, j - 1] = (after - before[j]) * per_xi + cross_line * per_eta * bend_x
+            out[1, i - 1, j - 1] = (along[j] - along[j - 1]) * per_eta + cross_line * per_xi * bend_y
+            before[j] = after
+
+
+@compiled
+def directions(x: Array, y: Array, m: Array, out: Array) -> None:
+    """``A, B, C, D`` of the line corrections at the interior nodes, in ``out`` of shape ``(4, n_xi - 2, n_eta - 2)``.
+
+    ``(A, B) = M r_xi`` and ``(C, D) = M r_eta``, with undivided central differences.
+    """
+    for i in range(1, x.shape[0] - 1):
+        for j in range(1, x.shape[1] - 1):
+            p11 = 0.25 * (m[0, i - 1, j - 1] + m[0, i - 1, j] + m[0, i, j - 1] + m[0, i, j])
+            p12 = 0.25 * (m[1, i - 1, j - 1] + m[1, i - 1, j] + m[1, i, j - 1] + m[1, i, j])
+            p22 = 0.25 * (m[2, i - 1, j - 1] + m[2, i - 1, j] + m[2, i, j - 1] + m[2, i, j])
+            ex, ey = 0.5 * (x[i + 1, j] - x[i - 1, j]), 0.5 * (y[i + 1, j] - y[i - 1, j])
+            fx, fy = 0.5 * (x[i, j + 1] - x[i, j - 1]), 0.5 * (y[i, j + 1] - y[i, j - 1])
+            out[0, i - 1, j - 1] = p11 * ex + p12 * ey
+            out[1, i - 1, j - 1] = p12 * ex + p22 * ey
+            out[2, i - 1, j - 1] = p11 * fx + p12 * fy
+            out[3, i - 1, j - 1] = p12 * fx + p22 * fy
+
+
+# The equations of the interior nodes, without a matrix.
+#
+# Newton's method solves its linear systems by GMRES. Products with the Jacobian are difference quotients of the
+# defects. The preconditioner is that of the sweeps, with the cross-line term: to leading order the first equation is
+#
+# 2 P_xixi + eps (D / det)_mean P_etaeta = defect, P = A dx + B dy,
+#
+# and the second one is the same for ``Q = C dx + D dy``. With the mean of its coefficient over each line, a fast
+# solver by sines solves it. The number of products does not depend on the number of points.
+
+# The largest move of a node in a difference quotient, as a share of the spacing.
+QUOTIENT_STEP = 1e-7
+# Products with the Jacobian for one Newton step.
+MAX_PRODUCTS = 20
+# The residual of a linear system, relative to the first: between these, near the square of the last Newton reduction.
+MAX_LINEAR_RESIDUAL, MIN_LINEAR_RESIDUAL = 0.3, 0.01
+LINEAR_SHARE = 0.9
+
+
+class Interior:
+    """The requested equations at the interior nodes, or those with a cross-line term of weight ``cross_line``.
+
+    ``vector`` and ``mesh`` lead from a mesh to the unknowns, which are x, then y, of the interior nodes, and back. The
+    nodes on the sides stay where they are in ``start``; with orthogonal sides they follow the interior.
+    """
+
+    def __init__(self, problem: Problem, start: Mesh, cross_line: float) -> None:
+        self._problem, self._start, self._cross_line = problem, start, cross_line
+        n_xi, n_eta = problem.grid.shape
+        self._shape, self._per_spacing = (n_xi - 2, n_eta - 2), (float((n_xi - 1) ** 2), float((n_eta - 1) ** 2))
+        self._cells = np.empty((3, n_xi - 1, n_eta - 1))
+        self._norms: list[float] = []
+
+    @staticmethod
+    def vector(mesh: Mesh) -> Array:
+        """The unknowns of a mesh."""
+        return np.concatenate([mesh.x[1:-1, 1:-1].ravel(), mesh.y[1:-1, 1:-1].ravel()])
+
+    def mesh(self, z: Array) -> Mesh:
+        """The mesh of the unknowns ``z``."""
+        x, y = self._start.x.copy(), self._start.y.copy()
+        x[1:-1, 1:-1], y[1:-1, 1:-1] = z.reshape(2, *self._shape)
+        if self._problem.boundary is Boundary.ORTHOGONAL:
+            for q in (x.T, y):
+                q[0, 1:-1] = (4.0 * q[1, 1:-1] - q[2, 1:-1]) / 3.0
+                q[-1, 1:-1] = (4.0 * q[-2, 1:-1] - q[-3, 1:-1]) / 3.0
+        return Mesh(x, y)
+
+    def is_valid(self, z: Array) -> bool:
+        """Whether the mesh of ``z`` has no folds."""
+        mesh = self.mesh(z)
+        return smallest_jacobian(mesh.x, mesh.y) > 0.0
+
+    def residual(self, z: Array, u: Array | None = None) -> Array:
+        """The defects, an equation per unknown; dimensionless. ``u`` is given at all nodes where it is known."""
+        mesh, out = self.mesh(z), np.empty((2, *self._shape))
+        with np.errstate(all="ignore"):
+            cell_metrics(self._problem.metric, mesh.x, mesh.y, self._cells, u)
+            defects(mesh.x, mesh.y, self._cells, self._per_spacing, self._cross_line, out)
+        return out.reshape(-1)
+
+    @property
+    def mean_flux(self) -> float:
+        """The mean squared metric length of the coordinate directions in ``start``: the unit of the residual."""
+        mesh, (m11, m12, m22) = self._start, self._cells
+        cell_metrics(self._problem.metric, mesh.x, mesh.y, self._cells)
+        means = []
+        for axis, per_spacing in enumerate(self._per_spacing):
+            dx, dy = np.diff(mesh.x, axis=axis), np.diff(mesh.y, axis=axis)
+            for side in (slice(0, -1), slice(1, None)):
+                ends = (slice(None), side) if axis == 0 else (side, slice(None))
+                x, y = dx[ends], dy[ends]
+                means.append(per_spacing * float(np.mean(m11 * x * x + 2.0 * m12 * x * y + m22 * y * y)))
+        return sum(means) / len(means)
+
+    def solver(self, z: Array) -> Callable[[Array], Array]:
+        """A function that solves the linear system of Newton's method at ``z``, approximately."""
+        there = _Linearised(self, z)
+        return lambda right: gmres(
+            there.product, there.precondition, right, tolerance=self._forcing(right), most=MAX_PRODUCTS
+        )
+
+    def _forcing(self, right: Array) -> float:
+        """The accuracy of the linear system (Eisenstat and Walker 1996, their second choice)."""
+        self._norms.append(float(np.abs(right).max()))
+        if len(self._norms) == 1 or self._norms[-2] == 0.0:
+            return MAX_LINEAR_RESIDUAL
+        reduction = self._norms[-1] / self._norms[-2]
+        return min(MAX_LINEAR_RESIDUAL, max(MIN_LINEAR_RESIDUAL, LINEAR_SHARE * reduction**2))
+
+
+class _Linearised:
+    """The Jacobian of the equations at one mesh: its products, and an approximate inverse."""
+
+    def __init__(self, equations: Interior, z: Array) -> None:
+        self._equations, self._z = equations, z
+        self._value = equations.residual(z)
+        self._shape, self._cross_line = equations._shape, equations._cross_line
+        self._per_xi, self._per_eta = equations._per_spacing
+        mesh, metric = equations.mesh(z), equations._problem.metric
+        self._mesh, self._u = mesh, None if metric.arc_length is None else metric.u_with_gradient(mesh.x, mesh.y)
+        found = np.empty((4, *self._shape))
+        directions(mesh.x, mesh.y, equations._cells, found)
+        self._a, self._b, self._c, self._d = found
+        self._one_over = 1.0 / (self._a * self._d - self._b * self._c)
+        if self._cross_line:
+            self._across_p = self._cross_line * self._per_eta * (self._d * self._one_over).mean(axis=1)
+            self._across_q = self._cross_line * self._per_xi * (self._a * self._one_over).mean(axis=0)
+
+    def product(self, v: Array) -> Array:
+        """The Jacobian times ``v``, by a difference quotient. The change of u is that of its tangent plane."""
+        largest = float(np.abs(v).max())
+        if not 0.0 < largest < math.inf:
+            return np.zeros_like(v)
+        step = QUOTIENT_STEP / (max(self._shape) + 1) / largest
+        there = self._z + step * v
+        if self._u is None:
+            return np.asarray((self._equations.residual(there) - self._value) / step)
+        u, u_x, u_y = self._u
+        moved = self._equations.mesh(there)
+        u = u + u_x * (moved.x - self._mesh.x) + u_y * (moved.y - self._mesh.y)
+        return np.asarray((self._equations.residual(there, u) - self._value) / step)
+
+    def precondition(self, r: Array) -> Array:
+        """The change of the unknowns that removes the defects ``r``, to leading order."""
+        first, second = r.reshape(2, *self._shape)
+        if not self._cross_line:
+            q = solve_lines(2.0 * self._per_eta, second.T).T
+            p = solve_lines(2.0 * self._per_xi, first)
+        else:
+            q = solve_by_sines(2.0 * self._per_eta, self._across_q, np.ascontiguousarray(second.T)).T
+            seen = np.zeros((self._shape[0], self._shape[1] + 2))
+            seen[:, 1:-1] = self._b * self._one_over * q
+            bent = seen[:, 2:] - 2.0 * seen[:, 1:-1] + seen[:, :-2]
+            p = solve_by_sines(2.0 * self._per_xi, self._across_p, first + self._cross_line * self._per_eta * bent)
+        change = np.stack([self._d * p - self._b * q, self._a * q - self._c * p]) * self._one_over
+        return change.reshape(-1)
+
 
 # Weights of the cross-line term that are tried, in units of the metric.
 CROSS_LINE_WEIGHTS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)

@@ -14,13 +14,12 @@ from scipy.linalg import LinAlgError, solve_banded
 
 from equimesh.equations.boundary import Boundary, Side, SideLine, sides
 from equimesh.equations.metric import ReferenceMetric
+from equimesh.equations.newton_solve import smallest_residual
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_residual
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.newton import Solver, newton_iterations
 from equimesh.numerics.types import Array
-from equimesh.sweeps.side_nodes import SideNodes
-from equimesh.sweeps.sides import Sides
+from equimesh.sweeps.sides import SideNodes, Sides
 
 # Guarded sweeps of all sides before Newton's method takes over.
 MAX_SWEEPS = 30

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from equimesh.equations.block_problem import BlockProblem
-from equimesh.equations.understood import understood
+from equimesh.equations.problem import understood
 from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from equimesh.equations.newton_solve import smallest_residual
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_residual
 from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.field import Field
 from equimesh.fields.noise import noise_share

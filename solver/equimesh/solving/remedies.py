@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 
 from equimesh.equations.boundary import Boundary
+from equimesh.equations.newton_solve import smallest_tolerance
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import DecompositionError
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.schwarz.conditions import Optimized, label

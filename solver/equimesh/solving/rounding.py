@@ -1,8 +1,8 @@
 """Problems whose rounding errors are as large as what they are to resolve."""
 
 from equimesh.domains.domain import map_mesh
+from equimesh.equations.newton_solve import smallest_residual
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_residual
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode

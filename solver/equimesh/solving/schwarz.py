@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from equimesh.equations.newton_solve import smallest_tolerance
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_tolerance
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import distance, halved, is_refined, nested_grids, refinement, square_grids

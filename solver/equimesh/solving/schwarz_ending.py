@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from equimesh.equations.newton_solve import smallest_tolerance
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_tolerance
 from equimesh.inputs import finite_or_none
 from equimesh.schwarz.conditions import label
 from equimesh.schwarz.rates import predicted_rate

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from equimesh.domains.closing import closed_of
-from equimesh.equations.problem import Problem
-from equimesh.equations.understood import understood
+from equimesh.equations.problem import Problem, understood
 from equimesh.errors import EquimeshError
 from equimesh.meshes.closed import tied_nodes
 from equimesh.meshes.joined import joined

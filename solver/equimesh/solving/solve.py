@@ -9,9 +9,8 @@ import numpy as np
 from equimesh.domains.closing import closed_of, is_closed
 from equimesh.domains.domain import Rectangle, map_mesh
 from equimesh.equations.block_problem import BlockProblem
-from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
+from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, smallest_tolerance
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.least_error.block_schwarz import BlockSchwarz

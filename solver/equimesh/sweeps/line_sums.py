@@ -8,17 +8,20 @@ sums and starts of the nodes that lie across their cuts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.parts import Parts
 from equimesh.meshes.strips import Node, cuts_of, nodes_across, nodes_inside, strips_of, subtree
+from equimesh.numerics.channel import Channel
 from equimesh.numerics.compiled import compiled
+from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, IntArray
-from equimesh.sweeps.closed_kernels import close_lines
-from equimesh.sweeps.kernels import Levels, Lines
+from equimesh.sweeps import kernels
+from equimesh.sweeps.kernels import Levels, Lines, close_lines
 
 
 class LineSums:
@@ -239,3 +242,87 @@ def start_after(start: Array, sums: Array, rows: int, levels: Levels, after: Arr
     mean, shift = levels
     for j in range(1, sums.size - 1):
         after[j] = start[j] + (sums[j] + rows * (shift[j] - mean[j]))
+
+
+# The sum, the largest and the smallest of the edges of every xi-line, from processes that hold some of its rows.
+#
+# Sums are added up the tree of :mod:`equimesh.meshes.strips`: they do not depend on the number of processes, to the
+# last bit. Each process sends one message, with the sums of a few nodes of the tree.
+
+TAG = "lines"
+"""The tag of the messages."""
+
+
+def line_extremes(channel: Channel, strips: Array) -> Array | None:
+    """The sums, the largest and the smallest numbers of all strips, of shape ``(3, n)``, in the first process.
+
+    ``strips`` of shape ``(strips, 3, n)`` are those of the own strips. The other processes get ``None``.
+    """
+    counts = joined(channel, np.array([float(len(strips))])).astype(np.int64)
+    ends, number = [0, *np.cumsum(counts).tolist()], channel.number
+    whole, first = ends[-1], ends[number]
+    known = {(first + k, first + k + 1): strip for k, strip in enumerate(strips[:, 0])}
+    high, low = strips[:, 1].max(axis=0, initial=-np.inf), strips[:, 2].min(axis=0, initial=np.inf)
+    step = 1
+    while step < channel.count:
+        last = ends[min(number + step, channel.count)]
+        if number % (2 * step):
+            sums = [_sum(known, node) for node in nodes_inside(whole, first, last)]
+            channel.send(number - step, TAG, [*sums, high, low])
+            return None
+        if number + step < channel.count:
+            *sums, others_high, others_low = channel.receive(number + step, TAG)
+            nodes = nodes_inside(whole, last, ends[min(number + 2 * step, channel.count)])
+            known |= _by_ends(nodes, sums)
+            high, low = np.maximum(high, others_high), np.minimum(low, others_low)
+        step *= 2
+    return np.stack([_sum(known, Node.of(0, whole)), high, low])
+
+
+def _by_ends(nodes: Iterable[Node], sums: Iterable[Array]) -> dict[tuple[int, int], Array]:
+    return {(node.first, node.last): found for node, found in zip(nodes, sums, strict=True)}
+
+
+def _sum(known: dict[tuple[int, int], Array], node: Node) -> Array:
+    """The sum of a node, from the ``known`` ones inside."""
+    found = known.get((node.first, node.last))
+    if found is not None:
+        return found
+    return _sum(known, Node.of(node.first, node.middle)) + _sum(known, Node.of(node.middle, node.last))
+
+
+# The metric of the cells between rows of nodes.
+
+# Numbers that are left free on either side of the metric of cells, besides two rows of it.
+MARGIN = 4_096
+
+
+def cell_memory(rows: int, n_eta: int) -> Array:
+    """Memory for the metric of ``rows`` rows of cells, shape ``(3, rows, n_eta - 1)``, apart from all other memory.
+
+    A compiled loop looks whether its arrays may overlap, and then takes another way, which rounds differently. Where an
+    array begins right behind another one it takes them for overlapping. So the last bit of a mesh would depend on where
+    the memory happens to lie.
+    """
+    size, margin = 3 * rows * (n_eta - 1), MARGIN + 2 * n_eta
+    return np.empty(size + 2 * margin)[margin : margin + size].reshape(3, rows, n_eta - 1)
+
+
+def cell_metrics(metric: ReferenceMetric, s: Array, t: Array, cells: Array, u: Array | None = None) -> None:
+    """The metric of the cells between rows of nodes, in ``cells`` of shape ``(3, rows - 1, n_eta - 1)``.
+
+    ``u`` is given at the nodes where it is known.
+    """
+    arc_length = metric.arc_length
+    if arc_length is not None and metric.on_unit_square:
+        u = metric.u(s, t) if u is None else u
+        kernels.arc_length_cells(s, t, u, arc_length.a**2, arc_length.b, cells)
+        return
+    cells[0], cells[1], cells[2] = metric.base(_centres(s), _centres(t))
+    if arc_length is not None:
+        u = metric.u(s, t) if u is None else u
+        kernels.arc_length_cells_on(s, t, u, arc_length.a**2, arc_length.b, cells)
+
+
+def _centres(q: Array) -> Array:
+    return np.asarray(0.25 * (q[1:, 1:] + q[1:, :-1] + q[:-1, 1:] + q[:-1, :-1]))

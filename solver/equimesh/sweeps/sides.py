@@ -1,18 +1,86 @@
 """The four sides of a sweep: closed one-dimensional problems, solved first."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric, Tensor
 from equimesh.meshes.parts import Parts
+from equimesh.numerics.communicator import gather
 from equimesh.numerics.types import Array, Pair
-from equimesh.sweeps.closed_kernels import closed_side_moves
-from equimesh.sweeps.frame import WHOLE, Frame
-from equimesh.sweeps.kernels import Lines, SidePair, side_moves
-from equimesh.sweeps.side_nodes import SideNodes
+from equimesh.sweeps.kernels import Lines, SidePair, closed_side_moves, side_moves
+
+# The kind of the four sides of a window of the grid, for the line corrections.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """The kind of the four sides of a window, by direction (0 across xi, 1 across eta) and end.
+
+    A side is ``physical``, or its outermost grid line is held in place. A held side *yields* if edges of the whole grid
+    lie ``beyond`` it: the lines that cross it then end on the line before it, and these ends move, since the edges
+    outside share the metric length of the line. A held side without edges beyond is fixed.
+
+    Lines of a ``closed`` direction have no ends. The outermost grid lines are then copies of the nodes on the other
+    side, moved by 1: the nodes in between are all nodes of the line, once each.
+    """
+
+    physical: tuple[tuple[bool, bool], tuple[bool, bool]] = ((True, True), (True, True))
+    beyond: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    closed: tuple[bool, bool] = (False, False)
+
+    @classmethod
+    def around(cls, closed: tuple[bool, bool]) -> Frame:
+        """The whole grid with lines that are closed, and physical sides in the other directions."""
+        return cls(physical=((not closed[0],) * 2, (not closed[1],) * 2), closed=closed)
+
+    def span(self, axis: int, points: int) -> tuple[int, int]:
+        """First and last node of the lines along a direction, in a window of ``points`` points."""
+        if self.closed[axis]:
+            return 1, points - 1
+        lower, upper = self.beyond[axis]
+        return int(lower > 0), points - 1 - int(upper > 0)
+
+
+WHOLE = Frame()
+"""The whole grid: four physical sides."""
+
+
+# The positions of the nodes along the four sides, in full, also where many processes hold the rows of a grid.
+
+
+class SideNodes(NamedTuple):
+    """Positions along the sides: y on the left and right, ``(2, n_eta)``; x on the bottom and top, ``(2, n_xi)``."""
+
+    along_eta: Array
+    along_xi: Array
+
+    @classmethod
+    def of(cls, x: Array, y: Array) -> SideNodes:
+        """The sides of a whole mesh."""
+        n_xi, n_eta = x.shape
+        return cls(y[:: n_xi - 1].copy(), x.T[:: n_eta - 1].copy())
+
+    @classmethod
+    def gathered(cls, x: Array, y: Array, parts: Parts) -> SideNodes:
+        """The sides of a mesh, of which every process holds some rows; each of them sends its own to all."""
+        first, last = parts.own.first - parts.begin, parts.own.last - parts.begin
+        left = y[0] if parts.begin == 0 else np.empty(0)
+        right = y[-1] if parts.end == parts.shape[0] else np.empty(0)
+        bottom, top = x[first:last, 0], x[first:last, -1]
+        pieces = zip(*gather(parts.channel, "sides", [left, right, bottom, top]), strict=True)
+        left, right, bottom, top = (np.concatenate(piece) for piece in pieces)
+        return cls(np.stack([left, right]), np.stack([bottom, top]))
+
+    def moved(self, along_eta: Array, along_xi: Array) -> SideNodes:
+        """The positions after these moves."""
+        return SideNodes(self.along_eta + along_eta, self.along_xi + along_xi)
 
 
 def finite_or_infinite(number: float) -> float:

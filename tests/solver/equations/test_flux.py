@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.equations.flux import HalfFlux, LocalMetric, SeenGradient
+from equimesh.equations.mesh_equations import HalfFlux, LocalMetric, SeenGradient
 from equimesh.equations.metric import ReferenceMetric, Vector
 
 STEP = 1e-6

@@ -6,7 +6,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.equations.rounding import smallest_move, smallest_residual, smallest_tolerance
+from equimesh.equations.newton_solve import smallest_move, smallest_residual, smallest_tolerance
 
 
 def case(points: int, offset: float = 0.0) -> em.Problem:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import equimesh as em
-from equimesh.equations.understood import understood
+from equimesh.equations.problem import understood
 
 GRID = em.Grid(n_xi=5, n_eta=5)
 

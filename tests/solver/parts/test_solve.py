@@ -141,7 +141,7 @@ def test_a_sweep_of_up_to_128_parts_sends_at_most_96_bytes_for_every_node_of_a_c
 @pytest.mark.usefixtures("low_strips")
 def test_a_relaxed_coarse_solution_is_interpolated_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
     points = 33 * 33
-    monkeypatch.setattr("equimesh.single_domain.newton_level.MAX_RELAXED_POINTS", points)
+    monkeypatch.setattr("equimesh.single_domain.level.MAX_RELAXED_POINTS", points)
     monitor = em.ArcLength(u=em.Expression("tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))"), a=1.0, b=0.0)
     case = on(em.Rectangle(), em.Boundary.TRACE, monitor, 129, 129)
     whole = em.solve(case, threads=1)
@@ -154,7 +154,7 @@ def test_a_relaxed_coarse_solution_is_interpolated_and_said(monkeypatch: pytest.
 
 @pytest.mark.usefixtures("low_strips")
 def test_a_level_on_which_sweeps_fail_keeps_the_interpolated_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("equimesh.single_domain.newton_level.MAX_RELAXED_POINTS", COARSE_POINTS)
+    monkeypatch.setattr("equimesh.single_domain.level.MAX_RELAXED_POINTS", COARSE_POINTS)
     case = on(em.Rectangle(), em.Boundary.TRACE, em.ArcLength(u=U))
     coarse = coarse_solution(case, threads=1, max_points=COARSE_POINTS)
     monkeypatch.setattr("equimesh.single_domain.level.MAX_SWEEPS", 0)

@@ -10,7 +10,7 @@ from cases import problem
 from equimesh.equations.newton_solve import newton_steps
 from equimesh.schwarz.functionals.subdomain import SubdomainProblem
 from equimesh.schwarz.local_sweeps import SubdomainSweeps
-from equimesh.sweeps.frame import Frame
+from equimesh.sweeps.sides import Frame
 from solver.schwarz.neighbours import SameMesh
 
 CASE = problem("paper", 20, 17)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import equimesh as em
-from equimesh.single_domain import climb
+from equimesh.single_domain import iteration
 
 
 @pytest.mark.parametrize("u", ["tanh(20*(x + y/2 - 0.6))", "tanh(20*(y - 0.5 - 0.25*sin(2*pi*x)))"])
@@ -20,8 +20,8 @@ def test_half_the_monitor_leads_up_to_one_on_which_sweeps_fail(u: str, monkeypat
         return sorted(set(seen))
 
     with monkeypatch.context() as patch:
-        patch.setattr(climb, "newton_level", None)  # no Newton step is needed
+        patch.setattr(iteration, "newton_level", None)  # no Newton step is needed
         assert strengths() == [0.5, 1.0]
-        patch.setattr(climb, "_weaker", lambda *_: iter(()))
+        patch.setattr(iteration, "_weaker", lambda *_: iter(()))
         with pytest.raises(TypeError):  # but for what is tested here
             strengths()

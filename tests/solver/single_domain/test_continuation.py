@@ -73,7 +73,7 @@ def test_the_strength_is_lowered_last() -> None:
 
 
 def test_relaxed_equations_are_not_solved_on_large_grids(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("equimesh.single_domain.newton_level.MAX_RELAXED_POINTS", 33 * 33)
+    monkeypatch.setattr("equimesh.single_domain.level.MAX_RELAXED_POINTS", 33 * 33)
     solution = em.solve(two_peaks(65))
     assert solution.status is em.Status.RELAXED
     assert {r.what: r.reached for r in solution.relaxed}["points"] == 33
@@ -83,7 +83,7 @@ def test_relaxed_equations_are_not_solved_on_large_grids(monkeypatch: pytest.Mon
 
 def test_an_interpolated_mesh_is_not_called_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where sweeps fail on a grid too large for Newton's method, what is left is the solution of a coarser one."""
-    monkeypatch.setattr("equimesh.single_domain.newton_level.MAX_RELAXED_POINTS", 33 * 33)
+    monkeypatch.setattr("equimesh.single_domain.level.MAX_RELAXED_POINTS", 33 * 33)
     monkeypatch.setattr("equimesh.single_domain.level.MAX_SWEEPS", 1)
     solution = em.solve(problem("tanh20", 65))
     assert solution.status is em.Status.RELAXED

@@ -10,8 +10,7 @@ from cases import problem
 from equimesh.equations.newton_solve import newton_steps
 from equimesh.numerics.newton import newton_iterations
 from equimesh.numerics.types import Array
-from equimesh.single_domain.continuation import scale
-from equimesh.single_domain.interior import Interior
+from equimesh.single_domain.continuation import Interior, scale
 from equimesh.single_domain.solved_sides import with_solved_sides
 
 WEIGHT = 0.1

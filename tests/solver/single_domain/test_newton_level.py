@@ -6,7 +6,7 @@ import math
 
 import equimesh as em
 from equimesh.single_domain.continuation import Relaxation
-from equimesh.single_domain.newton_level import interpolated_level
+from equimesh.single_domain.level import interpolated_level
 from equimesh.single_domain.steps import Step
 
 

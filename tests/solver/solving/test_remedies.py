@@ -8,7 +8,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.equations.rounding import smallest_tolerance
+from equimesh.equations.newton_solve import smallest_tolerance
 from equimesh.solving import remedies
 
 PAPER = problem("paper", 24, 20)

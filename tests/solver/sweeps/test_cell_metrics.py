@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.sweeps.cell_metrics import MARGIN, cell_memory, cell_metrics
+from equimesh.sweeps.line_sums import MARGIN, cell_memory, cell_metrics
 from solver.sweeps.windows import disturbed
 
 

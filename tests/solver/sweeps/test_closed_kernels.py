@@ -8,8 +8,8 @@ import pytest
 import equimesh as em
 from equimesh.meshes.closed import Closed, padded
 from equimesh.meshes.parts import Parts
-from equimesh.sweeps.closed_kernels import copy_ends
-from equimesh.sweeps.frame import Frame
+from equimesh.sweeps.kernels import copy_ends
+from equimesh.sweeps.sides import Frame
 from equimesh.sweeps.sweep import Sweep, memory_needed
 
 PERIODIC = {(True, False): "x", (False, True): "y", (True, True): "both"}

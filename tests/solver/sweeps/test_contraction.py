@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from equimesh.sweeps.contraction import error_left
+from equimesh.sweeps.sweep import error_left
 
 
 @pytest.mark.parametrize("contraction", [0.0, 0.1, 0.5, 0.9])

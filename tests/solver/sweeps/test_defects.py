@@ -8,8 +8,8 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.numerics.types import Array
-from equimesh.sweeps.cell_metrics import cell_metrics
-from equimesh.sweeps.defects import defects, directions
+from equimesh.single_domain.continuation import defects, directions
+from equimesh.sweeps.line_sums import cell_metrics
 
 
 def bent(case: em.Problem) -> tuple[Array, Array, Array]:

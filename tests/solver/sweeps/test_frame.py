@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from equimesh.sweeps.frame import WHOLE, Frame
+from equimesh.sweeps.sides import WHOLE, Frame
 
 
 def test_lines_end_one_node_before_a_side_that_yields() -> None:

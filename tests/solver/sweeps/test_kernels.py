@@ -7,10 +7,9 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.equations.flux import SeenGradient
-from equimesh.equations.mesh_equations import Cells
+from equimesh.equations.mesh_equations import Cells, SeenGradient
 from equimesh.sweeps import kernels
-from equimesh.sweeps.cell_metrics import cell_metrics
+from equimesh.sweeps.line_sums import cell_metrics
 from solver.sweeps.windows import disturbed
 
 SECTOR = em.AnnulusSector(angles=(0, 110))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from equimesh.numerics.channel import ALONE, Channel, Counted, ThreadChannels
-from equimesh.sweeps.line_extremes import TAG, line_extremes
+from equimesh.sweeps.line_sums import TAG, line_extremes
 
 STRIPS = np.random.default_rng(5).standard_normal((11, 3, 40))
 

@@ -10,7 +10,7 @@ from cases import problem
 from equimesh.meshes.parts import Parts
 from equimesh.sweeps.kernels import Lines, Moved, Nodes
 from equimesh.sweeps.line_sums import LineSums
-from equimesh.sweeps.part_sweep import PartSweep
+from equimesh.sweeps.sweep import PartSweep
 from solver.sweeps.windows import disturbed
 
 SHAPE = (301, 257)

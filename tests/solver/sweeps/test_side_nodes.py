@@ -6,7 +6,7 @@ import numpy as np
 
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.channel import Channel, ThreadChannels
-from equimesh.sweeps.side_nodes import SideNodes
+from equimesh.sweeps.sides import SideNodes
 
 SHAPE = (130, 2049)
 X, Y = np.random.default_rng(5).random((2, *SHAPE))

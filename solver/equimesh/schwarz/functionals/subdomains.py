@@ -19,7 +19,7 @@ from equimesh.schwarz.local_sweeps import SubdomainSweeps
 from equimesh.schwarz.port import MAX_LOCAL_STEPS, Outcome
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.window import SubdomainWindow
-from equimesh.sweeps.frame import Frame
+from equimesh.sweeps.sides import Frame
 
 # Sweeps of a subdomain with classical data end when their moves are this share of the first. A larger share would
 # change the rate of the paper's iteration.

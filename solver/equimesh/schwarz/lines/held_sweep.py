@@ -14,9 +14,8 @@ from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.holding.on_channel import OnChannel
 from equimesh.schwarz.lines.line_sums import HeldLineSums
 from equimesh.schwarz.window import AXES, ENDS
-from equimesh.sweeps.cell_metrics import cell_metrics
-from equimesh.sweeps.side_nodes import SideNodes
-from equimesh.sweeps.sides import Sides
+from equimesh.sweeps.line_sums import cell_metrics
+from equimesh.sweeps.sides import SideNodes, Sides
 from equimesh.sweeps.sweep import Correction, Sweep, memory_needed
 
 

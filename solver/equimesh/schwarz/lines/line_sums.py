@@ -13,7 +13,7 @@ from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.lines import segments
 from equimesh.schwarz.lines.segments import Segments
 from equimesh.schwarz.window import AXES, ENDS, SubdomainWindow
-from equimesh.sweeps.frame import Frame
+from equimesh.sweeps.sides import Frame
 
 
 class LineSums(Protocol):

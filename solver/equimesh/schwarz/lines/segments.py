@@ -7,10 +7,8 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh.sweeps import kernels
-from equimesh.sweeps.cell_metrics import cell_metrics
-from equimesh.sweeps.frame import WHOLE, Frame
-from equimesh.sweeps.side_nodes import SideNodes
-from equimesh.sweeps.sides import Sides
+from equimesh.sweeps.line_sums import cell_metrics
+from equimesh.sweeps.sides import WHOLE, Frame, SideNodes, Sides
 
 # Rows that are summed at a time.
 MAX_ROWS = 64

@@ -20,7 +20,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.schwarz.lines.line_sums import LineSums
 from equimesh.schwarz.window import ENDS, SubdomainWindow
-from equimesh.sweeps.cell_metrics import cell_metrics
+from equimesh.sweeps.line_sums import cell_metrics
 
 
 @dataclass(frozen=True, kw_only=True)
