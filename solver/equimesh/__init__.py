@@ -55,9 +55,8 @@ from equimesh.schwarz.conditions import (
     Optimized,
     TransmissionCondition,
 )
-from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.decomposition import Decomposition, Ordering
 from equimesh.schwarz.iteration import schwarz_iterations as iterate
-from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
 from equimesh.sequences.block_sequence import BlockSequence

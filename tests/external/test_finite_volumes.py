@@ -13,7 +13,7 @@ import finite_volumes_cases as cases
 import pytest
 
 import equimesh as em
-from equimesh.quality.cell_centred import poisson_error
+from equimesh.quality.faces import poisson_error
 
 pytestmark = [
     pytest.mark.external,

@@ -10,10 +10,9 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import MeshEquations
-from equimesh.schwarz.functionals.interface import InterfaceData
-from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
+from equimesh.schwarz.functionals import CornerLink, InterfaceData, Link, SubdomainProblem
 from equimesh.schwarz.holding.in_one_process import InOneProcess
-from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
+from equimesh.schwarz.optimized import OptimizedSubdomains
 
 STEPS = (1e-3, 5e-4, 2.5e-4)
 

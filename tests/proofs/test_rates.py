@@ -16,8 +16,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.ordering import turns
+from equimesh.schwarz.decomposition import Decomposition, turns
 from equimesh.schwarz.rates import predicted_rate, steps_to_exact
 
 Array = npt.NDArray[np.float64]

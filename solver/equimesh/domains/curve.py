@@ -15,9 +15,8 @@ from scipy.interpolate import CubicSpline
 
 from equimesh.domains.domain import MAX_COORDINATE, Interval
 from equimesh.errors import ExpressionError, InputError, SamplesError
-from equimesh.formulas.formula import check_parameters, compile_formula, raise_culprit
 from equimesh.formulas.poles import find_pole
-from equimesh.formulas.program import Program
+from equimesh.formulas.program import Program, check_parameters, compile_formula, raise_culprit
 from equimesh.formulas.vocabulary import CURVE, LIMITS
 from equimesh.inputs import count_noun, real_array
 from equimesh.numerics.types import Array

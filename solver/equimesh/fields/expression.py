@@ -2,7 +2,7 @@
 
 The language: numbers, ``x``, ``y``, ``t``, ``pi``, ``e``, declared parameters; ``+ - * / **``; the functions
 of :data:`FUNCTIONS`; comparisons with ``and``, ``or``, ``not`` as the first argument of ``where``.
-:mod:`equimesh.formulas.functions` defines the derivatives at kinks.
+:mod:`equimesh.formulas.jet` defines the derivatives at kinks.
 """
 
 import math
@@ -17,9 +17,8 @@ import numpy.typing as npt
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.errors import InputError
-from equimesh.formulas.formula import check_parameters, compile_formula, raise_culprit, require_finite
 from equimesh.formulas.poles import find_pole
-from equimesh.formulas.program import Program
+from equimesh.formulas.program import Program, check_parameters, compile_formula, raise_culprit, require_finite
 from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, PLANE
 from equimesh.numerics.types import Array, Pair
 

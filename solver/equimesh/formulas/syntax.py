@@ -4,17 +4,190 @@ The tree is that of the tokens with one space between them, so that a node start
 follows the place of every operation in the text, in characters.
 """
 
+from __future__ import annotations
+
 import ast
+import difflib
+import keyword
+import math
+import re
 import threading
+import unicodedata
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NoReturn
 
 from equimesh.errors import ExpressionError
-from equimesh.formulas.spelling import written
-from equimesh.formulas.tokens import tokenize
-from equimesh.formulas.typed import Token, refuse
-from equimesh.formulas.vocabulary import ARGUMENTS, FUNCTIONS, LIMITS, PLANE, Language
+from equimesh.formulas.spelling import Token, describe, refuse, shorten, skip_space, spell, written
+from equimesh.formulas.vocabulary import ARGUMENTS, FUNCTIONS, LIMITS, OTHER_NAMES, PLANE, Language
+
+# The tokens of an expression, each checked in its place: typing errors are found and explained here.
+#
+# Text that passes has balanced brackets, alternating operands and operators, and only known names. Python's own
+# parser, which reads it next, then has nothing left to refuse.
+
+# A name as long as this, or longer, is not taken apart.
+_MAX_GLUED = 13
+
+
+def tokenize(text: str, names: Collection[str], language: Language = PLANE) -> list[Token]:
+    """The tokens of ``text``, in which ``names`` stand for variables, constants and parameters.
+
+    Raises :class:`~equimesh.errors.ExpressionError` at the first place that cannot belong to an expression.
+    """
+    if len(text) > LIMITS.length:
+        refuse(text, LIMITS.length, f"the expression is longer than {LIMITS.length} characters")
+    reader = _Reader(text, names, language)
+    for token in spell(text, names):
+        reader.take(token)
+    reader.finish()
+    return reader.tokens
+
+
+class _Reader:
+    """Reads the tokens one by one; tracks whether an operand must follow, and which brackets are open."""
+
+    def __init__(self, text: str, names: Collection[str], language: Language) -> None:
+        self.text, self.names, self.language = text, names, language
+        self.tokens: list[Token] = []
+        self.open: list[tuple[Token, bool]] = []  # and whether it holds the arguments of a function
+        self.signs = 0  # signs in a row in front of an operand
+
+    @property
+    def last(self) -> Token | None:
+        return self.tokens[-1] if self.tokens else None
+
+    @property
+    def wants_operand(self) -> bool:
+        return self.last is None or (self.last.kind == "sign" and self.last.text != ")")
+
+    def take(self, token: Token) -> None:
+        if self.wants_operand:
+            self._operand(token)
+        else:
+            self._operator(token)
+        self.tokens.append(token)
+
+    def finish(self) -> None:
+        if self.last is None:
+            refuse(self.text, 0, f"the expression is empty: write for instance {self.language.example}")
+        if self.wants_operand:
+            refuse(self.text, self.last.end, f"something is missing after '{self._typed(self.last)}'")
+        if self.open:
+            refuse(self.text, self.open[-1][0].start, "this '(' is never closed: add ')'")
+
+    def _operand(self, token: Token) -> None:
+        previous = self.last.text if self.last else ""
+        if token.kind == "number":
+            self._number(token)
+        elif token.kind == "name":
+            self._name(token)
+        elif token.text == "(":
+            self._push(token, is_call=False)
+        elif token.text in ("+", "-", "not"):
+            if token.text == "not" and previous not in ("", "(", ",", "and", "or", "not"):
+                refuse(self.text, token.start, f"'not' cannot follow '{previous}': put it in brackets")
+            self.signs += 1
+            self._check_depth(token)
+            return
+        elif token.text == ")" and previous == "(" and self.open[-1][1]:
+            self.open.pop()  # no arguments: the parser refuses this with the right number
+        elif previous == "":
+            refuse(self.text, token.start, f"something is missing before '{self._typed(token)}'")
+        else:
+            before = self._typed(self.last) if self.last else ""
+            what = f"between '{before}' and '{self._typed(token)}'"
+            refuse(self.text, token.start, f"a number, a name or a bracket is missing {what}")
+        self.signs = 0
+
+    def _operator(self, token: Token) -> None:
+        last = self.tokens[-1]
+        if token.text == "(" and last.kind == "name" and last.text in FUNCTIONS:
+            self._push(token, is_call=True)
+        elif token.text == ")":
+            if not self.open:
+                refuse(self.text, token.start, "this ')' closes nothing: remove it, or add '('")
+            self.open.pop()
+        elif token.text == ",":
+            if not (self.open and self.open[-1][1]):
+                remedy = "a comma separates the arguments of a function; decimals take a point, as in 0.5"
+                refuse(self.text, token.start, f"',' is out of place: {remedy}")
+        elif token.text == "not":
+            refuse(self.text, token.start, f"'not' cannot follow '{self._typed(last)}'")
+
+    def _typed(self, token: Token) -> str:
+        return shorten(self.text[token.start : token.end]) or token.text
+
+    def _push(self, token: Token, *, is_call: bool) -> None:
+        self.open.append((token, is_call))
+        self._check_depth(token)
+        self.signs = 0
+
+    def _check_depth(self, token: Token) -> None:
+        if self.signs + len(self.open) > LIMITS.depth:
+            message = f"the expression is nested more than {LIMITS.depth} levels deep: simplify it"
+            refuse(self.text, token.start, message)
+
+    def _number(self, token: Token) -> None:
+        if len(token.text) > LIMITS.digits:
+            refuse(self.text, token.start, f"the number has more than {LIMITS.digits} characters: round it")
+        if not math.isfinite(float(token.text)):
+            refuse(self.text, token.start, f"the number {token.text} is too large: the largest is about 1.8e308")
+        if token.text.isdigit() and token.text[0] == "0" and token.text.strip("0"):
+            refuse(
+                self.text,
+                token.start,
+                f"the number {token.text} starts with 0: write {token.text.lstrip('0')}",
+            )
+
+    def _name(self, token: Token) -> None:
+        name, follows = token.text, self.text[skip_space(self.text, token.end) :][:1]
+        if name not in FUNCTIONS and name not in self.names:
+            if follows == ".":
+                shown = shorten(name)
+                refuse(self.text, token.start, f"'{shown}.' is not known: write sin(x), not {shown}.sin(x)")
+            refuse(self.text, token.start, self._unknown(name, is_call=follows == "("))
+
+    def _unknown(self, name: str, *, is_call: bool) -> str:
+        """The fault of a name that is not known, and the name that was probably meant."""
+        shown, normal = f"'{shorten(name)}'", unicodedata.normalize("NFKC", name)
+        if normal != name:
+            return f"{shown} is written in look-alike characters: write {shorten(normal)}"
+        if name in self.language.foreign:
+            return f"{shown} has no meaning here: {self.language.foreign[name]}"
+        if name in OTHER_NAMES:
+            return f"{shown} is not part of the language: write {OTHER_NAMES[name]}"
+        if keyword.iskeyword(name):
+            return f"{shown} is a word of Python that is not part of the language: remove it"
+        if remedy := self._taken_apart(name, is_call=is_call):
+            return f"{shown} is not known: write {remedy}"
+        known = [*FUNCTIONS] if is_call else [*self.names, *FUNCTIONS]
+        same = [other for other in known if other.casefold() == name.casefold()]
+        if close := same or difflib.get_close_matches(name[:40], known, n=1, cutoff=0.6):
+            return f"{shown} is not known: did you mean {close[0]}?"
+        for character in name:
+            if not character.isascii():
+                return f"{shown} is not known: it has the character {describe(character)}"
+        listed = shorten(", ".join(known if is_call else self.names), 300)
+        if is_call:
+            return f"{shown} is not a known function: known are {listed}"
+        return f"{shown} is not a known name: known are {listed} and the functions; declare others as parameters"
+
+    def _taken_apart(self, name: str, *, is_call: bool) -> str:
+        """What to write for two or three names, functions or numbers without a blank; empty for other names."""
+        known = sorted((*self.names, *FUNCTIONS), key=len, reverse=True)
+        piece = f"(?:{'|'.join(map(re.escape, known))}|[0-9]+)"
+        if len(name) >= _MAX_GLUED or not re.fullmatch(f"{piece}{{2,3}}", name):
+            return ""
+        first, *others = re.findall(piece, name)
+        if first in FUNCTIONS:
+            return "" if is_call else f"{first}({'*'.join(others)})"
+        if others[-1].isdigit() and len(others) == 1 and first in self.names:
+            return f"{first}*{others[0]} for a product, {first}**{others[0]} for a power"
+        if any(part in FUNCTIONS for part in others[:-1]) or (others[-1] in FUNCTIONS) is not is_call:
+            return ""
+        return f"{first}*{'*'.join(others)}{'(...)' if is_call else ' for a product'}"
+
 
 # Threads of Python 3.11 that build syntax trees at once share a count of depth, which may end in a SystemError.
 _PARSING = threading.Lock()
@@ -40,7 +213,7 @@ class Operation:
     """One step of an expression, applied to the results of earlier steps; its text is ``text[start:end]``.
 
     ``name`` is ``"number"`` (with ``value``), ``"name"`` (with ``symbol``), or an operation of
-    :data:`~equimesh.formulas.functions.OPERATIONS`.
+    :data:`~equimesh.formulas.jet.OPERATIONS`.
     """
 
     name: str

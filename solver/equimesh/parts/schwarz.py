@@ -13,13 +13,13 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_part import MeshPart
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.parts.part_solution import PartSolution
+from equimesh.schwarz.decomposition import SubdomainWindow
 from equimesh.schwarz.holding.kept import Kept, keep, resumed
 from equimesh.schwarz.holding.on_channel import GHOSTS, OnChannel, holder
 from equimesh.schwarz.holding.rows import cuts_of_rows, rows_of
 from equimesh.schwarz.iteration import iterations_on
 from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
-from equimesh.schwarz.window import SubdomainWindow
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.closed import require_open
 from equimesh.solving.estimates import safe_discretization_error

@@ -1,6 +1,6 @@
 """How good a mesh is: measures of its cells, and how well it interpolates u."""
 
-from equimesh.quality.angles import Angles, measure_angles
+from equimesh.quality.cells import Angles, measure_angles
 from equimesh.quality.comparison import ComparedMesh, UniformComparison, compare_with_uniform
 from equimesh.quality.measures import (
     Measure,

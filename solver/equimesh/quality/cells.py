@@ -12,21 +12,26 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from equimesh.domains.domain import Domain
+from equimesh.meshes.cell_edges import CellEdges
 from equimesh.meshes.closed import OPEN, Closed
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow, WindowCells, WindowRows
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_maps import (
     gather_cells,
+    gather_corners,
     gather_row_of_cells,
     gather_values,
     map_cells,
     measure_cells,
+    measure_corners,
+    size_ratios,
+    size_ratios_of,
 )
-from equimesh.quality.cell_shapes import size_ratios
-from equimesh_coupling.cuts import corner_cuts
+from equimesh_coupling.cuts import corner_cuts, cuts_at_corners
 
 BLOCK_POINTS = 1 << 14
 """Points of a block of cells: this bounds the memory, and a block stays in the cache."""
@@ -338,3 +343,142 @@ class BilinearCells(MeshCells):
             found = joined(self.rows.channel, here)
             self._found.append((float(found[:, 0].min()), float(found[:, 1].sum())))
         return self._found[0]
+
+
+# The cells of a mesh of blocks as bilinear quadrilaterals: one row of cells after the other, in one column.
+
+AnyMesh: TypeAlias = Mesh | MeshWindow | QuadMesh
+"""A grid of nodes, the rows of one that a process holds, or a mesh of blocks."""
+
+
+@dataclass(frozen=True, eq=False)
+class QuadCells(MeshCells):
+    """All cells of a mesh of blocks, with the numbers that they have there.
+
+    They count as one column of cells, since they have no rows of more: sums go over runs of consecutive cells.
+    """
+
+    mesh: QuadMesh
+
+    @cached_property
+    def rows(self) -> WindowRows:
+        """One column with all cells."""
+        return WindowRows.whole((len(self.mesh.cells) + 1, 2))
+
+    @cached_property
+    def nodes(self) -> tuple[Array, Array]:
+        """x and y of the nodes, shape ``(n,)``."""
+        return np.ascontiguousarray(self.mesh.x), np.ascontiguousarray(self.mesh.y)
+
+    @property
+    def area(self) -> Array:
+        """Signed area of all cells, shape ``(m,)``."""
+        return self._measured[0]
+
+    @property
+    def valid(self) -> BoolArray:
+        """Whether each cell is not folded, shape ``(m,)``."""
+        return self._measured[1]
+
+    @property
+    def lowest(self) -> float:
+        """The smallest determinant of the Jacobian matrix at a corner; NaN where a coordinate is not finite."""
+        return self._measured[2]
+
+    @cached_property
+    def total_area(self) -> float:
+        """Signed area of the mesh."""
+        return float(self.area.sum())
+
+    @property
+    def own_shape(self) -> tuple[int, ...]:
+        """The shape of one value for each cell: ``(m,)``."""
+        return (len(self.mesh.cells),)
+
+    @property
+    def cuts(self) -> dict[int, int]:
+        """The cells that are cut through a corner of the domain."""
+        return cuts_at_corners(self.mesh.cells)
+
+    @cached_property
+    def edges(self) -> CellEdges:
+        """The edges, those of a periodic join once."""
+        return CellEdges.of(self.mesh.cells, len(self.mesh.points), self.mesh.ties)
+
+    def places(self, cells: slice) -> slice:
+        """The same places: all cells are held."""
+        return cells
+
+    def corners(self, cells: Block) -> Array:
+        """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
+        chosen = self.mesh.cells[cells]
+        out = np.empty((8, len(chosen)))
+        gather_corners(*self.nodes, np.ascontiguousarray(chosen), out)
+        return out
+
+    def corner_values(self, nodal: Array, cells: IntArray) -> Array:
+        """Values at the nodes at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
+        return np.ascontiguousarray(np.asarray(nodal)[self.mesh.cells[cells]].T)
+
+    def size_ratios(self, cells: slice, out: Array) -> None:
+        """Larger area over smaller of consecutive cells, the largest over the neighbours; infinite on folded cells."""
+        size_ratios_of(self._neighbours, cells.start, self.valid, self.area, out)
+
+    @cached_property
+    def _neighbours(self) -> IntArray:
+        return np.ascontiguousarray(self.edges.neighbours)
+
+    @cached_property
+    def _measured(self) -> tuple[Array, BoolArray, float]:
+        count = len(self.mesh.cells)
+        area, valid = np.empty(count), np.empty(count, dtype=np.bool_)
+        return area, valid, measure_corners(self.corners(slice(0, count)), area, valid)
+
+
+def cells_of(mesh: AnyMesh, closed: Closed = OPEN) -> BilinearCells | QuadCells:
+    """The cells of any mesh; lines of a grid may be ``closed``."""
+    return QuadCells(mesh) if isinstance(mesh, QuadMesh) else BilinearCells(mesh, closed)
+
+
+# The angles at the corners of the cells.
+
+FROM_DEGREES = 30.0
+"""The smallest angle that many solvers take without complaint."""
+TO_DEGREES = 150.0
+"""The largest such angle."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Angles:
+    """The angles at the corners of all cells, in degrees; some are larger than 180 where a cell is folded."""
+
+    smallest: float
+    """The smallest angle."""
+    largest: float
+    """The largest angle."""
+    share_within: float
+    """The share of the corners whose angle is between ``FROM_DEGREES`` and ``TO_DEGREES``."""
+
+    def summary(self) -> dict[str, float]:
+        """The three numbers as plain Python data, ready for JSON."""
+        return {"min": self.smallest, "max": self.largest, "share_within": self.share_within}
+
+
+def corner_angles(mesh: Mesh | QuadMesh) -> Array:
+    """The angle at each corner of each cell, from 0 to 360 degrees, shape ``(4, cells)``, counter-clockwise."""
+    cells = cells_of(mesh)
+    corners = cells.corners(cells.own)
+    x, y = corners[:4], corners[4:]
+    ahead_x, ahead_y = np.roll(x, -1, axis=0) - x, np.roll(y, -1, axis=0) - y
+    behind_x, behind_y = np.roll(x, 1, axis=0) - x, np.roll(y, 1, axis=0) - y
+    turned = np.arctan2(ahead_x * behind_y - ahead_y * behind_x, ahead_x * behind_x + ahead_y * behind_y)
+    return np.asarray(np.degrees(turned) % 360.0)
+
+
+def measure_angles(
+    mesh: Mesh | QuadMesh, *, from_degrees: float = FROM_DEGREES, to_degrees: float = TO_DEGREES
+) -> Angles:
+    """The measures of the angles of ``mesh``; the share is that between the two angles given."""
+    found = corner_angles(mesh)
+    within = (found >= from_degrees) & (found <= to_degrees)
+    return Angles(smallest=float(found.min()), largest=float(found.max()), share_within=float(within.mean()))

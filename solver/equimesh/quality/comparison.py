@@ -15,10 +15,9 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
-from equimesh.quality.cells import CellPoints, MeshCells
+from equimesh.quality.cells import CellPoints, MeshCells, cells_of
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import error_rule, gauss_points
-from equimesh.quality.quad_cells import cells_of
 from equimesh.quality.survey import Survey
 from equimesh.quality.tally import ErrorTally
 from equimesh.quality.triangles import squared_errors

@@ -10,7 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
+from equimesh.fields.field import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.closed import OPEN, Closed
 from equimesh.meshes.mesh import Mesh
@@ -19,7 +22,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.quad_cells import AnyMesh, QuadCells
+from equimesh.quality.cells import AnyMesh, QuadCells
 
 INNER_DISTANCE_SHARE = 0.2
 """The share of the distance between two centres that is at least the length of reference for skewness."""
@@ -249,3 +252,218 @@ def survey_edges(
         off = np.sqrt(sx * sx + sy * sy)
         skewness = max(skewness, off / max(INNER_DISTANCE_SHARE * apart, half))
     return lowest, total, count, skewness
+
+
+# The error of a code with cell-centred unknowns: a Poisson problem with the solution u, solved on the mesh itself.
+#
+# The scheme is that of OpenFOAM's ``Gauss linear corrected``, after its correction has converged. The flux through a
+# face is the difference of the values next to it along the normal, plus the rest of the gradient that is interpolated
+# from the two cells: H. Jasak, *Error analysis and estimation for the finite volume method* (Imperial College, 1996),
+# section 3.3.1, the over-relaxed correction. Gradients of cells are sums over faces. On the sides u is given.
+
+MIN_NORMAL_SHARE = 0.05
+"""The smallest share of the distance of two centres that counts as their distance along the normal."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Faces:
+    """Some faces: their area vectors, which leave the cell ``owner``, and their middles, both of shape ``(2, n)``."""
+
+    area: Array
+    middle: Array
+    owner: IntArray
+
+    @classmethod
+    def between(cls, start: Array, end: Array, owner: IntArray) -> _Faces:
+        """The faces from ``start`` to ``end``, arrays ``(2, ...)``; the owner lies to the left."""
+        edge, middle = end - start, 0.5 * (start + end)
+        return cls(area=np.stack([edge[1], -edge[0]]).reshape(2, -1), middle=middle.reshape(2, -1), owner=owner.ravel())
+
+    @classmethod
+    def joined(cls, *parts: _Faces) -> _Faces:
+        """The faces of all ``parts``."""
+        return cls(
+            area=np.concatenate([part.area for part in parts], axis=1),
+            middle=np.concatenate([part.middle for part in parts], axis=1),
+            owner=np.concatenate([part.owner for part in parts]),
+        )
+
+
+def poisson_error(mesh: Mesh, u: Field) -> float:
+    """The L2 norm of the error at the cell centres, over the root of the area; infinite where there is no solution.
+
+    That is the case on a folded mesh, and where u or its second derivatives are not finite.
+    """
+    points, centres = points_and_centres(mesh)
+    if centres is None:
+        return math.inf
+    volume = _volumes(points)
+    u_c, _, _, u_xx, _, u_yy = u.evaluate(np.ascontiguousarray(centres[0]), np.ascontiguousarray(centres[1]), order=2)
+    sides = _sides(points)
+    (u_sides,) = u.evaluate(*sides.middle)
+    source = (u_xx + u_yy).ravel() * volume
+    if not (np.isfinite(source).all() and np.isfinite(u_sides).all() and np.isfinite(u_c).all()):
+        return math.inf
+    matrix, right = _system(points, centres.reshape(2, -1), volume, sides, u_sides)
+    try:
+        found = splu(matrix.tocsc()).solve(source - right)
+    except RuntimeError:  # a singular matrix
+        return math.inf
+    error = math.sqrt(float(volume @ (found - u_c.ravel()) ** 2) / float(volume.sum()))
+    return error if math.isfinite(error) else math.inf
+
+
+def _volumes(points: Array) -> Array:
+    first, second = points[:, 1:, 1:] - points[:, :-1, :-1], points[:, :-1, 1:] - points[:, 1:, :-1]
+    areas: Array = 0.5 * (first[0] * second[1] - first[1] * second[0])
+    return areas.ravel()
+
+
+def _numbers(points: Array) -> IntArray:
+    shape = points.shape[1] - 1, points.shape[2] - 1
+    return np.arange(shape[0] * shape[1]).reshape(shape)
+
+
+def _sides(points: Array) -> _Faces:
+    number = _numbers(points)
+    return _Faces.joined(
+        _Faces.between(points[:, 0, 1:], points[:, 0, :-1], number[0]),
+        _Faces.between(points[:, -1, :-1], points[:, -1, 1:], number[-1]),
+        _Faces.between(points[:, :-1, 0], points[:, 1:, 0], number[:, 0]),
+        _Faces.between(points[:, 1:, -1], points[:, :-1, -1], number[:, -1]),
+    )
+
+
+def _system(points: Array, centres: Array, volume: Array, sides: _Faces, u_sides: Array) -> tuple[sp.csr_matrix, Array]:
+    """The matrix of the sums of fluxes out of the cells, and the part of them that the sides give."""
+    number = _numbers(points)
+    faces = _Faces.joined(
+        _Faces.between(points[:, 1:-1, :-1], points[:, 1:-1, 1:], number[:-1]),
+        _Faces.between(points[:, 1:, 1:-1], points[:, :-1, 1:-1], number[:, :-1]),
+    )
+    beyond = np.concatenate([number[1:].ravel(), number[:, 1:].ravel()])
+    cells, count = volume.size, beyond.size
+    every = np.arange(count)
+    size = np.hypot(*faces.area)
+    normal, way = faces.area / size, centres[:, beyond] - centres[:, faces.owner]
+    per_length = 1.0 / np.maximum((normal * way).sum(axis=0), MIN_NORMAL_SHARE * np.hypot(*way))
+    out = _matrix((np.ones(count), -np.ones(count)), (faces.owner, beyond), (every, every), (cells, count))
+    before = np.abs((faces.area * (faces.middle - centres[:, faces.owner])).sum(axis=0))
+    after = np.abs((faces.area * (centres[:, beyond] - faces.middle)).sum(axis=0))
+    share = after / (before + after)
+    mean = _matrix((share, 1.0 - share), (every, every), (faces.owner, beyond), (count, cells))
+    matrix = -out @ sp.diags(size * per_length) @ out.T
+    at_side = np.hypot(*sides.area)
+    depth = (sides.area * (sides.middle - centres[:, sides.owner])).sum(axis=0) / at_side
+    matrix -= sp.diags(np.bincount(sides.owner, at_side / depth, cells))
+    right: Array = np.bincount(sides.owner, at_side / depth * u_sides, cells).astype(float)
+    rest = normal - way * per_length
+    for axis in (0, 1):
+        correct = out @ sp.diags(size * rest[axis]) @ mean @ sp.diags(1.0 / volume)
+        matrix += correct @ out @ sp.diags(faces.area[axis]) @ mean
+        right += correct @ np.bincount(sides.owner, sides.area[axis] * u_sides, cells)
+    return matrix, right
+
+
+def _matrix(
+    values: tuple[Array, Array],
+    rows: tuple[IntArray, IntArray],
+    columns: tuple[IntArray, IntArray],
+    shape: tuple[int, int],
+) -> sp.csr_matrix:
+    return sp.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+
+
+# The checks of cells and faces that OpenFOAM's ``checkMesh -allGeometry`` makes, besides angles and skewness.
+#
+# As in ``primitiveMeshTools`` of OpenFOAM 1912, for a mesh that is one cell thick.
+
+MIN_DETERMINANT = 0.001
+"""The smallest determinant of a cell that passes."""
+MIN_WEIGHT = 0.05
+"""The smallest weight of a face that passes."""
+MIN_VOLUME_RATIO = 0.01
+"""The smallest ratio of the volumes of two neighbours that passes."""
+MAX_SKEWNESS = 4.0
+"""The largest skewness of a face that passes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checks:
+    """The number that is checked; NaN for a folded mesh."""
+
+    determinant: float
+    """The smallest determinant of a cell: of the sum of its inner faces' area vectors times themselves, over 8.
+
+    They are divided by their mean length. It is 0.5 for a square inside a mesh, and about 8 over the squared ratio of
+    the sides for a long rectangle there.
+    """
+    weight: float
+    """The smallest share of the distance of two centres, along the normal, that lies on one side of their face."""
+    volume_ratio: float
+    """The smallest ratio of the areas of two neighbours."""
+    skewness: float
+    """As :attr:`~equimesh.quality.faces.Faces.skewness`."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether all checks pass."""
+        return (
+            self.determinant >= MIN_DETERMINANT
+            and self.weight >= MIN_WEIGHT
+            and self.volume_ratio >= MIN_VOLUME_RATIO
+            and self.skewness <= MAX_SKEWNESS
+        )
+
+
+def check_cells(mesh: Mesh) -> Checks:
+    """The checks of ``mesh``."""
+    points, centres = points_and_centres(mesh)
+    if centres is None:
+        return Checks(determinant=np.nan, weight=np.nan, volume_ratio=np.nan, skewness=np.nan)
+    first, second = points[:, 1:, 1:] - points[:, :-1, :-1], points[:, :-1, 1:] - points[:, 1:, :-1]
+    volume = first[0] * second[1] - first[1] * second[0]
+    # The edges between neighbours along xi, and between those along eta, turned by a right angle.
+    edges = np.diff(points, axis=2)[:, 1:-1], np.diff(points, axis=1)[:, :, 1:-1]
+    middles = 0.5 * (points[:, 1:-1, 1:] + points[:, 1:-1, :-1]), 0.5 * (points[:, 1:, 1:-1] + points[:, :-1, 1:-1])
+    weight, ratio = 0.5, 1.0
+    for axis, (edge, middle) in enumerate(zip(edges, middles, strict=True)):
+        before, after = (np.take(centres, range(*span), axis=1 + axis) for span in _spans(centres.shape[1 + axis]))
+        below, above = np.abs(_cross(edge, middle - before)), np.abs(_cross(edge, after - middle))
+        small, large = (np.take(volume, range(*span), axis=axis) for span in _spans(volume.shape[axis]))
+        if edge.size:
+            weight = min(weight, float((np.minimum(below, above) / (below + above)).min()))
+            ratio = min(ratio, float((np.minimum(small, large) / np.maximum(small, large)).min()))
+    return Checks(
+        determinant=_determinant(edges, volume.shape),
+        weight=weight,
+        volume_ratio=ratio,
+        skewness=measure_faces(mesh).skewness,
+    )
+
+
+def _determinant(edges: tuple[Array, Array], shape: tuple[int, ...]) -> float:
+    """The smallest determinant of a cell; 0 for a cell without an inner face."""
+    sums, lengths, counts = np.zeros((3, *shape)), np.zeros(shape), np.zeros(shape)
+    for axis, edge in enumerate(edges):
+        x, y = edge
+        entries, length = np.stack([y * y, -x * y, x * x]), np.hypot(x, y)
+        for first, last in _spans(shape[axis]):
+            part = (slice(first, last), slice(None)) if axis == 0 else (slice(None), slice(first, last))
+            sums[(slice(None), *part)] += entries
+            lengths[part] += length
+            counts[part] += 1.0
+    mean = lengths / np.maximum(counts, 1.0)
+    with np.errstate(all="ignore"):
+        found = (sums[0] * sums[2] - sums[1] ** 2) / mean**4 / 8.0
+    return float(np.where(counts > 0.0, found, 0.0).min())
+
+
+def _spans(count: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """All cells of a row but the last, and all but the first."""
+    return (0, count - 1), (1, count)
+
+
+def _cross(one: Array, other: Array) -> Array:
+    product: Array = one[0] * other[1] - one[1] * other[0]
+    return product

@@ -27,8 +27,17 @@ from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.cell_shapes import shapes
-from equimesh.quality.cells import BilinearCells, CellPoints, Cells, MeshCells, UniformCells
+from equimesh.quality.cell_maps import shapes
+from equimesh.quality.cells import (
+    AnyMesh,
+    BilinearCells,
+    CellPoints,
+    Cells,
+    MeshCells,
+    QuadCells,
+    UniformCells,
+    cells_of,
+)
 from equimesh.quality.interpolation import (
     UNKNOWN,
     InterpolationErrors,
@@ -39,7 +48,6 @@ from equimesh.quality.interpolation import (
     require_same_cells,
     sample,
 )
-from equimesh.quality.quad_cells import AnyMesh, QuadCells, cells_of
 from equimesh.quality.survey import ROWS, Survey
 from equimesh.quality.tally import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors

@@ -14,12 +14,189 @@ from functools import lru_cache
 import numpy as np
 
 from equimesh.fields.field import Field
-from equimesh.meshes.mesh_window import WindowCells
+from equimesh.meshes.mesh_window import WindowCells, WindowRows
 from equimesh.numerics.channel import Channel
-from equimesh.numerics.gather import summed
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.gather import joined, summed
 from equimesh.numerics.types import Array, BoolArray, IntArray
-from equimesh.quality.pieces import Pieces
-from equimesh.quality.selection import all_but_the_smallest, largest_of, scattered
+from equimesh.quality.cell_maps import locate
+from equimesh.quality.cells import CellPoints, Cells
+from equimesh.quality.tally import add_errors
+
+# Pieces of cells, on which the error of interpolation is integrated more finely than on the whole cell.
+#
+# A part of a bilinear cell, from halving its edges, is a bilinear cell itself, and the interpolant of u is bilinear on
+# it, too. So a piece is known by its corners and by the values of the interpolant there.
+
+GAUSS_POINTS = 4
+"""Gauss points per direction of a piece."""
+RIM = CellPoints(
+    np.array([0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0]),
+    np.array([0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 0.5]),
+    np.full(8, 0.125),
+)
+"""The corners and the middles of the edges, counter-clockwise from the first corner."""
+BLOCK_PIECES = 1 << 10
+"""Pieces of a block: its intermediate arrays stay in the cache."""
+_QUARTERS = (
+    np.array([[4, 0, 0, 0], [2, 2, 0, 0], [1, 1, 1, 1], [2, 0, 0, 2]]) / 4.0,
+    np.array([[2, 2, 0, 0], [0, 4, 0, 0], [0, 2, 2, 0], [1, 1, 1, 1]]) / 4.0,
+    np.array([[1, 1, 1, 1], [0, 2, 2, 0], [0, 0, 4, 0], [0, 0, 2, 2]]) / 4.0,
+    np.array([[2, 0, 0, 2], [1, 1, 1, 1], [0, 0, 2, 2], [0, 0, 0, 4]]) / 4.0,
+)  # the corners of the four parts of a piece, as means of its own corners
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Bilinear pieces of cells: ``corners`` of shape ``(8, n)``, x and then y, counter-clockwise.
+
+    ``values`` of shape ``(4, n)`` are those of the interpolant at the corners.
+    """
+
+    corners: Array
+    values: Array
+
+    @classmethod
+    def of(cls, cells: Cells, numbers: IntArray, values: Array) -> Pieces:
+        """Whole cells with these ``numbers``, and the ``values`` of u at their corners, of shape ``(4, n)``."""
+        return cls(cells.corners(numbers), values)
+
+    @property
+    def count(self) -> int:
+        """Number of pieces."""
+        return int(self.corners.shape[1])
+
+    def some(self, chosen: IntArray | BoolArray) -> Pieces:
+        """The chosen pieces."""
+        return Pieces(self.corners[:, chosen], self.values[:, chosen])
+
+    def quarters(self) -> Pieces:
+        """Four parts of every piece; part ``q`` of piece ``k`` has the number ``q * count + k``."""
+        x, y = self.corners[:4], self.corners[4:]
+        corners = np.concatenate([np.concatenate([part @ x, part @ y]) for part in _QUARTERS], axis=1)
+        return Pieces(corners, np.concatenate([part @ self.values for part in _QUARTERS], axis=1))
+
+    def errors(self, u: Field) -> Array:
+        """Integrals over every piece, of shape ``(3, n)``.
+
+        The first two are those of the squares of ``e = u_h - u`` and of its gradient. The third is what the gradient of
+        u at the Gauss points has missed: the mean of ``grad e`` over a piece equals an integral of e over its rim, in
+        which no derivative occurs. It is the squared difference of the two times the area, in the unit of the second.
+        """
+        result = np.empty((3, self.count))
+        for start in range(0, self.count, BLOCK_PIECES):
+            block = slice(start, start + BLOCK_PIECES)
+            _block_errors(u, self.corners[:, block].copy(), self.values[:, block].copy(), result[:, block])
+        return result
+
+
+def _block_errors(u: Field, corners: Array, values: Array, result: Array) -> None:
+    gauss, n = CellPoints.gauss(GAUSS_POINTS), corners.shape[1]
+    count = gauss.s.size
+    x, y = np.empty((2, count + RIM.s.size, n))
+    locate(corners, np.concatenate([gauss.s, RIM.s]), np.concatenate([gauss.t, RIM.t]), x, y)
+    everywhere, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1))
+    sums = np.zeros((4, n))
+    add_errors(corners, values, everywhere[:count], (u_x[:count], u_y[:count]), gauss, sums, np.zeros(n))
+    result[:2] = sums[:2]
+    missed_gradients(corners, values, everywhere[count:], sums[2:], result[2])
+
+
+@compiled
+def missed_gradients(corners: Array, values: Array, rim: Array, mean: Array, missed: Array) -> None:
+    """``missed`` of every piece: the square of ``mean``, minus the integral of ``e n`` over the rim, by its area.
+
+    ``rim`` of shape ``(8, n)`` holds u at the points :data:`RIM`. The integral along an edge is by Simpson's rule.
+    """
+    for k in range(missed.size):
+        total_x, total_y, area = mean[0, k], mean[1, k], 0.0
+        for side in range(4):
+            after = (side + 1) % 4
+            dx, dy = corners[after, k] - corners[side, k], corners[4 + after, k] - corners[4 + side, k]
+            first, last = values[side, k] - rim[2 * side, k], values[after, k] - rim[(2 * side + 2) % 8, k]
+            middle = 0.5 * (values[side, k] + values[after, k]) - rim[2 * side + 1, k]
+            along = (first + 4.0 * middle + last) / 6.0
+            total_x -= along * dy
+            total_y += along * dx
+            area += 0.5 * (corners[side, k] * corners[4 + after, k] - corners[after, k] * corners[4 + side, k])
+        missed[k] = (total_x * total_x + total_y * total_y) / area
+
+
+# Which cells to look at more closely, chosen among those of all processes.
+#
+# Numbers are compared by their bits, and only whole numbers are added. So the choice does not depend on how the cells
+# are shared out.
+
+MIX = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
+"""Factors that mix the bits of a number: G. L. Steele, D. Lea, C. H. Flood, *Fast splittable pseudorandom number
+generators* (OOPSLA 2014)."""
+DIGIT_BITS = 8
+"""Bits of a number that are compared at a time."""
+MAX_SENT = 4096
+"""So many values of all processes are sent to all and compared as they are; by one process, any number."""
+COARSE_BITS = 47
+"""Bits that a rough comparison leaves out: the last of the 52 that are stored of a number's digits."""
+
+
+def largest_of(values: Array, count: int, rows: WindowRows) -> IntArray:
+    """The places of those of the ``count`` largest ``values`` of all processes that are here; increasing.
+
+    Of equal values the first ones are taken. NaN counts as larger than any number. No value is negative.
+    """
+    keys = np.abs(values).view(np.uint64)
+    chosen, candidates, left = np.zeros(values.size, dtype=np.bool_), np.arange(values.size), count
+    of_all = int(summed(rows.channel, np.array([float(values.size)]))[0])
+    most, shift = MAX_SENT if rows.channel.count > 1 else of_all, 64
+    while of_all > most and shift > 0:
+        shift -= DIGIT_BITS
+        digits = ((keys[candidates] >> np.uint64(shift)) & np.uint64((1 << DIGIT_BITS) - 1)).astype(np.int64)
+        found = summed(rows.channel, np.bincount(digits, minlength=1 << DIGIT_BITS).astype(float))
+        at_least = np.append(np.cumsum(found[::-1])[::-1], 0.0)
+        last = int(np.flatnonzero(at_least >= left)[-1])  # the digit of the smallest value that is taken
+        chosen[candidates[digits > last]] = True
+        left, of_all = left - int(at_least[last + 1]), int(found[last])
+        candidates = candidates[digits == last]
+    if of_all <= most:
+        sent = joined(rows.channel, keys[candidates].view(np.float64)).view(np.uint64)
+        smallest = np.partition(sent, of_all - left)[of_all - left]
+        chosen[candidates[keys[candidates] > smallest]] = True
+        left -= int(np.count_nonzero(sent > smallest))
+        candidates = candidates[keys[candidates] == smallest]
+    parts = joined(rows.channel, np.array([[float(rows.first), float(candidates.size)]]))
+    before = int(parts[parts[:, 0] < rows.first, 1].sum())
+    chosen[candidates[: max(0, left - before)]] = True
+    return np.flatnonzero(chosen)
+
+
+def all_but_the_smallest(values: Array, allowed: float, channel: Channel) -> BoolArray:
+    """Which ``values`` are left when the smallest of all processes are taken away, of a sum of about ``allowed``.
+
+    Values that differ by 3 % or less may count as equal. NaN is taken away. No value is negative.
+    """
+    keys = (np.abs(values).view(np.uint64) >> np.uint64(COARSE_BITS)).astype(np.int64)
+    found, counts = np.unique(keys, return_counts=True)
+    every = joined(channel, np.column_stack([found, counts]).astype(float))
+    kinds, where = np.unique(every[:, 0].astype(np.uint64), return_inverse=True)
+    middles = ((kinds << np.uint64(COARSE_BITS)) + np.uint64(1 << (COARSE_BITS - 1))).view(np.float64)
+    middles[kinds == 0], middles[np.isnan(middles)] = 0.0, np.inf  # zeros, and those beyond the largest number
+    sums = np.cumsum(middles * np.bincount(where, every[:, 1], kinds.size))
+    too_many = kinds[sums > allowed]
+    first = int(too_many[0]) if too_many.size else np.iinfo(np.int64).max
+    return np.asarray((keys >= first) & ~np.isnan(values))
+
+
+def scattered(numbers: IntArray, one_of: int) -> BoolArray:
+    """Which cells belong to a sample of one in ``one_of``: one of each run of consecutive numbers, at any place of it.
+
+    A lattice could meet the same rows of all blocks; the places are mixed instead, and are the same each time.
+    """
+    runs, places = np.divmod(numbers, one_of)
+    with np.errstate(over="ignore"):
+        mixed = (runs.astype(np.uint64) + np.uint64(1)) * np.uint64(MIX[0])
+        mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(MIX[1])
+        mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(MIX[2])
+    return np.asarray((mixed ^ (mixed >> np.uint64(31))) % np.uint64(one_of) == places.astype(np.uint64))
+
 
 MAX_DIFFERENCES = np.array([0.1, 0.02])
 """Largest differences of two integrals of squared errors, as shares of them: 5 % of the L2 norm, 1 % of the H1 norm.

@@ -14,9 +14,8 @@ import numpy as np
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh_window import MeshWindow, WindowCells
 from equimesh.numerics.types import Array
-from equimesh.quality.cell_errors import add_errors
 from equimesh.quality.cell_maps import locate
-from equimesh.quality.cells import BilinearCells, CellPoints, MeshCells
+from equimesh.quality.cells import AnyMesh, BilinearCells, CellPoints, MeshCells, cells_of
 from equimesh.quality.interpolation import (
     NO_ERROR,
     UNKNOWN,
@@ -29,9 +28,8 @@ from equimesh.quality.interpolation import (
     require_same_cells,
     sample,
 )
-from equimesh.quality.pieces import BLOCK_PIECES, Pieces
-from equimesh.quality.quad_cells import AnyMesh, cells_of
-from equimesh.quality.resolution import resolved_integrals
+from equimesh.quality.resolution import BLOCK_PIECES, Pieces, resolved_integrals
+from equimesh.quality.tally import add_errors
 from equimesh_coupling.cuts import ANYWHERE, CUTS, better_cuts
 
 GAUSS_POINTS = 3

@@ -18,7 +18,7 @@ from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
 from equimesh.least_error.quad_cells import cells_of_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
-from equimesh.quality.quad_cells import QuadCells
+from equimesh.quality.cells import QuadCells
 from equimesh.rounds.recovery import ESTIMATE_POINTS, gradient_norm
 
 

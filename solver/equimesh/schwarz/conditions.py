@@ -3,7 +3,7 @@
 Each of the paper's conditions is **one discrete functional** of a window. The receiver sets its own functional equal
 to the value that its neighbour's window has at the same grid line, so at the fixed point both windows agree with the
 single-domain solution to rounding. All functionals speak of an interface in xi; one in eta is the same for the turned
-window. :class:`Optimized` is of another kind: see :mod:`equimesh.schwarz.optimized.sides`.
+window. :class:`Optimized` is of another kind: see :mod:`equimesh.schwarz.optimized`.
 """
 
 import math
@@ -145,7 +145,7 @@ class LineData(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Optimized:
-    """An interface that yields as the rest of every grid line would; see :mod:`equimesh.schwarz.optimized.sides`.
+    """An interface that yields as the rest of every grid line would; see :mod:`equimesh.schwarz.optimized`.
 
     A Robin condition for the squared metric length across the interface, whose weights come from the metric and whose
     parameter is the number of edges beyond: the Dirichlet-to-Neumann map of the leading part of the equations. With

@@ -1,38 +1,291 @@
 """The nonlinear Schwarz iteration of Haynes and Howse (section 3).
 
 Every subdomain is solved with data from its neighbours, and the solutions are merged to one mesh. This is repeated
-until the subdomains agree. Other modules make the iteration faster or guard it: :mod:`~equimesh.schwarz.rescue`,
-:mod:`~equimesh.schwarz.line_corrections`, :mod:`~equimesh.schwarz.acceleration`, :mod:`~equimesh.schwarz.claims` and
-:mod:`~equimesh.schwarz.stalls`.
+until the subdomains agree. Other modules make the iteration faster or guard it: :mod:`~equimesh.schwarz.iteration`,
+:mod:`~equimesh.schwarz.line_corrections`, :mod:`~equimesh.schwarz.acceleration`, :mod:`~equimesh.schwarz.iteration` and
+:mod:`~equimesh.schwarz.iteration`.
 """
+
+from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from equimesh.domains.domain import map_mesh
-from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, smallest_tolerance
+from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, newton_steps, smallest_tolerance
 from equimesh.equations.problem import Problem
 from equimesh.meshes.folding import largest_difference
+from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import require_lines
 from equimesh.numerics.threads import run_on_threads
 from equimesh.schwarz.acceleration import AccelerationResult, accelerator
-from equimesh.schwarz.claims import Claim, examine
-from equimesh.schwarz.conditions import label
-from equimesh.schwarz.families import subdomains_of
+from equimesh.schwarz.conditions import Classical, Optimized, label
+from equimesh.schwarz.decomposition import Decomposition, Ordering, SubdomainWindow, turns
+from equimesh.schwarz.functionals import FunctionalSubdomains
 from equimesh.schwarz.holding.in_one_process import InOneProcess
+from equimesh.schwarz.holding.places import common, points, rim
 from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.line_corrections import CorrectionResult, LineCorrections
-from equimesh.schwarz.ordering import turns
-from equimesh.schwarz.port import MergedSolutions, Outcome, Subdomains
-from equimesh.schwarz.records import Iteration, IterationNumbers, SubdomainRecord
-from equimesh.schwarz.rescue import Rescue
+from equimesh.schwarz.optimized import OptimizedSubdomains
+from equimesh.schwarz.records import Iteration, IterationNumbers, SubdomainRecord, estimate_error
 from equimesh.schwarz.settings import Schwarz
-from equimesh.schwarz.stalls import Stalls
-from equimesh.schwarz.work import traffic, windows_that_read, work
+from equimesh.schwarz.subdomains import MergedSolutions, Outcome, Subdomains
+
+# Newton steps on the whole grid, where a subdomain has stalled or the merged mesh is folded.
+
+# After this many steps in a row another condition takes over, or the iteration ends.
+MAX_STEPS_IN_A_ROW = 3
+# The residual after that many steps, over the one after the first. Above this factor the steps are no progress.
+MIN_PROGRESS = 0.9
+
+
+@dataclass(frozen=True)
+class RescueResult:
+    """A mesh, and whether it is the result of a step on the whole grid."""
+
+    mesh: Mesh
+    is_stepped: bool
+
+
+class Rescue:
+    """Newton steps on the whole grid where they are needed, and the residuals after the last ones in a row.
+
+    ``residuals`` are infinite where the grid is too large for a factorisation.
+    """
+
+    def __init__(self, problem: Problem, holding: Holding) -> None:
+        self._problem, self._holding = problem, holding
+        self.residuals: list[float] = []
+        self.has_stepped = False
+
+    def apply(self, solved: MergedSolutions, before: Mesh) -> RescueResult:
+        """The merged mesh, or the one after a guarded Newton step on the whole grid.
+
+        A step starts from the merged mesh, or from the one ``before`` the iteration where the merged mesh is folded.
+        """
+        is_folded = not self._holding.smallest_jacobian(solved.mesh) > 0.0
+        if not (is_folded or solved.has_stalled):
+            self.residuals = []
+            return RescueResult(solved.mesh, is_stepped=False)
+        self.has_stepped = True
+        mesh = before if is_folded else solved.mesh
+        if self._problem.grid.points > MAX_FACTORISED_POINTS:
+            self.residuals.append(math.inf)
+            return RescueResult(Mesh(mesh.x.copy(), mesh.y.copy()), is_stepped=True)
+        stepped, residual = newton_step(self._problem, self._holding, mesh)
+        self.residuals.append(residual)
+        return RescueResult(stepped, is_stepped=True)
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether the limit of steps in a row is reached."""
+        return len(self.residuals) >= MAX_STEPS_IN_A_ROW
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether the last steps in a row did not reduce the residual."""
+        recent = self.residuals[-MAX_STEPS_IN_A_ROW:]
+        return len(recent) == MAX_STEPS_IN_A_ROW and not recent[-1] < MIN_PROGRESS * recent[0]
+
+
+def newton_step(problem: Problem, holding: Holding, mesh: Mesh) -> tuple[Mesh, float]:
+    """The mesh after one guarded Newton step on the whole grid, and its residual relative to the mean flux."""
+
+    def step(meshes: Sequence[Mesh], states: Sequence[Mesh]) -> tuple[Mesh, float]:
+        del states
+        *_, last = newton_steps(problem.equations(), meshes[0], most_steps=1, fast=True)
+        return Mesh.of_unit_square(last.mesh.x, last.mesh.y), last.residual
+
+    stepped, residual = holding.on_whole(step, [mesh])
+    assert stepped is not None
+    return stepped, residual
+
+
+# The check of convergence after a slow iteration: a Newton step on the whole grid has to confirm it.
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The mesh of an iteration, and the estimate of its error.
+
+    ``change`` is the largest move of a coordinate from the mesh ``before`` the iteration. ``is_refuted`` is set where
+    the check moved the mesh by more than the tolerance. All lengths are in units of the reference square.
+    """
+
+    mesh: Mesh
+    estimate: float
+    change: float
+    before: Mesh
+    is_refuted: bool = False
+
+
+def examine(problem: Problem, holding: Holding, claim: Claim, enough: float) -> Claim:
+    """The claim after a Newton step on the whole grid.
+
+    Where the step moves the mesh by more than ``enough``, the iteration continues from the mesh of the step.
+    """
+    stepped, _ = newton_step(problem, holding, claim.mesh)
+    moved = holding.distance(stepped, claim.mesh)
+    estimate = max(claim.estimate, moved)
+    if not moved > enough:
+        return Claim(claim.mesh, estimate, claim.change, claim.before)
+    return Claim(stepped, estimate, holding.distance(stepped, claim.before), claim.before, is_refuted=True)
+
+
+# Signs that an iteration stalls, so that another transmission condition takes over.
+
+# After this many iterations in which some subdomain took classical data, another condition takes over.
+MAX_CLASSICAL_ITERATIONS = 3
+# The change of the mesh over the mismatch of the subdomains, at a fixed point that is not the solution.
+MAX_FALSE_CHANGE = 1e-3
+# A smaller mismatch, in units of the smallest tolerance, is rounding.
+MIN_MISMATCH = 100.0
+# Iterations over which changes have to fall.
+STALL_WINDOW = 8
+# The mean factor by which changes have to fall in one iteration. Above it the iteration has stalled.
+MAX_RATE = 0.75
+# The same for the classical condition, which is slow by nature.
+MAX_CLASSICAL_RATE = 1.0
+# After this many iterations the deviation of metric lengths tells whether the iteration will be slow.
+JUDGED_ITERATIONS = 2
+# A larger relative deviation from the mean of a line is then far from the solution. Usually it is 1e-3 or less.
+MAX_EARLY_DEVIATION = 1e-2
+# An iteration that took more than this many is slow.
+MAX_TRUSTED_ITERATIONS = 8
+
+
+class Stalls:
+    """The changes of an iteration with one transmission condition, and the signs of a stall.
+
+    ``changes`` are the largest moves of a coordinate, iteration by iteration, in units of the reference square.
+    """
+
+    def __init__(self, settings: Schwarz, rounding: float) -> None:
+        self._settings, self._rounding = settings, rounding
+        self.changes: list[float] = []
+        self._classical_iterations, self._mismatch, self._deviation = 0, 0.0, math.nan
+
+    def note(self, solved: MergedSolutions, change: float, deviation: float) -> None:
+        """Note an iteration; ``deviation`` is that of squared metric lengths from the mean of their line."""
+        self._deviation = deviation
+        self.changes.append(change)
+        self._classical_iterations += solved.is_rescued
+        self._mismatch = solved.mismatch
+
+    def estimate(self, change: float) -> float:
+        """The remaining error after an iteration that moved the mesh by ``change``; NaN where not known."""
+        return estimate_error([math.nan, *self.changes, change], self._rounding)
+
+    @property
+    def was_slow(self) -> bool:
+        """Whether more iterations were needed than a fast iteration takes."""
+        return len(self.changes) + 1 > MAX_TRUSTED_ITERATIONS
+
+    @property
+    def call_for_newton(self) -> bool:
+        """Whether Newton's method takes over the acceleration: where the first iterations came no nearer."""
+        judged = len(self.changes) == JUDGED_ITERATIONS and self._settings.may_take_newton
+        return judged and not self._deviation <= MAX_EARLY_DEVIATION
+
+    def call_for_another_condition(self, rescue: Rescue) -> bool:
+        """Whether the optimized condition takes over; never where the settings do not allow it."""
+        if not self._settings.may_fall_back:
+            return False
+        if rescue.has_failed or self._classical_iterations >= MAX_CLASSICAL_ITERATIONS:
+            return True
+        return bool(self.changes) and (self._is_at_false_fixed_point() or self._is_slowing_down())
+
+    def _is_at_false_fixed_point(self) -> bool:
+        """Whether the mesh hardly moves although the subdomains do not agree."""
+        has_mismatch = self._mismatch > MIN_MISMATCH * self._rounding
+        return has_mismatch and self.changes[-1] < MAX_FALSE_CHANGE * self._mismatch
+
+    def _is_slowing_down(self) -> bool:
+        """Whether the changes fall too slowly, or not at all."""
+        if len(self.changes) <= STALL_WINDOW or self.changes[-1] <= self._rounding:
+            return False
+        rate = MAX_CLASSICAL_RATE if isinstance(self._settings.transmission, Classical) else MAX_RATE
+        return self.changes[-1] >= rate**STALL_WINDOW * self.changes[-1 - STALL_WINDOW]
+
+
+# Work and traffic of one Schwarz iteration, counted.
+
+BYTES_PER_NUMBER = 8
+# Numbers that a line correction sends over an interface for every line that crosses it: the sum of the edges beyond,
+# and how far the side of the grid at that end pushes the line.
+NUMBERS_PER_CROSSING = 2
+
+
+def work(grid: Grid, subdomains: Subdomains, records: Sequence[SubdomainRecord], corrections: int) -> int:
+    """How many corrections of nodes there were."""
+    nodes = [window.shape[0] * window.shape[1] for window in subdomains.windows]
+    local = sum(nodes[r.subdomain] * max(r.sweeps, r.newton_steps) for r in records)
+    return local + corrections * grid.points
+
+
+def traffic(
+    decomposition: Decomposition,
+    settings: Schwarz,
+    subdomains: Subdomains,
+    turns: Sequence[Sequence[int]],
+    corrections: int,
+) -> int:
+    """Bytes that the subdomains send each other, each on its own machine; ``corrections`` are those that were tried.
+
+    Before its solve a subdomain receives the data of its interfaces. After a turn it receives the nodes of its window
+    that others have solved. For every line correction it receives the grid lines beyond its interfaces, and numbers for
+    each line that crosses them. Not counted are the few numbers on which all agree, whatever the size of the grid.
+    """
+    reads = windows_that_read(decomposition, settings)
+    data = sum(subdomains.sent(turn) for turn in turns)
+    nodes = sum(
+        points(common(subdomains.place(k), window.slices))
+        for turn in turns
+        for k in turn
+        for window in reads
+        if window.part.number != k
+    )
+    return BYTES_PER_NUMBER * (data + 2 * nodes + corrections * _corrected(decomposition))
+
+
+def windows_that_read(decomposition: Decomposition, settings: Schwarz) -> list[SubdomainWindow]:
+    """The nodes of the merged mesh that every subdomain reads."""
+    return [SubdomainWindow(decomposition, part, settings.ghosts) for part in decomposition.parts]
+
+
+def _corrected(decomposition: Decomposition) -> int:
+    """Numbers that all subdomains send in one line correction."""
+    windows = [SubdomainWindow(decomposition, part, 1) for part in decomposition.parts]
+    ghosts = sum(points(place) for window in windows for place in rim(window).values())
+    lines = sum(window.shape[1 - axis] for window in windows for (axis, _), is_open in window.open.items() if is_open)
+    return 2 * ghosts + NUMBERS_PER_CROSSING * lines
+
+
+# The family of subdomains of a transmission condition.
+
+
+def subdomains_of(problem: Problem, holding: Holding, settings: Schwarz, *, enough: float, threads: int) -> Subdomains:
+    """The subdomains of a decomposition that are held here, with the transmission condition of the settings.
+
+    Local solves may end when they move their nodes by no more than ``enough``.
+    """
+    condition = settings.transmission
+    if not isinstance(condition, Optimized):
+        return FunctionalSubdomains(problem, holding, condition, settings.solved_by)
+    return OptimizedSubdomains(
+        problem,
+        holding,
+        condition,
+        settings.solved_by,
+        in_turns=settings.ordering is not Ordering.PARALLEL,
+        enough=enough,
+        threads=threads,
+    )
+
 
 T = TypeVar("T")
 

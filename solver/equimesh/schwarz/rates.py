@@ -22,8 +22,7 @@ from equimesh.schwarz.conditions import (
     Optimized,
     TransmissionCondition,
 )
-from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.ordering import Ordering, turns
+from equimesh.schwarz.decomposition import Decomposition, Ordering, turns
 from equimesh.schwarz.settings import Acceleration, Schwarz
 
 

@@ -104,7 +104,7 @@ class IterationNumbers:
     work: int = 0
     """How many corrections of nodes there were."""
     traffic: int = 0
-    """Bytes that the subdomains send each other, each on its own machine; see :mod:`equimesh.schwarz.work`."""
+    """Bytes that the subdomains send each other, each on its own machine; see :mod:`equimesh.schwarz.iteration`."""
     products: int = 0
     """Products with the derivative of the iteration in a Newton step (RASPEN), each a solve in every subdomain.
 

@@ -12,8 +12,7 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.meshes.grid import Grid
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
-from equimesh.schwarz.decomposition import Cuts, Decomposition
-from equimesh.schwarz.ordering import Ordering
+from equimesh.schwarz.decomposition import Cuts, Decomposition, Ordering
 
 # Line corrections after every iteration of the optimized condition, unless the settings differ.
 DEFAULT_LINE_CORRECTIONS = 3

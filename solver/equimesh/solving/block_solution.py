@@ -15,7 +15,7 @@ from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
-from equimesh.quality.angles import Angles, measure_angles
+from equimesh.quality.cells import Angles, measure_angles
 from equimesh.quality.comparison import UniformComparison, compare_with_uniform
 from equimesh.quality.cut_off import CutOff, measure_block_cut_off
 from equimesh.quality.faces import Faces, measure_faces

@@ -1,6 +1,6 @@
 """The choice of a mesh for codes with cell-centred unknowns, by the error of such a code on the candidates.
 
-Candidates are solved on a coarse grid, and measured there by :func:`equimesh.quality.cell_centred.poisson_error`. The
+Candidates are solved on a coarse grid, and measured there by :func:`equimesh.quality.faces.poisson_error`. The
 best ones are solved and measured on finer grids up to the requested one, together with the uniform mesh.
 """
 
@@ -23,9 +23,7 @@ from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.weakened import weaken
-from equimesh.quality.cell_centred import poisson_error
-from equimesh.quality.checks import check_cells
-from equimesh.quality.faces import measure_faces
+from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 from equimesh.solving.auto import coarse_level
 from equimesh.solving.options import SolveOptions
 from equimesh.solving.orthogonality import bounded, is_within

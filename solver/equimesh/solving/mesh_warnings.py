@@ -16,13 +16,10 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Pair
-from equimesh.quality.cells import Cells, UniformCells
+from equimesh.quality.cells import Cells, UniformCells, cells_of
 from equimesh.quality.cut_off import CutOff, measure_cut_off
 from equimesh.quality.faces import Faces
-from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.quality.probes import probe_errors
-from equimesh.quality.quad_cells import cells_of
-from equimesh.quality.quadratic import quadratic_gain
+from equimesh.quality.interpolation import InterpolationErrors, probe_errors, quadratic_gain
 from equimesh.solving.status import Status
 from equimesh_schema import Relaxed
 

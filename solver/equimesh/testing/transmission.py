@@ -14,10 +14,9 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
-from equimesh.schwarz.families import subdomains_of
+from equimesh.schwarz.decomposition import Ordering
 from equimesh.schwarz.holding.in_one_process import InOneProcess
-from equimesh.schwarz.iteration import schwarz_iterations
-from equimesh.schwarz.ordering import Ordering
+from equimesh.schwarz.iteration import schwarz_iterations, subdomains_of
 from equimesh.schwarz.settings import LocalSolver, Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.solve import solve

@@ -11,7 +11,7 @@ from playwright.sync_api import Locator, Page, expect
 
 import equimesh as em
 from browser.workbench.states import panel_at, state
-from equimesh.schwarz.ordering import Ordering, turns
+from equimesh.schwarz.decomposition import Ordering, turns
 
 pytestmark = pytest.mark.needs("chromium")
 ITERATIONS = 4

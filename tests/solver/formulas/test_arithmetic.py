@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh.formulas import arithmetic
-from equimesh.formulas.trace import CODES
+from equimesh.formulas import routine
+from equimesh.formulas.routine import CODES
 
-SIZES = (1, arithmetic.BLOCK - 1, arithmetic.BLOCK, 3 * arithmetic.BLOCK + 7)
+SIZES = (1, routine.BLOCK - 1, routine.BLOCK, 3 * routine.BLOCK + 7)
 SPECIAL = [0.0, -0.0, 1.0, np.nan, np.inf, -np.inf, 1e308, 5e-324]
 
 
@@ -22,12 +22,12 @@ def numbers(size: int, seed: int) -> np.ndarray:
 
 def calculated(code: int, x: np.ndarray, y: np.ndarray, *, by_blocks: bool) -> np.ndarray:
     """One instruction on x, y and 0.5."""
-    width = arithmetic.BLOCK if by_blocks else max(x.size, arithmetic.BLOCK)
+    width = routine.BLOCK if by_blocks else max(x.size, routine.BLOCK)
     memory, results = np.full((4, width), 7.0), np.full((int(by_blocks), x.size), 7.0)
     memory[3] = 0.5
     if not by_blocks:
         memory[0, : x.size], memory[1, : x.size] = x, y
-    arithmetic.calculate(np.array([[code, 2, 0, 1, 3]]), memory, 3, x, y, results, np.array([2]))
+    routine.calculate(np.array([[code, 2, 0, 1, 3]]), memory, 3, x, y, results, np.array([2]))
     return results[0] if by_blocks else memory[2, : x.size]
 
 
@@ -36,7 +36,7 @@ def calculated(code: int, x: np.ndarray, y: np.ndarray, *, by_blocks: bool) -> n
 def test_every_instruction_gives_the_numbers_of_numpy(function: Callable[..., Any], by_blocks: bool) -> None:
     for size in SIZES:
         x, y = numbers(size, 1), numbers(size, 2)
-        if CODES[function] in (arithmetic.AND, arithmetic.OR, arithmetic.NOT, arithmetic.WHERE):
+        if CODES[function] in (routine.AND, routine.OR, routine.NOT, routine.WHERE):
             x, y = ((q > 0).astype(float) if function is not np.where else q for q in (x, y))
         with np.errstate(all="ignore"):
             operands = (x, y, 0.5)[: 3 if function is np.where else function.nin]  # type: ignore[attr-defined]
@@ -47,4 +47,4 @@ def test_every_instruction_gives_the_numbers_of_numpy(function: Callable[..., An
 
 def test_a_copy_keeps_the_numbers() -> None:
     x = numbers(1000, 3)
-    assert np.array_equal(calculated(arithmetic.COPY, x, x, by_blocks=True), x, equal_nan=True)
+    assert np.array_equal(calculated(routine.COPY, x, x, by_blocks=True), x, equal_nan=True)

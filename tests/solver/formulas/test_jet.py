@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.formulas.functions import OPERATIONS
-from equimesh.formulas.jet import constant, coordinates
+from equimesh.formulas.jet import OPERATIONS, constant, coordinates
 
 
 def test_structural_zeros_cost_nothing() -> None:

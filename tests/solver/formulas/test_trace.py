@@ -5,24 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.formulas import arithmetic
-from equimesh.formulas.trace import CODES, Line, Trace, Traced, compact
+from equimesh.formulas import routine
+from equimesh.formulas.routine import CODES, Line, Trace, Traced, compact
 
 
 def coordinates() -> tuple[Trace, Traced, Traced]:
     trace = Trace()
-    return trace, Traced(trace, arithmetic.X), Traced(trace, arithmetic.Y)
+    return trace, Traced(trace, routine.X), Traced(trace, routine.Y)
 
 
 def test_every_operation_is_a_line() -> None:
     trace, x, y = coordinates()
     np.where(x < 0.5, np.tanh(2.0 * x), -y)
     assert trace.lines == [
-        Line(arithmetic.LESS, 2, (0, 0.5)),
-        Line(arithmetic.MULTIPLY, 3, (2.0, 0)),
+        Line(routine.LESS, 2, (0, 0.5)),
+        Line(routine.MULTIPLY, 3, (2.0, 0)),
         Line(np.tanh, 4, (3,)),
-        Line(arithmetic.NEGATE, 5, (1,)),
-        Line(arithmetic.WHERE, 6, (2, 4, 5)),
+        Line(routine.NEGATE, 5, (1,)),
+        Line(routine.WHERE, 6, (2, 4, 5)),
     ]
 
 
@@ -51,7 +51,7 @@ def test_lines_without_influence_are_left_out() -> None:
     wanted = x * y
     np.exp(wanted)
     assert [line.target for line in trace.needed([wanted.row])] == [wanted.row]
-    assert trace.needed([arithmetic.X]) == []
+    assert trace.needed([routine.X]) == []
 
 
 def test_rows_are_used_again_but_never_while_they_are_read() -> None:
@@ -61,7 +61,7 @@ def test_rows_are_used_again_but_never_while_they_are_read() -> None:
         half = 0.5 * total
         total = np.sqrt(half * x) + y * half
     lines, results, rows = compact(trace.lines, [kept.row, total.row])
-    assert rows <= arithmetic.FIRST_FREE + 5
+    assert rows <= routine.FIRST_FREE + 5
     assert all(line.target not in line.operands for line in lines)
     assert results[0] not in [line.target for line in lines[1:]], "a result stays"
     memory = np.zeros((rows, 3))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from equimesh.errors import ExpressionError
-from equimesh.formulas.typed import describe, scan, shorten
+from equimesh.formulas.spelling import describe, scan, shorten
 
 
 @pytest.mark.parametrize(

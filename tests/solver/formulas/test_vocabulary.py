@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from equimesh.fields.expression import FUNCTIONS
-from equimesh.formulas.functions import OPERATIONS
+from equimesh.formulas.jet import OPERATIONS
 
 
 def test_functions_and_operations_agree() -> None:

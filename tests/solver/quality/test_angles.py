@@ -7,7 +7,7 @@ import pytest
 
 from block_cases import in_blocks, l_shape
 from equimesh.meshes.mesh import Mesh
-from equimesh.quality.angles import corner_angles, measure_angles
+from equimesh.quality.cells import corner_angles, measure_angles
 from solver.quality.handmade import folded, one_quad, uniform, wavy
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes.mesh import Mesh
-from equimesh.quality.cell_centred import poisson_error
+from equimesh.quality.faces import poisson_error
 from solver.quality.test_faces import waves
 
 U = em.Expression("exp(x)*sin(3*y) + tanh(4*(x - y))")

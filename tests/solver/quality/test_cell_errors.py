@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.quality.cell_errors import MIDDLE_WEIGHT, add_errors, add_middles, add_values, mean_metrics
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.tally import ErrorRule
+from equimesh.quality.tally import MIDDLE_WEIGHT, ErrorRule, add_errors, add_middles, add_values, mean_metrics
 from solver.quality.handmade import TANH20, wavy
 
 GAUSS = CellPoints.gauss(3)

@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes.mesh import Mesh
-from equimesh.quality.checks import check_cells
+from equimesh.quality.faces import check_cells
 from solver.quality.test_faces import waves
 
 

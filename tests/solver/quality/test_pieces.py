@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.quality.cells import BilinearCells
-from equimesh.quality.pieces import Pieces
+from equimesh.quality.resolution import Pieces
 from solver.quality.handmade import wavy
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.quality.probes import MAX_PROBES_PER_CELL, PROBES, probe_errors
+from equimesh.quality.interpolation import MAX_PROBES_PER_CELL, PROBES, probe_errors
 from solver.quality.handmade import uniform, wavy
 
 

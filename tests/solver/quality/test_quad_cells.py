@@ -11,11 +11,9 @@ import pytest
 import equimesh as em
 from block_cases import channel, in_blocks, l_shape
 from equimesh.errors import InputError
-from equimesh.quality.cells import BilinearCells
-from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, interpolation_errors, sample
+from equimesh.quality.cells import BilinearCells, QuadCells, cells_of
+from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, interpolation_errors, probe_errors, sample
 from equimesh.quality.measures import alignment, equidistribution, measure, measure_all, shape_regularity
-from equimesh.quality.probes import probe_errors
-from equimesh.quality.quad_cells import QuadCells, cells_of
 from equimesh.quality.survey import ROWS
 from equimesh.quality.tally import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.quality import quadratic
+from equimesh.quality import interpolation
 from equimesh.quality.cells import BilinearCells, UniformCells
-from equimesh.quality.quadratic import quadratic_gain
+from equimesh.quality.interpolation import quadratic_gain
 from solver.quality.handmade import uniform, wavy
 
 SMOOTH = em.Expression("sin(5*x)*cos(4*y)")
@@ -54,7 +54,7 @@ def test_it_is_one_on_the_uniform_mesh_and_for_a_quadratic() -> None:
 
 def test_scattered_cells_give_nearly_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     some = gain(wavy(65, 65))
-    monkeypatch.setattr(quadratic, "MEASURED_CELLS", 10**6)
+    monkeypatch.setattr(interpolation, "MEASURED_CELLS", 10**6)
     assert some != gain(wavy(65, 65))
     assert some == pytest.approx(gain(wavy(65, 65)), rel=0.05)
 

@@ -7,8 +7,8 @@ import pytest
 
 from equimesh.meshes.mesh_window import WindowRows
 from equimesh.numerics.channel import Channel, ThreadChannels
-from equimesh.quality import selection
-from equimesh.quality.selection import all_but_the_smallest, largest_of
+from equimesh.quality import resolution
+from equimesh.quality.resolution import all_but_the_smallest, largest_of
 
 VALUES = np.abs(np.random.default_rng(3).standard_normal(1000)) * 10.0 ** np.random.default_rng(4).integers(-9, 9, 1000)
 
@@ -31,13 +31,13 @@ def in_parts(values: np.ndarray, cuts: list[int], count: int) -> np.ndarray:
 def test_the_largest_are_those_at_the_end_of_the_sorted_ones(
     cuts: list[int], count: int, sent: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(selection, "MAX_SENT", sent)
+    monkeypatch.setattr(resolution, "MAX_SENT", sent)
     assert np.array_equal(in_parts(VALUES, cuts, count), np.sort(np.argsort(VALUES)[-count:]))
 
 
 @pytest.mark.parametrize("sent", [0, 4096])
 def test_the_first_of_equal_values_are_taken_and_nan_before_all(sent: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(selection, "MAX_SENT", sent)
+    monkeypatch.setattr(resolution, "MAX_SENT", sent)
     values = np.repeat([2.0, 1.0, np.nan, 1.0, 0.0], 4)
     for cuts in ([], [5], [6, 14]):
         assert in_parts(values, cuts, 10).tolist() == [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]

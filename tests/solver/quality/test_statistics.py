@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from equimesh.quality.statistics import Statistics, fill_parts
+from equimesh.quality.survey import Statistics, fill_parts
 
 
 def of_blocks(values: np.ndarray, size: int) -> Statistics:

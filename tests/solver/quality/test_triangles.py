@@ -13,7 +13,7 @@ from equimesh.meshes.mesh_data import MeshData
 from equimesh.quality import triangles
 from equimesh.quality.cells import BilinearCells
 from equimesh.quality.interpolation import interpolation_errors
-from equimesh.quality.pieces import Pieces
+from equimesh.quality.resolution import Pieces
 from equimesh.quality.triangles import halves, triangle_errors
 from equimesh.solving.solution import Solution
 from equimesh_coupling.cuts import corner_cuts

@@ -6,7 +6,7 @@ import numpy as np
 
 import equimesh as em
 from equimesh.schwarz.holding.in_one_process import InOneProcess
-from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
+from equimesh.schwarz.optimized import OptimizedSubdomains
 from equimesh.single_domain import iteration as single_domain
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import equimesh as em
-from equimesh.schwarz.functionals.interface import InterfaceData
-from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
+from equimesh.schwarz.functionals import CornerLink, InterfaceData, Link, SubdomainProblem
 
 
 class SameMesh:

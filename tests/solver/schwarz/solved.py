@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import equimesh as em
-from equimesh.schwarz.port import MergedSolutions
 from equimesh.schwarz.records import SubdomainRecord
+from equimesh.schwarz.subdomains import MergedSolutions
 
 
 def solved(mesh: em.Mesh, *, stalled: bool = False, classical: bool = False, mismatch: float = 0.0) -> MergedSolutions:

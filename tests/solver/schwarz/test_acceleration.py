@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.schwarz.acceleration import Accelerator, ByAnderson, ByNewton, Unaccelerated, accelerator
-from equimesh.schwarz.families import subdomains_of
+from equimesh.schwarz.iteration import subdomains_of
 from equimesh.schwarz.line_corrections import CorrectionResult
 from solver.schwarz.bent import bent
 from solver.schwarz.runs import PAPER, WHOLE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.schwarz.anderson import Anderson
+from equimesh.schwarz.acceleration import Anderson
 from equimesh.schwarz.holding.in_one_process import InOneProcess
 
 UNIFORM = em.Mesh.uniform(em.Grid(n_xi=6, n_eta=5))

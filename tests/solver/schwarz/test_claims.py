@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import equimesh as em
-from equimesh.schwarz import claims
-from equimesh.schwarz.claims import Claim
+from equimesh.schwarz import iteration
+from equimesh.schwarz.iteration import Claim
 from solver.schwarz.bent import bent, distance
 from solver.schwarz.runs import PAPER, WHOLE
 
@@ -19,7 +19,7 @@ def claim(size: float) -> Claim:
 
 def test_a_true_claim_is_confirmed_with_what_the_step_still_moved() -> None:
     made = claim(1e-7)
-    found = claims.examine(PAPER, WHOLE, made, 1e-5)
+    found = iteration.examine(PAPER, WHOLE, made, 1e-5)
     assert not found.is_refuted
     assert found.mesh is made.mesh
     assert found.change == made.change
@@ -28,7 +28,7 @@ def test_a_true_claim_is_confirmed_with_what_the_step_still_moved() -> None:
 
 def test_a_false_claim_is_refuted_and_the_step_is_where_it_continues() -> None:
     made = claim(1e-3)
-    found = claims.examine(PAPER, WHOLE, made, 1e-5)
+    found = iteration.examine(PAPER, WHOLE, made, 1e-5)
     assert found.is_refuted
     assert distance(found.mesh, SOLUTION) < 0.1 * distance(made.mesh, SOLUTION)
     assert found.estimate == pytest.approx(distance(made.mesh, found.mesh))
@@ -37,4 +37,4 @@ def test_a_false_claim_is_refuted_and_the_step_is_where_it_continues() -> None:
 
 def test_a_claim_is_never_made_bolder() -> None:
     made = Claim(SOLUTION, estimate=1e-6, change=1e-7, before=SOLUTION)
-    assert claims.examine(PAPER, WHOLE, made, 1e-5).estimate == 1e-6
+    assert iteration.examine(PAPER, WHOLE, made, 1e-5).estimate == 1e-6

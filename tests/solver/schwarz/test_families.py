@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 import equimesh as em
-from equimesh.schwarz.families import subdomains_of
-from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
+from equimesh.schwarz.functionals import FunctionalSubdomains
 from equimesh.schwarz.holding.in_one_process import InOneProcess
-from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
-from equimesh.schwarz.port import Subdomains
+from equimesh.schwarz.iteration import subdomains_of
+from equimesh.schwarz.optimized import OptimizedSubdomains
+from equimesh.schwarz.subdomains import Subdomains
 from solver.schwarz.runs import PAPER
 
 BLOCKS = em.Decomposition(grid=PAPER.grid, subdomains=(2, 2), overlap=3)

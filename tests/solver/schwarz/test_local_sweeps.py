@@ -8,8 +8,8 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.newton_solve import newton_steps
-from equimesh.schwarz.functionals.subdomain import SubdomainProblem
-from equimesh.schwarz.local_sweeps import SubdomainSweeps
+from equimesh.schwarz.functionals import SubdomainProblem
+from equimesh.schwarz.subdomains import SubdomainSweeps
 from equimesh.sweeps.sides import Frame
 from solver.schwarz.neighbours import SameMesh
 

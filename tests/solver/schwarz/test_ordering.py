@@ -7,7 +7,7 @@ import itertools
 import pytest
 
 import equimesh as em
-from equimesh.schwarz.ordering import turns
+from equimesh.schwarz.decomposition import turns
 
 GRID = em.Grid(n_xi=40, n_eta=40)
 

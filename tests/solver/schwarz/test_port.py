@@ -6,7 +6,7 @@ import pytest
 
 import equimesh as em
 from equimesh.equations.newton_solve import NewtonSolution
-from equimesh.schwarz.port import Outcome
+from equimesh.schwarz.subdomains import Outcome
 from solver.schwarz.solved import solved
 
 MESH = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))

@@ -9,10 +9,10 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
+from equimesh.schwarz.acceleration import Raspen, Slope
+from equimesh.schwarz.functionals import FunctionalSubdomains
 from equimesh.schwarz.holding.in_one_process import InOneProcess
-from equimesh.schwarz.port import Subdomains
-from equimesh.schwarz.raspen import Raspen, Slope
+from equimesh.schwarz.subdomains import Subdomains
 from solver.schwarz.bent import bent, yielding_subdomains
 
 KINDS = [em.Classical(), em.LinearRobin(), em.NonlinearRobin(), em.Optimized(data=em.LineData.LOCAL)]
@@ -75,7 +75,7 @@ def test_a_step_that_folds_is_halved_and_then_left_out(monkeypatch: pytest.Monke
     start, result = em.Mesh.uniform(case.grid), bent(case, 0.0)
     step = np.concatenate([(result.x - start.x).ravel(), (result.y - start.y).ravel()])
     raspen = Raspen(yielding_subdomains(case, em.Decomposition(grid=case.grid), em.Optimized()), 0.0)
-    monkeypatch.setattr("equimesh.schwarz.raspen.Slope", lambda *_: None)
+    monkeypatch.setattr("equimesh.schwarz.acceleration.Slope", lambda *_: None)
     for factor, share in ((1.0, 1.0), (8.0, 0.125), (1000.0, None)):
         monkeypatch.setattr(Raspen, "_step", lambda *_, factor=factor: factor * step)
         found = raspen.combine(start, result, [])

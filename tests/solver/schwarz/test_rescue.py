@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.schwarz import rescue as module
-from equimesh.schwarz.rescue import Rescue, newton_step
+from equimesh.schwarz import iteration as module
+from equimesh.schwarz.iteration import Rescue, newton_step
 from solver.schwarz.bent import bent, distance
 from solver.schwarz.runs import PAPER, WHOLE
 from solver.schwarz.solved import solved

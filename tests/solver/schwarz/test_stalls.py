@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 import equimesh as em
-from equimesh.schwarz.rescue import Rescue
-from equimesh.schwarz.stalls import Stalls
+from equimesh.schwarz.iteration import Rescue, Stalls
 from solver.schwarz.runs import PAPER, WHOLE
 from solver.schwarz.solved import solved
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.schwarz.window import SubdomainWindow
+from equimesh.schwarz.decomposition import SubdomainWindow
 
 GRID = em.Grid(n_xi=20, n_eta=14)
 BLOCKS = em.Decomposition(grid=GRID, subdomains=(3, 2), overlap=3)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import equimesh as em
-from equimesh.schwarz.families import subdomains_of
 from equimesh.schwarz.holding.in_one_process import InOneProcess
+from equimesh.schwarz.iteration import subdomains_of, traffic, work
 from equimesh.schwarz.records import SubdomainRecord
-from equimesh.schwarz.work import traffic, work
 from solver.schwarz.runs import PAPER
 
 SETTINGS = em.Schwarz(transmission=em.Classical(), subdomains=(2, 1), overlap=4)

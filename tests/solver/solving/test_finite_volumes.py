@@ -10,8 +10,7 @@ import pytest
 import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.meshes.mesh import Mesh
-from equimesh.quality.cell_centred import poisson_error
-from equimesh.quality.checks import check_cells
+from equimesh.quality.faces import check_cells, poisson_error
 from equimesh.solving.finite_volumes import USUAL_BOUND
 
 

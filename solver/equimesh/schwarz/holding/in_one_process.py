@@ -8,9 +8,8 @@ from equimesh.domains.domain import Domain, map_mesh
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
-from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.decomposition import Decomposition, SubdomainWindow
 from equimesh.schwarz.holding.port import Numbers, Place, WholeWork
-from equimesh.schwarz.window import SubdomainWindow
 
 
 class InOneProcess:

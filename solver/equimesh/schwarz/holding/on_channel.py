@@ -16,11 +16,10 @@ from equimesh.meshes.folding import largest_difference, smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.channel import Channel, Counted
 from equimesh.numerics.types import Array
-from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.decomposition import Decomposition, SubdomainWindow
 from equimesh.schwarz.holding.in_one_process import chain, product
 from equimesh.schwarz.holding.places import common, moved, rim
 from equimesh.schwarz.holding.port import Numbers, Place, WholeWork
-from equimesh.schwarz.window import SubdomainWindow
 
 # Grid lines beyond every interface that a process holds of a merged mesh.
 GHOSTS = 1

@@ -1,7 +1,7 @@
 """Rectangles of grid points: what two of them share, and the lines around a subdomain."""
 
+from equimesh.schwarz.decomposition import AXES, ENDS, SubdomainWindow
 from equimesh.schwarz.holding.port import Place
-from equimesh.schwarz.window import AXES, ENDS, SubdomainWindow
 
 
 def common(one: Place, other: tuple[slice, ...]) -> Place | None:

@@ -6,8 +6,7 @@ from typing import Protocol, TypeAlias
 from equimesh.domains.domain import Domain
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
-from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.window import SubdomainWindow
+from equimesh.schwarz.decomposition import Decomposition, SubdomainWindow
 
 Place: TypeAlias = tuple[slice, slice]
 """A rectangle of grid points."""

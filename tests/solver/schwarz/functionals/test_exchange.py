@@ -7,8 +7,7 @@ import numpy as np
 import equimesh as em
 from cases import problem
 from equimesh.numerics.channel import Channel, ThreadChannels
-from equimesh.schwarz.functionals.exchange import Exchange
-from equimesh.schwarz.functionals.subdomain import SubdomainProblem
+from equimesh.schwarz.functionals import Exchange, SubdomainProblem
 from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.holding.on_channel import OnChannel
 from solver.schwarz.bent import bent

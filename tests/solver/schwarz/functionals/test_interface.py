@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import NodalState
-from equimesh.schwarz.functionals.interface import Interface, InterfaceCorner, InterfaceData
+from equimesh.schwarz.functionals import Interface, InterfaceCorner, InterfaceData
 
 CASE = problem("ring", 6, 5)
 

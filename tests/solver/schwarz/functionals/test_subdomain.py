@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.schwarz.conditions import PairOfFunctionals
-from equimesh.schwarz.functionals.subdomain import SubdomainProblem
+from equimesh.schwarz.functionals import SubdomainProblem
 from solver.schwarz.neighbours import SameMesh
 
 CASE = problem("paper", 18, 16)

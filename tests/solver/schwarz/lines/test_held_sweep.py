@@ -10,7 +10,7 @@ from cases import problem
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.holding.on_channel import OnChannel
-from equimesh.schwarz.lines.held_sweep import HeldSweep
+from equimesh.schwarz.line_corrections import HeldSweep
 from equimesh.sweeps.sweep import Sweep, memory_needed
 from solver.schwarz.bent import bent
 

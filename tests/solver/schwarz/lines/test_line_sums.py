@@ -8,11 +8,11 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.numerics.channel import Channel, ThreadChannels
+from equimesh.schwarz import line_corrections
+from equimesh.schwarz.decomposition import SubdomainWindow
 from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.holding.on_channel import OnChannel
-from equimesh.schwarz.lines import segments
-from equimesh.schwarz.lines.line_sums import WholeLineSums, interfaces, line_sums
-from equimesh.schwarz.window import SubdomainWindow
+from equimesh.schwarz.line_corrections import WholeLineSums, interfaces, line_sums
 from solver.schwarz.bent import bent
 from solver.schwarz.lines.test_segments import edge_lengths
 
@@ -21,7 +21,7 @@ SHAPE = (23, 17)
 
 @pytest.mark.parametrize("rows", [64, 5])
 def test_they_are_the_sums_of_the_edges(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(segments, "MAX_ROWS", rows)
+    monkeypatch.setattr(line_corrections, "MAX_ROWS", rows)
     case = problem("ring", *SHAPE)
     mesh = bent(case, 0.01)
     along_xi, along_eta = edge_lengths(case, mesh)
@@ -39,7 +39,7 @@ def test_they_are_the_sums_of_the_edges(rows: int, monkeypatch: pytest.MonkeyPat
 def test_neighbours_pass_on_the_same_sums_to_the_last_bit(
     subdomains: tuple[int, int], parts: int, boundary: em.Boundary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(segments, "MAX_ROWS", 5)
+    monkeypatch.setattr(line_corrections, "MAX_ROWS", 5)
     case = problem("ring", *SHAPE, boundary=boundary)
     decomposition = em.Decomposition(grid=case.grid, subdomains=subdomains, overlap=3)
     windows = [SubdomainWindow(decomposition, part, 1) for part in decomposition.parts]

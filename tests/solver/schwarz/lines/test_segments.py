@@ -9,8 +9,8 @@ import equimesh as em
 from cases import problem
 from equimesh.equations.boundary import SideLine, sides
 from equimesh.equations.mesh_equations import Cells
-from equimesh.schwarz.lines import segments as module
-from equimesh.schwarz.lines.segments import Segments
+from equimesh.schwarz import line_corrections as module
+from equimesh.schwarz.line_corrections import Segments
 from solver.schwarz.bent import bent
 
 SHAPE = (23, 17)

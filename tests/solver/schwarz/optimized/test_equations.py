@@ -6,7 +6,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.local_sweeps import SubdomainSweeps
+from equimesh.schwarz.subdomains import SubdomainSweeps
 from solver.schwarz.bent import bent, distance, yielding_subdomains
 
 SECTOR = em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0))

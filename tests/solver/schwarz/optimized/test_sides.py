@@ -7,9 +7,9 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.lines.line_sums import WholeLineSums
-from equimesh.schwarz.optimized.sides import sides
-from equimesh.schwarz.window import SubdomainWindow
+from equimesh.schwarz.decomposition import SubdomainWindow
+from equimesh.schwarz.line_corrections import WholeLineSums
+from equimesh.schwarz.optimized import yielding_sides
 from solver.schwarz.bent import bent
 
 CASE = problem("paper", 20, 17)
@@ -23,7 +23,7 @@ def rests(mesh: em.Mesh, *, local: bool = False) -> tuple[np.ndarray, np.ndarray
     sums = WholeLineSums(CASE, ({MIDDLE.columns[0], MIDDLE.columns[-1]}, set()))
     sums.read(mesh)
     state = window.restrict(mesh)
-    lower, upper = sides(CASE.metric, window, state, sums, local=local).rest(state.x, state.y)[0]
+    lower, upper = yielding_sides(CASE.metric, window, state, sums, local=local).rest(state.x, state.y)[0]
     return lower, upper
 
 
@@ -51,7 +51,7 @@ def test_the_rest_follows_the_interface_as_the_sums_do(end: int) -> None:
     sums = WholeLineSums(flat, ({MIDDLE.columns[0], MIDDLE.columns[-1]}, set()))
     sums.read(uniform)
     state = window.restrict(uniform)
-    found = sides(flat.metric, window, state, sums, local=False)
+    found = yielding_sides(flat.metric, window, state, sums, local=False)
     step = 1e-4
     moved = state.x.copy()
     moved[-2 if end else 1] += step

@@ -7,8 +7,8 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.lines.line_sums import WholeLineSums
-from equimesh.schwarz.optimized.slopes import EdgeSlopes
+from equimesh.schwarz.line_corrections import WholeLineSums
+from equimesh.schwarz.optimized import EdgeSlopes
 from solver.schwarz.bent import bent
 
 

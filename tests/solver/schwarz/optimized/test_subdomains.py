@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.newton_solve import NewtonSolution
-from equimesh.schwarz.local_sweeps import SubdomainSweeps
+from equimesh.schwarz.subdomains import SubdomainSweeps
 
 
 def test_newton_helps_where_sweeps_fail(monkeypatch: pytest.MonkeyPatch) -> None:
