@@ -10,12 +10,7 @@
         mesh.download("mesh.vtu")
 """
 
-from equimesh_client.aio.client import AsyncClient
-from equimesh_client.aio.mesh import AsyncMesh
-from equimesh_client.aio.sequence import AsyncSequence
-from equimesh_client.blocking.client import Client
-from equimesh_client.blocking.mesh import Mesh
-from equimesh_client.blocking.sequence import Sequence
+from equimesh_client.client import AsyncClient, Client
 from equimesh_client.errors import (
     BadArgument,
     Conflict,
@@ -38,11 +33,13 @@ from equimesh_client.errors import (
     TooLarge,
     Unauthorized,
 )
+from equimesh_client.mesh import AsyncMesh, Mesh
 from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.parts import FileOfParts, PartRecord, Parts
 from equimesh_client.records.quality import Measure, Quality
 from equimesh_client.records.sequences import SequenceRecord
 from equimesh_client.records.state import Progress
+from equimesh_client.sequence import AsyncSequence, Sequence
 from equimesh_client.spec.blocks import Blocks, MeshFile
 from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
 from equimesh_client.spec.fields import Field

@@ -104,7 +104,7 @@ def complete_options(options: MeshOptions, method: Callable[..., object]) -> Mes
     """
     unknown = [name for name in options if name not in DEFAULTS]
     if unknown:
-        names = [*DEFAULTS, *(name for name in inspect.signature(method).parameters if name != "options")]
+        names = [*DEFAULTS, *(name for name in inspect.signature(method).parameters if name not in ("self", "options"))]
         nearest = get_close_matches(unknown[0], names, n=1)
         advice = f"did you mean {nearest[0]!r}?" if nearest else f"it has {', '.join(names)}"
         raise TypeError(f"{method.__name__}() has no option {unknown[0]!r}; {advice}")

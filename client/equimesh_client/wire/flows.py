@@ -1,4 +1,4 @@
-"""The work of the client, as generators without I/O that both sessions drive.
+"""The work of the client, as generators without I/O that a session drives.
 
 A flow yields steps and is sent their outcomes: a :class:`Send` is answered with a :class:`Reply` or a
 :class:`Disconnected`, a :class:`Pause` and a :class:`Report` with None. What a flow returns is its result.

@@ -6,9 +6,10 @@ for the blocking client by the connections of `punctual`.
 
 import asyncio
 import ipaddress
-from collections.abc import AsyncIterator, Iterator, Mapping
-from contextlib import asynccontextmanager, contextmanager
-from typing import Any
+import time
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import Any, Protocol
 
 import httpx
 
@@ -92,7 +93,27 @@ class _Body:
         return Reply(status=self._head.status, headers=self._head.headers, body=b"".join(self._chunks))
 
 
-class SyncTransport:
+class Transport(Protocol):
+    """The input and output of a client. The methods of a blocking one never suspend."""
+
+    def __init__(self, url: str, headers: Mapping[str, str]) -> None: ...
+
+    async def send(self, step: Send) -> Reply | Disconnected:
+        """The answer, or the reason why there is none."""
+
+    def stream(
+        self, call: Call, timeout: float, deadline: Deadline
+    ) -> AbstractAsyncContextManager[tuple[Reply, AsyncIterator[bytes]]]:
+        """The head of an answer (with the body of a failure) and its chunks; raises :class:`Dropped`."""
+
+    async def sleep(self, seconds: float) -> None:
+        """Sleep."""
+
+    async def close(self) -> None:
+        """Close all connections."""
+
+
+class BlockingTransport:
     """Blocking requests over one pool of connections."""
 
     def __init__(self, url: str, headers: Mapping[str, str]) -> None:
@@ -103,7 +124,7 @@ class SyncTransport:
             if isinstance(transport, httpx.HTTPTransport):
                 transport._pool._network_backend = self._punctual.over(transport._pool._network_backend)
 
-    def send(self, step: Send) -> Reply | Disconnected:
+    async def send(self, step: Send) -> Reply | Disconnected:
         """The answer, or the reason why there is none."""
         try:
             with self._punctual.until(step.deadline):
@@ -118,8 +139,10 @@ class SyncTransport:
         except (httpx.RequestError, Dropped) as error:
             return Disconnected(reason=_reason(error))
 
-    @contextmanager
-    def stream(self, call: Call, timeout: float, deadline: Deadline) -> Iterator[tuple[Reply, Iterator[bytes]]]:
+    @asynccontextmanager
+    async def stream(
+        self, call: Call, timeout: float, deadline: Deadline
+    ) -> AsyncIterator[tuple[Reply, AsyncIterator[bytes]]]:
         """The head of an answer (with the body of a failure) and its chunks; raises :class:`Dropped`."""
         try:
             with self._punctual.until(deadline):
@@ -127,13 +150,13 @@ class SyncTransport:
             try:
                 with self._punctual.until(deadline):
                     body = response.read() if response.status_code != 200 else b""
-                yield _head(response, body), iter(()) if body else self._chunks(response, deadline)
+                yield _head(response, body), self._chunks(response, deadline)
             finally:
                 response.close()
         except httpx.RequestError as error:
             raise Dropped(_reason(error)) from error
 
-    def _chunks(self, response: httpx.Response, deadline: Deadline) -> Iterator[bytes]:
+    async def _chunks(self, response: httpx.Response, deadline: Deadline) -> AsyncIterator[bytes]:
         chunks = response.iter_bytes()
         while True:
             # not around the yield: between two chunks the same thread may send other requests
@@ -143,7 +166,11 @@ class SyncTransport:
                 return
             yield chunk
 
-    def close(self) -> None:
+    async def sleep(self, seconds: float) -> None:
+        """Sleep."""
+        time.sleep(seconds)
+
+    async def close(self) -> None:
         """Close all connections."""
         self._client.close()
 
@@ -199,6 +226,10 @@ class AsyncTransport:
             if chunk is None:
                 return
             yield chunk
+
+    async def sleep(self, seconds: float) -> None:
+        """Sleep."""
+        await asyncio.sleep(seconds)
 
     async def close(self) -> None:
         """Close all connections."""

@@ -1,11 +1,14 @@
-"""Meshes that follow a time-stepper, for the blocking client."""
+"""Meshes that follow a time-stepper, for both clients."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any, Unpack
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+from typing import Any, Generic, TypeVar, Unpack
 
 import numpy.typing as npt
 
-from equimesh_client.blocking.mesh import Mesh
+from equimesh_client.mesh import AsyncMesh, M, Mesh
+from equimesh_client.operation import Awaiting, Blocking, operation
 from equimesh_client.records.sequences import SequenceRecord
 from equimesh_client.spec.fields import Field
 from equimesh_client.spec.mesh import MeshOptions, complete_options
@@ -18,15 +21,21 @@ from equimesh_client.wire.session import Session
 from equimesh_client.wire.steps import SequenceState, SequenceStep
 from equimesh_schema.monitors import AnyMonitor as Monitor
 
+S = TypeVar("S", bound="SequenceOperations[Any]")
+"""The class of the sequences of a client."""
 
-class Sequence(SequenceState):
-    """A mesh that moves with u. ``current`` is its last step, with the arrays of that mesh."""
+
+class SequenceOperations(SequenceState, Generic[M]):
+    """What a sequence of either client does."""
+
+    _mesh: type[M]
 
     def __init__(self, session: Session, record: Mapping[str, Any], current: SequenceStep) -> None:
         super().__init__(record, current)
         self._session = session
 
-    def step(
+    @operation
+    async def step(
         self,
         u: object = None,
         fields: Mapping[str, npt.ArrayLike | Field] | None = None,
@@ -53,25 +62,30 @@ class Sequence(SequenceState):
         """
         given = steps.StepArguments(u=u, fields=fields, monitor=monitor, parameters=parameters, t=t, motion=motion)
         call = steps.step_call(self.id, self.current, given)
-        self.current = self._session.run(steps.advance(call, self._session.settings, Deadline.after(deadline)))
+        self.current = await self._session.run(steps.advance(call, self._session.settings, Deadline.after(deadline)))
         return self.current
 
-    def mesh(self, *, deadline: float | None = None) -> Mesh:
+    @operation
+    async def mesh(self, *, deadline: float | None = None) -> M:
         """The current mesh, with its quality, its files and its pictures."""
-        return Mesh(self._session, self._session.fetch(protocol.get_mesh(self.current.mesh_id), deadline))
+        return self._mesh(self._session, await self._session.fetch(protocol.get_mesh(self.current.mesh_id), deadline))
 
-    def delete(self, *, deadline: float | None = None) -> None:
+    @operation
+    async def delete(self, *, deadline: float | None = None) -> None:
         """Delete the sequence and its meshes at the service."""
-        self._session.delete(protocol.sequence(self.id, method="DELETE"), deadline)
+        await self._session.delete(protocol.sequence(self.id, method="DELETE"), deadline)
 
 
-class Sequences:
-    """The sequences of a service: ``client.sequences``."""
+class SequencesOperations(Generic[S]):
+    """What the sequences of either client do."""
+
+    _sequence: type[S]
 
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def start(
+    @operation
+    async def start(
         self,
         u: object = None,
         n: int | tuple[int, int] = 64,
@@ -79,23 +93,49 @@ class Sequences:
         keep: int = 2,
         deadline: float = DEADLINE_SECONDS,
         **options: Unpack[MeshOptions],
-    ) -> Sequence:
+    ) -> S:
         """A sequence with its first mesh, adapted to ``u``; the arguments are those of :meth:`Client.generate`.
 
         The service keeps the last ``keep`` meshes. A domain of blocks has numbers of cells of its own: leave ``n`` out.
         """
-        arguments = GenerateArguments(u=u, n=n, options=complete_options(options, self.start))
+        arguments = GenerateArguments(u=u, n=n, options=complete_options(options, type(self).start))
         flow = steps.begin(arguments, keep, self._session.settings, Deadline.after(deadline))
-        return Sequence(self._session, *self._session.run(flow))
+        return self._sequence(self._session, *(await self._session.run(flow)))
 
-    def get(self, sequence_id: str, *, deadline: float = DEADLINE_SECONDS) -> Sequence:
+    @operation
+    async def get(self, sequence_id: str, *, deadline: float = DEADLINE_SECONDS) -> S:
         """The sequence of that id at its current step, from which it continues; raises :class:`NotFound`."""
         flow = steps.look(sequence_id, self._session.settings, Deadline.after(deadline))
-        return Sequence(self._session, *self._session.run(flow))
+        return self._sequence(self._session, *(await self._session.run(flow)))
 
-    def list(self, *, limit: int | None = None, deadline: float | None = None) -> Iterator[SequenceRecord]:
+    @operation
+    async def list(self, *, limit: int | None = None, deadline: float | None = None) -> AsyncIterator[SequenceRecord]:
         """The sequences, newest first, at most ``limit``; fetched page by page, each within ``deadline``."""
         pages = SequencePages(limit=limit)
         while pages.more:
-            page = self._session.fetch(pages.next_call(), deadline)
-            yield from map(SequenceRecord.from_json, pages.records(page))
+            for record in pages.records(await self._session.fetch(pages.next_call(), deadline)):
+                yield SequenceRecord.from_json(record)
+
+
+class Sequence(Blocking, SequenceOperations[Mesh]):
+    """A mesh that moves with u. ``current`` is its last step, with the arrays of that mesh."""
+
+    _mesh = Mesh
+
+
+class Sequences(Blocking, SequencesOperations[Sequence]):
+    """The sequences of a service: ``client.sequences``."""
+
+    _sequence = Sequence
+
+
+class AsyncSequence(Awaiting, SequenceOperations[AsyncMesh]):
+    """A mesh that moves with u, for asyncio. ``current`` is its last step, with the arrays of that mesh."""
+
+    _mesh = AsyncMesh
+
+
+class AsyncSequences(Awaiting, SequencesOperations[AsyncSequence]):
+    """The sequences of a service, for asyncio: ``client.sequences``."""
+
+    _sequence = AsyncSequence

@@ -1,42 +1,42 @@
-"""The blocking client. Its twin for asyncio is in ``equimesh_client.aio.client``."""
+"""The clients, blocking and for asyncio, with one definition of what they do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from abc import ABC, abstractmethod
+from asyncio import CancelledError
+from collections.abc import AsyncIterator, Mapping
+from inspect import isawaitable
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, ClassVar, Generic, Unpack
 
-from equimesh_client.blocking.mesh import Mesh
-from equimesh_client.blocking.sequence import Sequences
 from equimesh_client.errors import DeadlineExceeded
+from equimesh_client.mesh import AsyncMesh, M, Mesh
+from equimesh_client.operation import Awaiting, Blocking, operation
 from equimesh_client.progress_bar import Watch
+from equimesh_client.sequence import AsyncSequences, Sequences
 from equimesh_client.spec.domains import Domain, domain_json
 from equimesh_client.spec.mesh import MeshOptions, complete_options
 from equimesh_client.spec.request import GenerateArguments, request_of_spec
 from equimesh_client.spec.sources import StoredSamples, read_mesh_file
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve
+from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
 from equimesh_client.wire.key import headers_with_key
 from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.pages import Pages
 from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import Session
-from equimesh_client.wire.transport import base_url
+from equimesh_client.wire.transport import Transport, base_url
 from equimesh_coupling.adaptation import Adaptation
 from equimesh_schema.monitors import Norm
 
 
-class Client:
-    """A service of adaptive meshes; a context manager.
+class ClientOperations(ABC, Generic[M]):
+    """What either client does."""
 
-    ``timeout``: seconds that a single answer may take. ``retries``: further attempts after a lost connection, 429,
-    502, 503 or 504, or a :class:`RetryPolicy`. ``key``: the API key; by default that of the environment variable
-    EQUIMESH_KEY, ``""`` for none. ``headers``: sent with every request.
-
-    Every method that waits for the service takes a ``deadline`` in seconds, after which it raises
-    :class:`DeadlineExceeded`. A default of None allows all attempts of ``timeout`` seconds.
-    """
+    _mesh: type[M]
+    _transport: ClassVar[type[Transport]]
 
     def __init__(
         self,
@@ -48,17 +48,15 @@ class Client:
         headers: Mapping[str, str] | None = None,
     ) -> None:
         settings = Settings(url=base_url(url), timeout=timeout, policy=policy_of(retries))
-        self._session = Session(settings, headers_with_key(headers, key))
-        self.meshes = Meshes(self._session)
-        self.samples = SamplesStore(self._session)
-        self.sequences = Sequences(self._session)
+        self._session = Session(settings, self._transport(settings.url, headers_with_key(headers, key)))
 
     @property
     def url(self) -> str:
         """The address of the service."""
         return self._session.settings.url
 
-    def generate(
+    @operation
+    async def generate(
         self,
         u: object = None,
         n: int | tuple[int, int] = 64,
@@ -69,7 +67,7 @@ class Client:
         deadline: float = DEADLINE_SECONDS,
         progress: bool | None = None,
         **options: Unpack[MeshOptions],
-    ) -> Mesh:
+    ) -> M:
         """The finished mesh of ``n`` points a side (or ``(n_xi, n_eta)``) that is adapted to ``u``.
 
         ``u`` is an expression in x and y; a 2-D array of values on the uniform grid of the domain's box, first index
@@ -81,30 +79,31 @@ class Client:
         earlier mesh of the same request, which ``mesh.reused_from`` names. ``progress`` shows a bar; None shows it on
         a terminal only.
 
-        When the deadline (seconds) passes or the wait is interrupted, the mesh is canceled. Raises
-        :class:`MeshFailed`, :class:`InvalidInput` and the rest of the tree in ``errors``.
+        When the deadline (seconds) passes, or the wait is interrupted or its task canceled, the mesh is canceled.
+        Raises :class:`MeshFailed`, :class:`InvalidInput` and the rest of the tree in ``errors``.
         """
-        complete = complete_options(options, self.generate)
+        complete = complete_options(options, type(self).generate)
         arguments = GenerateArguments(u=u, n=n, options=complete, initial=initial, cells=cells, reuse=reuse)
-        return self._generate(arguments, deadline, progress)
+        return await self._generate(arguments, deadline, progress)
 
-    def _generate(self, arguments: GenerateArguments, deadline: float, progress: bool | None) -> Mesh:
+    async def _generate(self, arguments: GenerateArguments, deadline: float, progress: bool | None) -> M:
         limit, settings = Deadline.after(deadline), self._session.settings
-        request = self._session.run(flows.prepare(arguments, settings, limit))
+        request = await self._session.run(flows.prepare(arguments, settings, limit))
         mesh = None
         try:
             with Watch(progress) as watch:
                 hold = flows.hold_seconds(limit, watched=watch.shown)
                 flow = flows.create(request, settings, wait=hold, deadline=limit)
-                mesh = Mesh(self._session, self._session.run(flow))
-                mesh._wait(limit, watch)
-        except (DeadlineExceeded, KeyboardInterrupt):
-            self._session.run(flows.abandon(request, mesh.id if mesh else None, settings))
+                mesh = self._mesh(self._session, await self._session.run(flow))
+                await mesh._wait(limit, watch)
+        except (DeadlineExceeded, KeyboardInterrupt, CancelledError):
+            await self._session.run(flows.abandon(request, mesh.id if mesh else None, settings))
             raise
         raise_unless_succeeded(mesh)
         return mesh
 
-    def adapt(
+    @operation
+    async def adapt(
         self,
         solve: Solve,
         n: int | tuple[int, int] | None = None,
@@ -114,7 +113,7 @@ class Client:
         norm: Norm = "l2",
         observe: Observe | None = None,
         deadline: float = DEADLINE_SECONDS,
-    ) -> Adaptation[Mesh]:
+    ) -> Adaptation[M]:
         """The mesh of ``n`` points a side, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.
 
         On a domain of blocks, ``Blocks`` or ``MeshFile``, ``n`` is left out: the mesh has the cells of the blocks. An
@@ -126,20 +125,24 @@ class Client:
         most ``rounds`` times. ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``, and by
         which rounds are ranked. ``observe`` is called with every round. ``deadline`` is that of each mesh, in seconds.
 
+        With :class:`AsyncClient` it gets the arrays of the mesh, whose ``to_skfem()`` and other methods need no await,
+        and returns its solution or an awaitable of it.
+
         Raises ``BadValues`` where the values of the first solve cannot be used, and what the first solve raises. Later
         the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the exception. Raises
         :class:`BadArgument` for arguments that cannot be used.
         """
-        loop: AdaptLoop[Mesh] = AdaptLoop(solve=solve, n=n, domain=domain, rounds=rounds, norm=norm)
+        loop: AdaptLoop[M] = AdaptLoop(solve=solve, n=n, domain=domain, rounds=rounds, norm=norm)
         settings = self._session.settings
-        loop.domain = self._session.run(flows.stored_domain(domain, settings, Deadline.after(deadline)))
-        mesh = self._generate(loop.first(), deadline, False)
+        loop.domain = await self._session.run(flows.stored_domain(domain, settings, Deadline.after(deadline)))
+        mesh = await self._generate(loop.first(), deadline, False)
         while True:
             try:
-                answered = loop.receive(mesh.arrays(), solve(mesh))
+                arrays = await mesh._fetched(deadline)
+                answered = loop.receive(arrays, await self._solved(solve, mesh, arrays))
                 request = loop.next(answered)
-                after = None if request is None else self._generate(request, deadline, False)
-                moved = None if after is None else after.arrays()
+                after = None if request is None else await self._generate(request, deadline, False)
+                moved = None if after is None else await after._fetched(deadline)
             except Exception as failure:
                 if not loop.done:
                     raise
@@ -151,7 +154,8 @@ class Client:
                 return loop.ended()
             mesh = after
 
-    def check(
+    @operation
+    async def check(
         self,
         expression: str,
         *,
@@ -165,30 +169,33 @@ class Client:
         Raises :class:`InvalidInput` with the position of a fault.
         """
         domain = None if domain is None else domain_json(domain)
-        return self._session.fetch(protocol.check_expression(expression, parameters, t, domain), deadline)
+        return await self._session.fetch(protocol.check_expression(expression, parameters, t, domain), deadline)
 
-    def capabilities(self, *, deadline: float | None = None) -> dict[str, Any]:
+    @operation
+    async def capabilities(self, *, deadline: float | None = None) -> dict[str, Any]:
         """Formats, limits, functions and transmission conditions of the service."""
-        return self._session.fetch(protocol.capabilities(), deadline)
+        return await self._session.fetch(protocol.capabilities(), deadline)
 
-    def close(self) -> None:
+    @operation
+    async def close(self) -> None:
         """Close all connections."""
-        self._session.close()
+        await self._session.close()
 
-    def __enter__(self) -> Client:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    @abstractmethod
+    async def _solved(self, solve: Solve, mesh: M, arrays: MeshArrays) -> object:
+        """What the solver returns on a mesh with these arrays."""
 
 
-class Meshes:
-    """The meshes of a service: ``client.meshes``."""
+class MeshesOperations(Generic[M]):
+    """What the meshes of either client do."""
+
+    _mesh: type[M]
 
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def create(
+    @operation
+    async def create(
         self,
         spec: Mapping[str, Any],
         *,
@@ -197,7 +204,7 @@ class Meshes:
         reuse: bool = True,
         wait: int = 0,
         deadline: float | None = None,
-    ) -> Mesh:
+    ) -> M:
         """A new mesh, from a complete spec of the HTTP interface; returns before it is finished.
 
         The service holds its answer back for up to ``wait`` seconds, until the mesh is finished. ``samples`` are
@@ -207,35 +214,38 @@ class Meshes:
         request, settings = request_of_spec(spec, samples, idempotency_key, reuse=reuse), self._session.settings
         limit = settings.deadline(settings.attempts + wait if deadline is None else deadline)
         flow = flows.create(request, settings, wait=wait, deadline=limit)
-        return Mesh(self._session, self._session.run(flow))
+        return self._mesh(self._session, await self._session.run(flow))
 
-    def get(self, mesh_id: str, *, deadline: float | None = None) -> Mesh:
+    @operation
+    async def get(self, mesh_id: str, *, deadline: float | None = None) -> M:
         """The mesh of that id; raises :class:`NotFound`."""
-        return Mesh(self._session, self._session.fetch(protocol.get_mesh(mesh_id), deadline))
+        return self._mesh(self._session, await self._session.fetch(protocol.get_mesh(mesh_id), deadline))
 
-    def list(
+    @operation
+    async def list(
         self,
         *,
         status: str | None = None,
         label: str | None = None,
         limit: int | None = None,
         deadline: float | None = None,
-    ) -> Iterator[Mesh]:
+    ) -> AsyncIterator[M]:
         """The meshes, newest first, at most ``limit``; fetched page by page, each within ``deadline``."""
         pages = Pages(status=status, label=label, limit=limit)
         while pages.more:
-            page = self._session.fetch(pages.next_call(), deadline)
+            page = await self._session.fetch(pages.next_call(), deadline)
             for record in pages.records(page):
-                yield Mesh(self._session, record)
+                yield self._mesh(self._session, record)
 
 
-class SamplesStore:
-    """The stored samples of a service: ``client.samples``."""
+class SamplesOperations:
+    """What the stored samples of either client do."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def upload(
+    @operation
+    async def upload(
         self,
         u: object,
         *,
@@ -249,18 +259,113 @@ class SamplesStore:
         """
         settings = self._session.settings
         flow = flows.upload(u, n_samples, domain, settings, settings.deadline(deadline))
-        return StoredSamples.from_json(self._session.run(flow))
+        return StoredSamples.from_json(await self._session.run(flow))
 
-    def upload_mesh(self, path: str | Path, *, deadline: float | None = None) -> StoredSamples:
+    @operation
+    async def upload_mesh(self, path: str | Path, *, deadline: float | None = None) -> StoredSamples:
         """A mesh file stored once; ``MeshFile(file=stored.id)`` is then the domain of any number of meshes."""
         call = protocol.upload_mesh(read_mesh_file(path))
-        return StoredSamples.from_json(self._session.fetch(call, deadline))
+        return StoredSamples.from_json(await self._session.fetch(call, deadline))
 
-    def get(self, samples_id: str, *, deadline: float | None = None) -> StoredSamples:
+    @operation
+    async def get(self, samples_id: str, *, deadline: float | None = None) -> StoredSamples:
         """The stored samples of that id."""
-        return StoredSamples.from_json(self._session.fetch(protocol.stored_samples(samples_id), deadline))
+        return StoredSamples.from_json(await self._session.fetch(protocol.stored_samples(samples_id), deadline))
 
-    def delete(self, samples: str | StoredSamples, *, deadline: float | None = None) -> None:
+    @operation
+    async def delete(self, samples: str | StoredSamples, *, deadline: float | None = None) -> None:
         """Delete stored samples."""
         samples_id = samples if isinstance(samples, str) else samples.id
-        self._session.delete(protocol.stored_samples(samples_id, method="DELETE"), deadline)
+        await self._session.delete(protocol.stored_samples(samples_id, method="DELETE"), deadline)
+
+
+class Meshes(Blocking, MeshesOperations[Mesh]):
+    """The meshes of a service: ``client.meshes``."""
+
+    _mesh = Mesh
+
+
+class SamplesStore(Blocking, SamplesOperations):
+    """The stored samples of a service: ``client.samples``."""
+
+
+class Client(Blocking, ClientOperations[Mesh]):
+    """A service of adaptive meshes; a context manager.
+
+    ``timeout``: seconds that a single answer may take. ``retries``: further attempts after a lost connection, 429,
+    502, 503 or 504, or a :class:`RetryPolicy`. ``key``: the API key; by default that of the environment variable
+    EQUIMESH_KEY, ``""`` for none. ``headers``: sent with every request.
+
+    Every method that waits for the service takes a ``deadline`` in seconds, after which it raises
+    :class:`DeadlineExceeded`. A default of None allows all attempts of ``timeout`` seconds.
+    """
+
+    _mesh = Mesh
+
+    @property
+    def meshes(self) -> Meshes:
+        """The meshes of the service."""
+        return Meshes(self._session)
+
+    @property
+    def samples(self) -> SamplesStore:
+        """The stored samples of the service."""
+        return SamplesStore(self._session)
+
+    @property
+    def sequences(self) -> Sequences:
+        """The sequences of the service."""
+        return Sequences(self._session)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    async def _solved(self, solve: Solve, mesh: Mesh, arrays: MeshArrays) -> object:  # noqa: ARG002
+        return solve(mesh)
+
+
+class AsyncMeshes(Awaiting, MeshesOperations[AsyncMesh]):
+    """The meshes of a service, for asyncio: ``client.meshes``."""
+
+    _mesh = AsyncMesh
+
+
+class AsyncSamplesStore(Awaiting, SamplesOperations):
+    """The stored samples of a service, for asyncio: ``client.samples``."""
+
+
+class AsyncClient(Awaiting, ClientOperations[AsyncMesh]):
+    """A service of adaptive meshes; an asynchronous context manager. Arguments are those of :class:`Client`.
+
+    Every method does what the method of that name of :class:`Client` does, and raises the same exceptions.
+    """
+
+    _mesh = AsyncMesh
+
+    @property
+    def meshes(self) -> AsyncMeshes:
+        """The meshes of the service."""
+        return AsyncMeshes(self._session)
+
+    @property
+    def samples(self) -> AsyncSamplesStore:
+        """The stored samples of the service."""
+        return AsyncSamplesStore(self._session)
+
+    @property
+    def sequences(self) -> AsyncSequences:
+        """The sequences of the service."""
+        return AsyncSequences(self._session)
+
+    async def __aenter__(self) -> AsyncClient:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    async def _solved(self, solve: Solve, mesh: AsyncMesh, arrays: MeshArrays) -> object:  # noqa: ARG002
+        returned = solve(arrays)
+        return await returned if isawaitable(returned) else returned
