@@ -117,8 +117,9 @@ def each(items: AsyncGenerator[T, None]) -> Iterator[T]:
     async def following() -> Any:
         return await anext(items, END)
 
-    try:
-        while (item := finish(following())) is not END:
+    while (item := finish(following())) is not END:
+        try:
             yield item
-    finally:
-        finish(items.aclose())
+        except BaseException:  # also that it is closed
+            finish(items.aclose())
+            raise

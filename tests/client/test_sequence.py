@@ -1,4 +1,4 @@
-"""Sequences through both clients, on a real service: steps, what is raised, and answers that get lost."""
+"""Sequences on a real service: steps, what is raised, and answers that get lost. Many tests run with both clients."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from equimesh_client import (
     Weight,
 )
 from equimesh_client.wire.session import Session
-from equimesh_client.wire.transport import SyncTransport
+from equimesh_client.wire.transport import BlockingTransport
 from equimesh_coupling import BadValues, ErrorIndicator
 from equimesh_service import Settings, running
 from service.conftest import until
@@ -39,43 +39,43 @@ def front(x: Any, y: Any, moved: float) -> Any:
     return np.tanh(15.0 * (x + y / 2 - 0.6 - moved))
 
 
-def test_a_sequence_steps_and_ends(url: str) -> None:
-    with Client(url) as client:
-        sequence = client.sequences.start("tanh(15*(x + y/2 - 0.6))", (13, 17), keep=3)
-        before = sequence.x
-        one = sequence.step(lambda x, y: front(x, y, 0.05), {"p": sequence.x - sequence.y})
-        assert (one.number, one.u.shape, sequence.current) == (1, (13, 17), one)
-        assert np.abs(one.fields["p"] - (one.x - one.y)).max() < 1e-12
-        assert np.abs(one.x - before).max() > 0.005
-        two = sequence.step("tanh(15*(x + y/2 - 0.6 - t))", t=0.1)
-        assert (two.number, dict(two.fields)) == (2, {})
-        assert np.abs(two.u - front(two.x, two.y, 0.1)).max() < 1e-12
-        other = client.sequences.get(sequence.id)
-        np.testing.assert_array_equal(other.x, two.x)
-        other.step(front(other.x, other.y, 0.11))
-        with pytest.raises(Conflict, match="at step 3, not 2"):
-            sequence.step(front(sequence.x, sequence.y, 0.12))
-        with pytest.raises(InvalidInput, match="transpose"):
-            other.step(other.x.T)
-        with pytest.raises(BadArgument, match="belong to an expression"):
-            other.step(other.x, t=1.0)
-        assert other.mesh().quality.q_eq.max > 1.0
-        other.delete()
-        with pytest.raises(NotFound):
-            client.sequences.get(sequence.id)
+def test_a_sequence_steps_and_ends(connect: Any, url: str) -> None:
+    client = connect(url, timeout=30.0)
+    sequence = client.sequences.start("tanh(15*(x + y/2 - 0.6))", (13, 17), keep=3)
+    before = sequence.x
+    one = sequence.step(lambda x, y: front(x, y, 0.05), {"p": sequence.x - sequence.y})
+    assert (one.number, one.u.shape, sequence.current) == (1, (13, 17), one)
+    assert np.abs(one.fields["p"] - (one.x - one.y)).max() < 1e-12
+    assert np.abs(one.x - before).max() > 0.005
+    two = sequence.step("tanh(15*(x + y/2 - 0.6 - t))", t=0.1)
+    assert (two.number, dict(two.fields)) == (2, {})
+    assert np.abs(two.u - front(two.x, two.y, 0.1)).max() < 1e-12
+    other = client.sequences.get(sequence.id)
+    np.testing.assert_array_equal(other.x, two.x)
+    other.step(front(other.x, other.y, 0.11))
+    with pytest.raises(Conflict, match="at step 3, not 2"):
+        sequence.step(front(sequence.x, sequence.y, 0.12))
+    with pytest.raises(InvalidInput, match="transpose"):
+        other.step(other.x.T)
+    with pytest.raises(BadArgument, match="belong to an expression"):
+        other.step(other.x, t=1.0)
+    assert other.mesh().quality.q_eq.max > 1.0
+    other.delete()
+    with pytest.raises(NotFound):
+        client.sequences.get(sequence.id)
 
 
 def test_a_step_says_all_after_one_round_trip(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with Client(url) as client:
         sequence = client.sequences.start("tanh(15*(x + y/2 - 0.6))", (13, 17))
         assert (sequence.current.status, sequence.current.velocity) == ("succeeded", None)
-        send, calls = SyncTransport.send, []
+        send, calls = BlockingTransport.send, []
 
-        def count(transport: SyncTransport, step: Any) -> Any:
+        async def count(transport: BlockingTransport, step: Any) -> Any:
             calls.append(step.call.path)
-            return send(transport, step)
+            return await send(transport, step)
 
-        monkeypatch.setattr(SyncTransport, "send", count)
+        monkeypatch.setattr(BlockingTransport, "send", count)
 
         def next_step() -> bool:
             """Whether the step took one round trip: a busy service first answers that the step is accepted."""
@@ -120,23 +120,23 @@ def test_the_last_good_mesh_stays_after_bad_input(url: str) -> None:
         assert sequence.step(sequence.x).number == 1
 
 
-def test_settings_change_midway_and_sequences_are_listed(url: str) -> None:
-    with Client(url) as client:
-        sequence = client.sequences.start(monitor=Weight(rho="1 + x"), n=9)
-        with pytest.raises(BadArgument, match="has no u"):
-            sequence.current.u  # noqa: B018
-        x, y = sequence.x, sequence.y
-        both = Intersection([Curvature(u={"field": "a"}, smoothing=0.05), Weight(rho=lambda x, y: 1 + y + 0 * x)])
-        step = sequence.step(fields={"a": front(x, y, 0.0)}, monitor=both)
-        assert [*step.fields] == ["a"]
-        step = sequence.step(step.fields["a"], monitor=Curvature(norm="h1", smoothing=0.1))
-        spec = sequence.mesh().spec()["monitor"]
-        assert (spec["kind"], spec["norm"], spec["smoothing"]) == ("curvature", "h1", 0.1)
-        other = client.sequences.start("x*y", 9)
-        listed = list(client.sequences.list(limit=2))
-        assert [(record.id, record.number) for record in listed] == [(other.id, 0), (sequence.id, 2)]
-        assert listed[1].certificate is not None
-        assert listed[1].mesh_id == step.mesh_id
+def test_settings_change_midway_and_sequences_are_listed(connect: Any, url: str) -> None:
+    client = connect(url, timeout=30.0)
+    sequence = client.sequences.start(monitor=Weight(rho="1 + x"), n=9)
+    with pytest.raises(BadArgument, match="has no u"):
+        sequence.current.u  # noqa: B018
+    x, y = sequence.x, sequence.y
+    both = Intersection([Curvature(u={"field": "a"}, smoothing=0.05), Weight(rho=lambda x, y: 1 + y + 0 * x)])
+    step = sequence.step(fields={"a": front(x, y, 0.0)}, monitor=both)
+    assert [*step.fields] == ["a"]
+    step = sequence.step(step.fields["a"], monitor=Curvature(norm="h1", smoothing=0.1))
+    spec = sequence.mesh().spec()["monitor"]
+    assert (spec["kind"], spec["norm"], spec["smoothing"]) == ("curvature", "h1", 0.1)
+    other = client.sequences.start("x*y", 9)
+    listed = list(client.sequences.list(limit=2))
+    assert [(record.id, record.number) for record in listed] == [(other.id, 0), (sequence.id, 2)]
+    assert listed[1].certificate is not None
+    assert listed[1].mesh_id == step.mesh_id
 
 
 def test_a_step_whose_answer_got_lost_is_taken_once(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,8 +144,8 @@ def test_a_step_whose_answer_got_lost_is_taken_once(url: str, monkeypatch: pytes
         sequence = client.sequences.start("tanh(15*(x - 0.5))", 9)
         u, run = front(sequence.x, sequence.y, 0.0), Session.run
 
-        def lose(session: Session, flow: Any, report: Any = None) -> Any:
-            run(session, flow, report)
+        async def lose(session: Session, flow: Any, report: Any = None) -> Any:
+            await run(session, flow, report)
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patched:
@@ -212,7 +212,7 @@ def test_a_loop_on_blocks_is_that_of_the_solver(url: str) -> None:
     estimates: list[float] = []
     with Client(url) as client:
         found = client.adapt(
-            lambda mesh: wave(mesh.arrays().x, mesh.arrays().y),
+            lambda mesh: wave(mesh.x, mesh.y),
             domain=CORNER,
             rounds=1,
             observe=lambda one: estimates.append(one.estimate),

@@ -1,7 +1,8 @@
-"""The client against a service that misbehaves: both twins, the same tests."""
+"""Both clients against a service that misbehaves, the same tests; what only that for asyncio does is at the end."""
 
 from __future__ import annotations
 
+import asyncio
 import io
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from client.fake_service import parts_of
-from equimesh_client import BadArgument, InvalidInput, NotFound, Rectangle, SampleFile
+from equimesh_client import AsyncClient, BadArgument, InvalidInput, NotFound, Rectangle, SampleFile
 
 
 def spec(**more: Any) -> dict[str, Any]:
@@ -123,3 +124,26 @@ def test_samples_are_stored_for_a_domain(connect: Any, service: Any) -> None:
     assert first.id != client.samples.upload(BIG).id
     client.check("x", domain=Rectangle(x=(0, 2)))
     assert b'"x": [0.0, 2.0]' in service.seen("POST", "check")[-1].body
+
+
+def test_a_canceled_task_cancels_its_mesh(service: Any) -> None:
+    async def cancel() -> None:
+        async with AsyncClient(service.url) as client:
+            task = asyncio.create_task(client.generate("x", 5, label="hang"))
+            while "m0" not in service.meshes:
+                await asyncio.sleep(0.01)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+
+    asyncio.run(asyncio.wait_for(cancel(), 30))
+    assert service.meshes["m0"]["status"] == "canceled"
+
+
+def test_meshes_are_made_at_the_same_time(service: Any) -> None:
+    async def generate() -> set[str]:
+        async with AsyncClient(service.url) as client:
+            meshes = await asyncio.gather(*(client.generate("x", 5, label="slow") for _ in range(4)))
+            return {mesh.id for mesh in meshes}
+
+    assert len(asyncio.run(asyncio.wait_for(generate(), 30))) == 4
