@@ -1,7 +1,7 @@
 """Weak and strong scaling of a mesh in parts on this machine, as ratios; a large mesh by parts; a model on paper.
 
     python benchmarks/cluster.py                                    strong and weak scaling
-    python benchmarks/cluster.py --size 16385 --parts 2 --write vts a mesh by parts, written and read back
+    python benchmarks/cluster.py --size 16385 --parts 2 --write pvtu a mesh by parts, written and read back
     python benchmarks/cluster.py --model                            65537 x 65537 on 64 to 1000 workers, on paper
 
 Workers are processes of this machine. The time of processors of all of them is compared with that of one process which
@@ -26,11 +26,9 @@ import numpy as np
 from distributed import Client, LocalCluster
 
 import equimesh as em
-from equimesh.cluster import Handle, run_parts, solve
+from equimesh_cluster import PARTED_FORMATS, Handle, read_parts, run_parts, solve
 
 U = "tanh(20*(hypot(x, y) - 0.7))"
-SUFFIXES = {"vts": ".pvts", "vtu": ".pvtu", "hdf5": ".xdmf", "vtkhdf": ".vtkhdf", "zarr": ".zarr"}
-"""The heads of the formats that ``--write`` names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +169,7 @@ def _write_and_read(client: Client, handle: Handle, written: str, folder: str | 
     place = Path(mkdtemp(prefix="equimesh-", dir=folder))
     try:
         started = time.perf_counter()
-        head = handle.write(place / f"mesh{SUFFIXES[written]}", q_eq=False)[0]
+        head = handle.write(place / f"mesh{PARTED_FORMATS[written].suffix}", q_eq=False)
         size = sum(path.stat().st_size for path in place.rglob("*") if path.is_file())
         yield f"  written as {written} in {time.perf_counter() - started:.0f} s, {size / 1e9:.2f} GB"
         started = time.perf_counter()
@@ -184,8 +182,6 @@ def _write_and_read(client: Client, handle: Handle, written: str, folder: str | 
 
 def read_back(client: Client, handle: Handle, head: str) -> bool:
     """Whether x and y in files are equal to those on the workers. Some rows are read at a time."""
-    from equimesh.io import read_parts
-
     found, step = read_parts(head), max(1, 4_000_000 // handle.grid.n_eta)
     for name, array in (("x", handle.x), ("y", handle.y)):
         for first in range(0, handle.grid.n_xi, step):
@@ -262,7 +258,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--size", type=int, help="points in each direction of one mesh by parts")
     parser.add_argument("--parts", type=int, default=4, help="how many parts, or the most of the scaling")
-    parser.add_argument("--write", choices=[*SUFFIXES], help="also write the mesh, and read it back")
+    parser.add_argument("--write", choices=[*PARTED_FORMATS], help="also write the mesh, and read it back")
     parser.add_argument("--folder", help="where to write; the files are removed again")
     parser.add_argument("--scaling", type=int, default=2049, help="points in each direction of the scaling")
     parser.add_argument("--model", action="store_true", help="the model of many machines, on paper")

@@ -17,7 +17,7 @@ from typing import TypeVar
 from distributed import Client, LocalCluster
 
 import equimesh as em
-from equimesh.cluster import Handle, SchwarzHandle, solve
+from equimesh_cluster import Handle, SchwarzHandle, solve
 
 T = TypeVar("T", bound=Handle)
 

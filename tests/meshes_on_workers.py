@@ -7,12 +7,12 @@ from typing import Any
 from distributed import Client
 
 import equimesh as em
-from equimesh.cluster.handle import Handle
-from equimesh.cluster.run import PartsRun, run_parts
 from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh_part import cut
 from equimesh.numerics.channel import Traffic
-from equimesh.parts.part_solution import PartSolution, PartStep
+from equimesh_cluster.handle import Handle
+from equimesh_cluster.parts.part_solution import PartSolution, PartStep
+from equimesh_cluster.run import PartsRun, run_parts
 
 PROBLEM = em.Problem(monitor=em.ArcLength(u=em.Expression("tanh(8*x)*y")), grid=em.Grid(n_xi=33, n_eta=17))
 

@@ -6,19 +6,25 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+
 TESTS = Path(__file__).parent
 ROOT = TESTS.parent
 PARTS = {
     "solver": ROOT / "solver" / "equimesh",
+    "cluster_package": ROOT / "solver" / "equimesh_cluster",
     "service": ROOT / "service" / "equimesh_service",
     "client": ROOT / "client" / "equimesh_client",
     "coupling": ROOT / "client" / "equimesh_coupling",
     "schema": ROOT / "client" / "equimesh_schema",
     "cli": ROOT / "client" / "equimesh_cli",
 }
-# Modules of the solver that the tests of their folder do not name, with the reason.
-UNNAMED = {
-    "schwarz/holding/port.py": "an interface; test_in_one_process.py and test_on_channel.py test both implementations",
+# Parts whose modules are all named by the tests of their folder, but for these, with the reason.
+UNNAMED: dict[str, dict[str, str]] = {
+    "cluster_package": {},
+    "solver": {
+        "schwarz/holding/port.py": "an interface; test_in_one_process.py and test_on_channel.py test both of it",
+    },
 }
 
 
@@ -29,16 +35,17 @@ def test_every_folder_of_tests_stands_where_its_package_stands() -> None:
             assert folder.is_dir(), f"{file} has no package {folder}"
 
 
-def test_every_module_of_the_solver_has_tests_in_the_folder_of_its_package() -> None:
-    package = PARTS["solver"]
+@pytest.mark.parametrize("part", UNNAMED)
+def test_every_module_has_tests_in_the_folder_of_its_package(part: str) -> None:
+    package = PARTS[part]
     modules = [path for path in package.rglob("*.py") if path.name != "__init__.py"]
-    unnamed = {path.relative_to(package).as_posix() for path in modules if not _is_named(path)}
-    assert unnamed <= {*UNNAMED}
+    unnamed = {path.relative_to(package).as_posix() for path in modules if not _is_named(part, path)}
+    assert unnamed <= {*UNNAMED[part]}
 
 
-def _is_named(module: Path) -> bool:
+def _is_named(part: str, module: Path) -> bool:
     """Whether a file of tests in the folder of a module, or a word in one, names it or something that it defines."""
-    folder = TESTS / "solver" / module.parent.relative_to(PARTS["solver"])
+    folder = TESTS / part / module.parent.relative_to(PARTS[part])
     if (folder / f"test_{module.name}").exists():
         return True
     words = {word for file in folder.glob("*.py") for word in re.findall(r"\w+", file.read_text())}

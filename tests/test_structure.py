@@ -15,21 +15,18 @@ import grimp
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = {
-    "equimesh": "solver",
+    **dict.fromkeys(("equimesh", "equimesh_cluster"), "solver"),
     "equimesh_service": "service",
     **dict.fromkeys(("equimesh_client", "equimesh_coupling", "equimesh_schema", "equimesh_cli"), "client"),
 }
 FACES = {
-    *("equimesh", "equimesh_client", "equimesh_coupling", "equimesh_schema", "equimesh_service"),
-    *(
-        f"equimesh.{name}"
-        for name in ("io", "plot", "upload", "quality", "schwarz", "meshes", "specs", "testing", "cluster")
-    ),
+    *("equimesh", "equimesh_cluster", "equimesh_client", "equimesh_coupling", "equimesh_schema", "equimesh_service"),
+    *(f"equimesh.{name}" for name in ("io", "plot", "upload", "quality", "schwarz", "meshes", "specs", "testing")),
 }
 MAX_LINES, MAX_TEST_LINES = 600, 800  # of a file
 CODE = re.compile(r"^```(?:python|py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 DOTTED = re.compile(
-    r"(?<![\w./:-])(?:equimesh|equimesh_(?:client|coupling|schema|cli|service))(?:\.[A-Za-z_]\w*)+(?![\w/:])"
+    r"(?<![\w./:-])(?:equimesh|equimesh_(?:client|cluster|coupling|schema|cli|service))(?:\.[A-Za-z_]\w*)+(?![\w/:])"
 )
 FILE = re.compile(r"(?<![\w/])(?:tests|service|solver|client|examples|benchmarks|docs)/[\w./-]+\.\w+")
 NOT_NAMES = {"equimesh.env", "equimesh.sqlite3", "equimesh_service.access"}  # files, and a logger

@@ -19,7 +19,7 @@ FACES = (
     "equimesh.meshes",
     "equimesh.upload",
     "equimesh.specs",
-    "equimesh.cluster",
+    "equimesh_cluster",
     "equimesh.testing",
     "equimesh_client",
     "equimesh_coupling",

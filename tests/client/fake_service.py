@@ -274,7 +274,7 @@ class _Handler(BaseHTTPRequestHandler):
             return _json(200, _public(mesh))
         if part.startswith("parts"):
             return self._file_of_parts(request, part.removeprefix("parts").strip("/"))
-        if part == "file" and request.query["format"] == "pvts":
+        if part == "file" and request.query["format"] == "pvtu":
             return self._range(request, self.service.parted[-1][1])
         if part == "file":
             grid = mesh["spec"]["grid"]
@@ -308,7 +308,7 @@ class _Handler(BaseHTTPRequestHandler):
             {"number": k, "first": 2 * k, "last": 2 * k + 2, "rows": 3, "file": file}
             for k, file in enumerate(listed[:-1])
         ]
-        more = {"format": request.query["format"], "formats": ["pvts", "npz"], "grid": {"n_xi": 5, "n_eta": 4}}
+        more = {"format": request.query["format"], "formats": ["pvtu", "npz"], "grid": {"n_xi": 5, "n_eta": 4}}
         head = None if request.query["format"] == "npz" else listed[-1]
         return _json(200, {**more, "size": None, "head": head, "parts": parts})
 

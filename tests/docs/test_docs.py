@@ -41,7 +41,6 @@ from equimesh import (
     solve,
 )
 from equimesh.fields.expression import FUNCTIONS, LIMITS
-from equimesh.io.by_parts.formats import PARTED_FORMATS
 from equimesh.io.write import CELLS, FORMATS
 from equimesh.quality.measures import PER_CELL
 from equimesh.upload.samples import READERS
@@ -49,6 +48,7 @@ from equimesh_cli.command import build_parser
 from equimesh_cli.exits import Exit
 from equimesh_client import Client
 from equimesh_client.spec.mesh import DEFAULTS
+from equimesh_cluster.part_files.formats import PARTED_FORMATS
 from equimesh_service import Settings, running
 from equimesh_service.api.app import create_app
 from equimesh_service.problems.kinds import KINDS
@@ -395,7 +395,7 @@ def test_every_format_of_parts_is_documented() -> None:
     for kind in PARTED_FORMATS.values():
         row = next(line for line in text.splitlines() if line.startswith(f"| `{kind.name}` |"))
         _, _, head, parts, readers, nodes, _ = (cell.strip() for cell in row.split("|"))
-        assert head == " and ".join(f"`{suffix}`" for suffix in (kind.suffix, kind.companion) if suffix)
+        assert head == f"`{kind.suffix}`"
         assert parts == (f"`{kind.part_suffix}`" if kind.part_suffix else "chunks of one store")
         assert nodes.startswith("in both parts") is kind.shares_rows
         assert all(name in readers for name in re.findall(r"VTK|PyVista|ParaView|h5py|zarr|xarray|Dask", kind.readers))

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.cluster import connect
-from equimesh.io import read_parts
 from equimesh_client import ArcLength, Client
+from equimesh_cluster import connect, read_parts
 from equimesh_service import Settings, running
 from service.clusters import ClusterProcesses, cluster_processes
 from service.conftest import until
@@ -105,11 +104,11 @@ def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(
                 grid=em.Grid(n_xi=385, n_eta=193),
             )
         )
-        for suffix in ("pvts", "pvtu", "vtkhdf"):
+        for suffix in ("pvtu", "vtkhdf"):
             found = read_parts(mesh.download_parts(tmp_path, suffix))
             np.testing.assert_allclose(found.rows("x", 0, 385), expected.mesh.x, rtol=0.0, atol=1e-13)
             np.testing.assert_allclose(found.rows("y", 0, 385), expected.mesh.y, rtol=0.0, atol=1e-13)
-        assert read_parts(mesh.download(tmp_path / "mine.pvts")).cuts == found.cuts
+        assert read_parts(mesh.download(tmp_path / "mine.pvtu")).cuts == found.cuts
         part, listed = mesh.part(1), mesh.parts()
         np.testing.assert_array_equal(part.x, found.rows("x", part.first, 385))
         assert part.u is not None

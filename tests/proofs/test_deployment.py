@@ -359,7 +359,7 @@ def test_what_the_image_copies_makes_the_whole_wheel(tmp_path: Path) -> None:
     subprocess.run([*pip, "-w", str(tmp_path / "wheel"), str(tmp_path)], check=True, timeout=300)
     (wheel,) = (tmp_path / "wheel").iterdir()
     names = subprocess.run([sys.executable, "-m", "zipfile", "-l", str(wheel)], capture_output=True, text=True).stdout
-    for package in ("equimesh", "equimesh_client", "equimesh_cli", "equimesh_service"):
+    for package in ("equimesh", "equimesh_cluster", "equimesh_client", "equimesh_cli", "equimesh_service"):
         assert f"{package}/__init__.py" in names
 
 

@@ -48,12 +48,12 @@ def store_in_parts(settings: Settings, key_id: str = "") -> str:
     )
     artifacts = []
     for part in cut(bent_mesh(), CUTS):
-        with files.unfinished(".vts") as path:
+        with files.unfinished(".vtu") as path:
             write_part_file(path, part, {"u": u_of}, WRITTEN)
             file = files.seal(path)
             files.publish(path, file, lambda _: False)
         artifacts.append(Artifact(part_name(WRITTEN, part.number), file.sha256, file.size))
-    with files.unfinished(".pvts") as path:
+    with files.unfinished(".pvtu") as path:
         write_head_file(path, layout, WRITTEN)
         file = files.seal(path)
         files.publish(path, file, lambda _: False)

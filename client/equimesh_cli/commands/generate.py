@@ -36,7 +36,7 @@ examples:
       -o mesh.msh
   equimesh generate 'tanh(20*(x-y))' -n 65 --monitor curvature \\
       --domain annulus:1,2,0,90 -o mesh.vtu
-  equimesh generate 'tanh(20*(x-y))' -n 4097 --monitor curvature -o mesh.pvts
+  equimesh generate 'tanh(20*(x-y))' -n 4097 --monitor curvature -o mesh.pvtu
   equimesh generate 'tanh(20*(x-y))' --domain-file cylinder.msh -o mesh.vtu
   equimesh generate x*y -n 33 --url http://meshes.example:8000 --json
 
@@ -70,7 +70,7 @@ def add_parser(commands: Any) -> None:
         metavar="N",
         type=whole_or_auto,
         help="parts of the service's cluster, or auto (where the mesh is too large for one machine: auto); -o then is "
-        "a .pvts, .pvtu or .vtkhdf file, with the files of the parts next to it",
+        "a .pvtu or .vtkhdf file, with the files of the parts next to it",
     )
     service.add_argument("--label", help="free text, for the service's list of meshes")
     service.add_argument(

@@ -35,7 +35,7 @@ MESH_SUFFIXES = (
     ".vtu", ".vtk", ".vts", ".vtm.zip", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".p3d.zip", ".foam.zip", ".npz",
 )  # fmt: skip
 OUTPUT = ".vtu .vtk .vts .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case"
-PART_SUFFIXES = (".pvts", ".pvtu", ".vtkhdf")
+PART_SUFFIXES = (".pvtu", ".vtkhdf")
 PLOT_SUFFIXES = (".png", ".svg")
 PLOT_KINDS = ("mesh", "quality", "convergence", "comparison")
 

@@ -22,10 +22,10 @@ from equimesh_client.wire.files import write_atomically
 from equimesh_client.wire.flows import Flow
 from equimesh_client.wire.protocol import Call
 
-DEFAULT_FORMAT = "pvts"
+DEFAULT_FORMAT = "pvtu"
 """The format in which the service writes a mesh in parts."""
-TEXTS = ("pvts", "pvtu")
-"""The formats whose heads are texts, with the names of the parts."""
+TEXT = "pvtu"
+"""The format whose head is a text, with the names of the parts."""
 PIECE_BYTES = 2**20
 """Bytes of a file that are read at once, for its checksum."""
 MAX_DEPTH = 2
@@ -60,13 +60,13 @@ def is_of_parts(path: str | Path, format: str | None) -> bool:
 def download(mesh_id: str, path: str | Path, format: str | None, settings: Settings, deadline: Deadline) -> Flow[Path]:
     """Write the head to ``path``, and the parts below it; returns the path. The format follows from the suffix.
 
-    The parts of ``mesh.pvts`` and ``mesh.pvtu`` are in the folder ``mesh``, to which their heads refer then. A head of
-    another format refers to a folder with the id of the mesh.
+    The parts of ``mesh.pvtu`` are in the folder ``mesh``, to which its head refers then. A head of another format
+    refers to a folder with the id of the mesh.
     """
     path = Path(path)
     if format is None:
         format = next(name for suffix, name in protocol.PART_SUFFIXES.items() if str(path).lower().endswith(suffix))
-    if format not in TEXTS:
+    if format != TEXT:
         return (yield from download_parts(mesh_id, path.parent, format, settings, deadline, head=path.name))
     listed = yield from _listed(mesh_id, path.parent, format, settings, deadline)
     for part in listed.parts:

@@ -27,7 +27,7 @@ SUFFIXES: Mapping[str, str] = {
     ".mesh": "medit",
     **{f".{name}": name for name in FORMATS},
 }
-PART_SUFFIXES: Mapping[str, str] = {".pvts": "pvts", ".pvtu": "pvtu", ".vtkhdf": "vtkhdf"}  # heads of meshes in parts
+PART_SUFFIXES: Mapping[str, str] = {".pvtu": "pvtu", ".vtkhdf": "vtkhdf"}  # heads of meshes in parts
 PLOTS: Mapping[str, str] = {"svg": "image/svg+xml", "png": "image/png"}
 
 

@@ -44,8 +44,9 @@ _MAX_WORK_SECONDS = 60.0
 _FEWER_SAMPLES = "send fewer samples, or send them on a grid"
 # The most monitors that are remembered as valid on their domains.
 _MAX_REMEMBERED = 1000
-# Bytes of a point in the files of a mesh in parts: x, y, z and u.
-BYTES_OF_POINT = 32
+# Bytes of a point in the files of a mesh in parts: x, y, z, u, its number and its sides; corners, end, type and part of
+# a cell.
+BYTES_OF_POINT = 66
 _VERSION = version("equimesh")
 Result = TypeVar("Result")
 

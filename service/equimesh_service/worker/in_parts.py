@@ -30,9 +30,9 @@ from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN
 from equimesh_service.worker.reporter import Reporter
 
 if TYPE_CHECKING:
-    from equimesh.cluster import Handle
-    from equimesh.parts.part_solution import PartSolution
     from equimesh.solving.solution import Solution
+    from equimesh_cluster import Handle
+    from equimesh_cluster.parts.part_solution import PartSolution
 
 _log = logging.getLogger(__name__)
 # What names a worker or a machine in the sentences of the cluster: callers of the service do not get to know addresses.
@@ -49,7 +49,7 @@ def solve_in_parts(job: Job, spec: BuiltSpec, store: Store, requested: str | Non
     cluster refuses, and :class:`~equimesh_service.errors.WorkerLostError` where workers with parts, or the
     connection to the scheduler, were lost.
     """
-    from equimesh.cluster import ClusterError, NoSchedulerError, PartsError, WorkersLostError
+    from equimesh_cluster import ClusterError, NoSchedulerError, PartsError, WorkersLostError
 
     began = time.perf_counter()
     reporter = Reporter(None, partial(store.queue.progress, job.claim))
@@ -77,7 +77,7 @@ def solve_in_parts(job: Job, spec: BuiltSpec, store: Store, requested: str | Non
 
 def _compute(job: Job, spec: BuiltSpec, reporter: Reporter, formats: set[str]) -> Outcome:
     """The result of a mesh in parts, and its files, which are in the storage."""
-    from equimesh.cluster import connect, solve
+    from equimesh_cluster import connect, solve
 
     began, files = time.perf_counter(), job.storage.files()
     with ExitStack() as stack:

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from equimesh import Field, Grid
-from equimesh.io.by_parts.contents import NodeValues, PartData
-from equimesh.io.by_parts.read_xml import Piece
-from equimesh.io.by_parts.write import write_head, write_part
 from equimesh.meshes.mesh_part import MeshPart
 from equimesh.numerics.types import Array
+from equimesh_cluster.part_files.contents import NodeValues, PartData
+from equimesh_cluster.part_files.pvtu import Piece
+from equimesh_cluster.part_files.write import write_head, write_part
 from equimesh_service.worker.part_formats import PART_FORMATS
 
 
@@ -86,16 +86,16 @@ def values_of(u: Field | None) -> dict[str, NodeValues]:
 def convert_part_file(source: Path, path: Path, layout: PartsLayout, number: int, format: str) -> None:
     """Write a part in another format; ``source`` is its file as it was written at first."""
     (first, last), n_eta = layout.rows[number], layout.grid.n_eta
-    rows, piece = min(last + 1, layout.grid.n_xi) - first, Piece.of(source)
-    points = piece.array("Points", "Points", (n_eta, rows, 3))  # mapped, so that little of it is in memory
+    rows, piece = min(last + 1, layout.grid.n_xi) - first, Piece(path=source)
+    points = piece.array("Points", "Points", (rows, n_eta, 3))  # mapped, so that little of it is in memory
     part = MeshPart(
         grid=layout.grid,
         number=number,
         count=len(layout.rows),
         first=first,
         last=last,
-        x=points[:, :, 0].T,
-        y=points[:, :, 1].T,
+        x=points[:, :, 0],
+        y=points[:, :, 1],
     )
-    nodes = {name: piece.array("PointData", name, (n_eta, rows)).T for name in layout.nodes}
+    nodes = {name: piece.array("PointData", name, (rows, n_eta)) for name in layout.nodes}
     write_part_file(path, part, nodes, format)

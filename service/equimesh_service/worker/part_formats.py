@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from equimesh.io.by_parts.formats import PARTED_FORMATS, PartedFormat
-from equimesh.io.by_parts.layout import part_name
+from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartedFormat, part_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +45,8 @@ def _of(kind: PartedFormat) -> PartFormat:
     )
 
 
-# The formats of the solver whose heads and parts are one file each. An xdmf head is two files, and zarr is a folder.
-HEADED = tuple(kind.name for kind in PARTED_FORMATS.values() if kind.part_suffix and not kind.companion)
+# The formats whose heads and parts are files; zarr is a folder.
+HEADED = tuple(kind.name for kind in PARTED_FORMATS.values() if kind.part_suffix)
 PART_FORMATS: Mapping[str, PartFormat] = {
     **{name: _of(PARTED_FORMATS[name]) for name in HEADED},
     "npz": PartFormat(
@@ -58,4 +57,4 @@ PART_FORMATS: Mapping[str, PartFormat] = {
     ),
 }
 # The format in which a mesh in parts is written, and from which other formats are made.
-WRITTEN = "pvts"
+WRITTEN = "pvtu"

@@ -12,7 +12,7 @@ from equimesh.inputs import finite_or_none
 from equimesh_service.errors import AttemptLostError
 
 if TYPE_CHECKING:
-    from equimesh.cluster import Progress
+    from equimesh_cluster import Progress
 
 
 # The stages of a solve. A single domain is solved in one; before a Schwarz iteration there is the start.

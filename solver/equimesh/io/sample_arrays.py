@@ -11,7 +11,6 @@ import h5py
 import numpy as np
 
 from equimesh.errors import InputError, SamplesError
-from equimesh.io.by_parts.zarr_parts import import_zarr
 from equimesh.numerics.types import Array
 
 HDF5_SUFFIXES: Final = (".h5", ".hdf5", ".hdf")
@@ -148,3 +147,14 @@ def _map_npy(path: Path, file: Any) -> Any:
 
 def _reason(error: BaseException) -> str:
     return f"{type(error).__name__}: {str(error)[:200]}"
+
+
+def import_zarr() -> Any:
+    """The library zarr; raises :class:`~equimesh.errors.InputError` where it is not installed."""
+    try:
+        import zarr
+    except ImportError as error:
+        raise InputError(
+            "zarr is not installed: pip install 'equimesh[dask]', or choose another format", field="format"
+        ) from error
+    return zarr

@@ -3,14 +3,18 @@
 import base64
 import binascii
 import lzma
+import mmap
 import re
+import sys
 import zlib
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any, Final, Literal
 from xml.etree import ElementTree
 
 import numpy as np
+import numpy.typing as npt
 
 from equimesh.errors import SamplesError
 from equimesh.io.xml_tree import parse_xml
@@ -36,15 +40,15 @@ class VtkXml:
     ``max_bytes`` of arrays are decoded. Raises :class:`~equimesh.errors.SamplesError`.
     """
 
-    def __init__(self, data: bytes, max_bytes: int) -> None:
-        head, tag, tail = data.partition(b"<AppendedData")
-        self.root = parse_xml(head + b"</VTKFile>" if tag else data, "vtu")
+    def __init__(self, data: bytes | mmap.mmap, max_bytes: int) -> None:
+        end = data.find(b"<AppendedData")
+        self.root = parse_xml(data[:] if end < 0 else data[:end] + b"</VTKFile>", "vtu")
         if self.root.tag != "VTKFile":
             raise SamplesError(f"the vtu file starts with <{self.root.tag}>, not with <VTKFile>")
         self.budget = max_bytes
-        attributes, _, appended = tail.partition(b"_")
-        self.appended = appended
-        self.raw = re.search(rb"""encoding\s*=\s*["']raw""", attributes) is not None
+        begin = data.find(b"_", end) + 1 if end >= 0 else 0
+        self.appended = memoryview(data)[begin if begin else len(data) :]
+        self.raw = re.search(rb"""encoding\s*=\s*["']raw""", data[end:begin] if begin else b"") is not None
         self.order: Literal["<", ">"] = ">" if self.root.get("byte_order") == "BigEndian" else "<"
         self.header = np.dtype(HEADER_TYPES[self.root.get("header_type", "UInt32")]).newbyteorder(self.order)
         compressor = self.root.get("compressor")
@@ -52,10 +56,24 @@ class VtkXml:
             raise SamplesError(f"the vtu file is compressed by {compressor}: save it with zlib or uncompressed")
         self.decompressor = DECOMPRESSORS.get(compressor) if compressor else None
 
-    def array(self, element: ElementTree.Element, size: int) -> Array:
-        """The ``size`` numbers of a DataArray; integers up to 2**53 stay exact.
+    @classmethod
+    def mapped(cls, path: Path) -> "VtkXml":
+        """The file at ``path``, of which only what is read comes into memory. Raises ``OSError``."""
+        with path.open("rb") as file:
+            return cls(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), sys.maxsize)
 
-        Raises :class:`~equimesh.errors.SamplesError`, and the errors of broken encodings (``BROKEN``).
+    def array(self, element: ElementTree.Element, size: int) -> Array:
+        """The ``size`` numbers of a DataArray in double precision; integers up to 2**53 stay exact.
+
+        Raises what :meth:`stored` raises.
+        """
+        return self.stored(element, size).astype(np.float64)
+
+    def stored(self, element: ElementTree.Element, size: int) -> npt.NDArray[Any]:
+        """The ``size`` numbers of a DataArray, of the type that the file has; those of a text in double precision.
+
+        Plain bytes that follow the text are not copied. Raises :class:`~equimesh.errors.SamplesError`, and the errors
+        of broken encodings (``BROKEN``).
         """
         name = element.get("Name", "points")
         dtype = np.dtype(XML_TYPES[element.attrib["type"]]).newbyteorder(self.order)
@@ -64,12 +82,12 @@ class VtkXml:
             raise SamplesError(f"the vtu file holds more data than the limit allows (reached at {name!r})")
         form = element.get("format", "ascii")
         if form == "ascii":
-            values = np.array((element.text or "").split(None, size)[: size + 1], dtype=np.float64)
+            values: npt.NDArray[Any] = np.array((element.text or "").split(None, size)[: size + 1], dtype=np.float64)
         else:
             block, raw = memoryview((element.text or "").strip().encode()), False
             if form == "appended":
-                block, raw = memoryview(self.appended)[int(element.attrib["offset"]) :], self.raw
-            values = np.frombuffer(self._decoded(block, raw, size * dtype.itemsize), dtype).astype(np.float64)
+                block, raw = self.appended[int(element.attrib["offset"]) :], self.raw
+            values = np.frombuffer(self._decoded(block, raw, size * dtype.itemsize), dtype)
         if values.size != size:
             raise SamplesError(f"array {name!r} of the vtu file has {values.size} numbers where {size} are expected")
         return values

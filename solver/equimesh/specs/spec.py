@@ -43,7 +43,7 @@ NOT_WITH_BLOCKS: Final[Mapping[str, str]] = {
     "target": "the grid of a target is found on domains with four sides: leave it out, and refine the blocks",
     "boundary": "the nodes on the curves of blocks slide for the least error: leave the boundary out",
     "parts": "a mesh of blocks is computed on one machine: leave parts out, or solve in Python with "
-    "equimesh.cluster.solve_blocks",
+    "equimesh_cluster.solve_blocks",
 }
 """The sentences for what goes with a grid alone, by the keys of a document."""
 NumberOfParts: TypeAlias = int | Literal["auto"] | None

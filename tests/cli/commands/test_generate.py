@@ -102,14 +102,14 @@ def test_generate_uploads_a_file(generate: Any, service: Any, tmp_path: Path) ->
 
 
 def test_a_mesh_in_parts_is_a_head_with_its_parts(generate: Any, service: Any, tmp_path: Path) -> None:
-    service.parted = [("m/part-0000.vts", b"first"), ("m/part-0001.vts", b"second"), ("m.pvts", b"head")]
-    path = tmp_path / "mesh.pvts"
+    service.parted = [("m/part-0000.vtu", b"first"), ("m/part-0001.vtu", b"second"), ("m.pvtu", b"head")]
+    path = tmp_path / "mesh.pvtu"
     code, out, err = generate("x*y", "-n", "5", "--parts", "2", "--monitor", "curvature", "-o", str(path))
     assert (code, err) == (0, "")
     assert f"wrote {path}\n" in out
     assert json.loads(service.seen("POST", "meshes")[0].body)["parts"] == 2
     assert path.read_bytes() == b"head"
-    assert [(tmp_path / "mesh" / f"part-000{k}.vts").read_bytes() for k in range(2)] == [b"first", b"second"]
+    assert [(tmp_path / "mesh" / f"part-000{k}.vtu").read_bytes() for k in range(2)] == [b"first", b"second"]
     assert generate("x", "-n", "5", "--parts", "auto", "--quiet")[0] == 0
     assert json.loads(service.seen("POST", "meshes")[-1].body)["parts"] == "auto"
 

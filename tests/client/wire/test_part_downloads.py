@@ -11,8 +11,8 @@ import pytest
 
 from equimesh_client import BadArgument, DownloadDamaged
 
-HEAD = b'<Piece Source="m/part-0000.vts"/><Piece Source="m/part-0001.vts"/>'
-PARTS = [("m/part-0000.vts", b"first " * 500), ("m/part-0001.vts", b"second " * 500), ("m.pvts", HEAD)]
+HEAD = b'<Piece Source="m/part-0000.vtu"/><Piece Source="m/part-0001.vtu"/>'
+PARTS = [("m/part-0000.vtu", b"first " * 500), ("m/part-0001.vtu", b"second " * 500), ("m.pvtu", HEAD)]
 
 
 @pytest.fixture
@@ -26,21 +26,21 @@ def files_in(folder: Path) -> dict[str, bytes]:
 
 
 def test_all_files_arrive_under_their_names(mesh: Any, tmp_path: Path) -> None:
-    assert mesh.download_parts(tmp_path) == tmp_path / "m.pvts"
+    assert mesh.download_parts(tmp_path) == tmp_path / "m.pvtu"
     assert files_in(tmp_path) == dict(PARTS)
 
 
 def test_the_head_takes_the_name_of_the_download(mesh: Any, tmp_path: Path) -> None:
-    assert mesh.download(tmp_path / "mine.pvts") == tmp_path / "mine.pvts"
+    assert mesh.download(tmp_path / "mine.pvtu") == tmp_path / "mine.pvtu"
     files = {f"mine/{name.partition('/')[2]}": data for name, data in PARTS[:2]}
-    assert files_in(tmp_path) == {**files, "mine.pvts": PARTS[2][1].replace(b"m/part", b"mine/part")}
-    mesh.download(tmp_path / "a & b.pvts")
-    assert b'Source="a &amp; b/part-0000.vts"' in (tmp_path / "a & b.pvts").read_bytes()
+    assert files_in(tmp_path) == {**files, "mine.pvtu": PARTS[2][1].replace(b"m/part", b"mine/part")}
+    mesh.download(tmp_path / "a & b.pvtu")
+    assert b'Source="a &amp; b/part-0000.vtu"' in (tmp_path / "a & b.pvtu").read_bytes()
 
 
 def test_files_that_are_there_are_not_sent_again(mesh: Any, service: Any, tmp_path: Path) -> None:
     mesh.download_parts(tmp_path)
-    (tmp_path / "m" / "part-0001.vts").write_bytes(b"SECOND " * 500)  # as long as the right one
+    (tmp_path / "m" / "part-0001.vtu").write_bytes(b"SECOND " * 500)  # as long as the right one
     service.requests.clear()
     mesh.download_parts(tmp_path)
     assert [request.path.rpartition("/")[2] for request in service.requests] == ["parts", "1"]
@@ -70,15 +70,15 @@ def test_the_checksum_of_the_list_counts(mesh: Any, service: Any, tmp_path: Path
         """Another file than the one that is listed, when it is fetched by its number."""
 
         def __getitem__(self, number: Any) -> Any:
-            return ("m/part-0000.vts", b"another") if number == 0 else listed[number]
+            return ("m/part-0000.vtu", b"another") if number == 0 else listed[number]
 
     service.parted = Swapped(listed)
-    with pytest.raises(DownloadDamaged, match=r"part-0000.vts does not have the checksum of the list"):
+    with pytest.raises(DownloadDamaged, match=r"part-0000.vtu does not have the checksum of the list"):
         mesh.download_parts(tmp_path)
     assert files_in(tmp_path) == {}
 
 
-@pytest.mark.parametrize("name", ["../part-0000.vts", "/part", "m/../../part", "a/b/c", "", ".hidden", "m\\part"])
+@pytest.mark.parametrize("name", ["../part-0000.vtu", "/part", "m/../../part", "a/b/c", "", ".hidden", "m\\part"])
 def test_no_name_leads_out_of_the_folder(mesh: Any, service: Any, tmp_path: Path, name: str) -> None:
     service.parted = [(name, b"x"), *PARTS[1:]]
     folder = tmp_path / "inner"

@@ -14,17 +14,17 @@ def test_formats_that_fit() -> None:
     check_format("vtu", WHOLE)
     check_format("pvtu", PARTED)
     check_part("npz")
-    assert [known_format(name) for name in ("vtu", "pvts", "npz")] == ["vtu", "pvts", "npz"]
+    assert [known_format(name) for name in ("vtu", "pvtu", "npz")] == ["vtu", "pvtu", "npz"]
 
 
 def test_formats_that_do_not() -> None:
-    with pytest.raises(Problem, match="A pvts file is the head of a mesh in parts, and this mesh is whole"):
-        check_format("pvts", WHOLE)
-    with pytest.raises(Problem, match=r"A mesh in parts is no npz file\. Request one of pvts, pvtu, vtkhdf"):
+    with pytest.raises(Problem, match="A pvtu file is the head of a mesh in parts, and this mesh is whole"):
+        check_format("pvtu", WHOLE)
+    with pytest.raises(Problem, match=r"A mesh in parts is no npz file\. Request one of pvtu, vtkhdf"):
         check_format("npz", PARTED)
     with pytest.raises(Problem, match="A vts file holds no triangles"):
         check_format("vts", {**WHOLE, "cells": "triangle"})
     with pytest.raises(Problem, match=r"'vtu' is not a format of parts; .*did you mean 'pvtu'"):
         check_part("vtu")
-    with pytest.raises(Problem, match=r"'xyz' is not a mesh format; there are vtu, .*pvts"):
+    with pytest.raises(Problem, match=r"'xyz' is not a mesh format; there are vtu, .*pvtu"):
         known_format("xyz")

@@ -11,7 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
-from equimesh.io.by_parts.read import read_parts
+from equimesh_cluster.part_files.read import read_parts
 from equimesh_service import Settings
 from equimesh_service.worker.part_formats import HEADED, PART_FORMATS
 from service.conftest import SLOW, small
@@ -65,7 +65,7 @@ def test_a_part_can_be_cached_and_resumed(http: httpx.Client, mesh: dict[str, An
     whole = http.get(url)
     etag = whole.headers["etag"]
     assert etag == f'"{hashlib.sha256(whole.content).hexdigest()}"'
-    assert whole.headers["content-disposition"] == 'attachment; filename="part-0001.vts"'
+    assert whole.headers["content-disposition"] == 'attachment; filename="part-0001.vtu"'
     assert http.get(url, headers={"If-None-Match": etag}).status_code == 304
     assert http.get(url, headers={"If-Match": '"other"'}).status_code == 412
     part = http.get(url, headers={"Range": "bytes=10-19", "If-Range": etag})
@@ -83,8 +83,8 @@ def test_the_arrays_of_a_part(http: httpx.Client, mesh: dict[str, Any]) -> None:
 
 def test_a_mesh_in_parts_is_its_head_in_one_file(http: httpx.Client, mesh: dict[str, Any]) -> None:
     file = mesh["links"]["file"]
-    assert http.get(file).headers["content-type"] == PART_FORMATS["pvts"].head_media_type
-    assert http.get(file).headers["content-disposition"] == f'attachment; filename="{mesh["id"]}.pvts"'
+    assert http.get(file).headers["content-type"] == PART_FORMATS["pvtu"].head_media_type
+    assert http.get(file).headers["content-disposition"] == f'attachment; filename="{mesh["id"]}.pvtu"'
     by_accept = http.get(file, headers={"Accept": PART_FORMATS["pvtu"].head_media_type})
     assert b"PUnstructuredGrid" in by_accept.content
 
@@ -92,8 +92,8 @@ def test_a_mesh_in_parts_is_its_head_in_one_file(http: httpx.Client, mesh: dict[
 @pytest.mark.parametrize(
     ("path", "status", "words"),
     [
-        ("/file?format=vtu", 406, "A mesh in parts is no vtu file. Request one of pvts, pvtu, vtkhdf."),
-        ("/file?format=pvts&cells=triangle", 406, "hold quadrilaterals"),
+        ("/file?format=vtu", 406, "A mesh in parts is no vtu file. Request one of pvtu, vtkhdf."),
+        ("/file?format=pvtu&cells=triangle", 406, "hold quadrilaterals"),
         ("/file?format=pvtx", 406, "did you mean 'pvtu'"),
         ("/parts?format=vtu", 406, "is not a format of parts"),
         ("/parts/3", 404, "The mesh has 3 parts, with the numbers 0 to 2."),
@@ -115,10 +115,10 @@ def test_a_whole_mesh_has_no_parts(http: httpx.Client, finished: dict[str, Any])
     for path in ("/parts", "/parts/0"):
         answer = http.get(here + path)
         assert (answer.status_code, answer.json()["detail"]) == (404, "This mesh is whole, and has no parts.")
-    head = http.get(f"{here}/file?format=pvts")
+    head = http.get(f"{here}/file?format=pvtu")
     assert head.status_code == 406
     assert "this mesh is whole" in head.json()["detail"]
-    assert post(http, small(), "?format=pvts").status_code == 406
+    assert post(http, small(), "?format=pvtu").status_code == 406
 
 
 def test_parts_of_an_unfinished_mesh(http: httpx.Client) -> None:
@@ -133,7 +133,7 @@ def test_parts_of_an_unfinished_mesh(http: httpx.Client) -> None:
 def test_parts_belong_to_their_key(guarded_service: Guarded) -> None:
     key, secret = guarded_service.key("write")
     mesh = store_in_parts(guarded_service.settings, key.id)
-    paths = (f"/v1/meshes/{mesh}/parts", f"/v1/meshes/{mesh}/parts/0", f"/v1/meshes/{mesh}/file?format=pvts")
+    paths = (f"/v1/meshes/{mesh}/parts", f"/v1/meshes/{mesh}/parts/0", f"/v1/meshes/{mesh}/file?format=pvtu")
     with guarded_service.having(secret) as owner, guarded_service.client("write") as other:
         assert [owner.get(path).status_code for path in paths] == [200, 200, 200]
         assert [other.get(path).status_code for path in paths] == [404, 404, 404]

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from equimesh.cluster import ClusterError, NoSchedulerError
+from equimesh_cluster import ClusterError, NoSchedulerError
 from equimesh_service.errors import WorkerLostError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.worker import in_parts

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import equimesh
-from equimesh.io.by_parts.read import read_parts
 from equimesh.meshes.mesh_part import cut
+from equimesh_cluster.part_files.read import read_parts
 from equimesh_service.worker.part_files import PartsLayout, convert_part_file, write_head_file, write_part_file
 from equimesh_service.worker.part_formats import HEADED, PART_FORMATS, WRITTEN
 from service.parts import CUTS, SHAPE, bent_mesh, u_of
@@ -20,7 +20,7 @@ LAYOUT = PartsLayout(name="m-1", grid=equimesh.Grid(n_xi=SHAPE[0], n_eta=SHAPE[1
 def written(folder: Path) -> list[Path]:
     files = []
     for part in cut(bent_mesh(), CUTS):
-        files.append(folder / f"{part.number}.vts")
+        files.append(folder / f"{part.number}.vtu")
         write_part_file(files[-1], part, {"u": u_of}, WRITTEN)
     return files
 
@@ -45,8 +45,8 @@ def test_parts_in_every_format_open_as_one_mesh(tmp_path: Path, format: str) -> 
 
 def test_a_part_in_the_format_of_the_first_writing_is_the_same_file(tmp_path: Path) -> None:
     source = written(tmp_path)[1]
-    convert_part_file(source, tmp_path / "again.vts", LAYOUT, 1, WRITTEN)
-    assert (tmp_path / "again.vts").read_bytes() == source.read_bytes()
+    convert_part_file(source, tmp_path / "again.vtu", LAYOUT, 1, WRITTEN)
+    assert (tmp_path / "again.vtu").read_bytes() == source.read_bytes()
 
 
 def test_the_arrays_of_a_part(tmp_path: Path) -> None:

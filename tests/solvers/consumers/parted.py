@@ -15,24 +15,18 @@ import numpy as np
 
 # The suffixes that each reads.
 SUFFIXES = {
-    "vtk": (".pvts", ".pvtu", ".xdmf", ".vtkhdf"),
-    "pyvista": (".pvtu", ".xdmf", ".vtkhdf"),
-    "paraview": (".pvts", ".pvtu", ".xdmf", ".vtkhdf"),
+    "vtk": (".pvtu", ".vtkhdf"),
+    "pyvista": (".pvtu", ".vtkhdf"),
+    "paraview": (".pvtu", ".vtkhdf"),
     "xarray": (".zarr",),
 }
 
 
 def vtk_reader() -> Callable[[str], Any]:
     from vtkmodules.vtkIOHDF import vtkHDFReader
-    from vtkmodules.vtkIOXdmf2 import vtkXdmfReader
-    from vtkmodules.vtkIOXML import vtkXMLPStructuredGridReader, vtkXMLPUnstructuredGridReader
+    from vtkmodules.vtkIOXML import vtkXMLPUnstructuredGridReader
 
-    readers = {
-        ".pvts": vtkXMLPStructuredGridReader,
-        ".pvtu": vtkXMLPUnstructuredGridReader,
-        ".xdmf": vtkXdmfReader,
-        ".vtkhdf": vtkHDFReader,
-    }
+    readers = {".pvtu": vtkXMLPUnstructuredGridReader, ".vtkhdf": vtkHDFReader}
 
     def read(path: str) -> Any:
         reader = readers[Path(path).suffix]()
@@ -53,13 +47,8 @@ def paraview_reader() -> Callable[[str], Any]:
     from paraview import servermanager, simple
 
     def read(path: str) -> Any:
-        suffix = Path(path).suffix
-        if suffix == ".xdmf":
-            reader = simple.XDMFReader(FileNames=[path])  # its other readers crash on structured grids
-        elif suffix == ".vtkhdf":
-            reader = simple.VTKHDFReader(FileName=path)  # which it takes by itself for .hdf
-        else:
-            reader = simple.OpenDataFile(path)
+        is_hdf = Path(path).suffix == ".vtkhdf"  # which it reads by itself under the name .hdf
+        reader = simple.VTKHDFReader(FileName=path) if is_hdf else simple.OpenDataFile(path)
         reader.UpdatePipeline()
         return servermanager.Fetch(reader)
 
@@ -96,10 +85,6 @@ def check(grid: Any, suffix: str, whole: Any) -> dict[str, Any]:
     def values(data: Any, name: str) -> Any:
         return vtk_to_numpy(data.GetArray(name))
 
-    def ours(array: Any, shape: tuple[int, ...]) -> Any:
-        """The array with xi first; in a pvts it is the last index."""
-        return array.reshape(shape[::-1]).T if suffix == ".pvts" else array.reshape(shape)
-
     nodes, cells = whole["x"].shape, whole["Q_eq"].shape
     if suffix == ".pvtu":
         ids = values(at_nodes, "GlobalNodeIds")
@@ -107,15 +92,14 @@ def check(grid: Any, suffix: str, whole: Any) -> dict[str, Any]:
         found = {"x": (points[:, 0], whole["x"].ravel()[ids]), "y": (points[:, 1], whole["y"].ravel()[ids])}
         found["u"] = values(at_nodes, "u"), whole["u"].ravel()[ids]
     else:
-        found = {"x": (ours(points[:, 0], nodes), whole["x"]), "y": (ours(points[:, 1], nodes), whole["y"])}
-        found["u"] = ours(values(at_nodes, "u"), nodes), whole["u"]
+        found = {"x": (points[:, 0].reshape(nodes), whole["x"]), "y": (points[:, 1].reshape(nodes), whole["y"])}
+        found["u"] = values(at_nodes, "u").reshape(nodes), whole["u"]
     for name in ("Q_eq", "subdomain"):
-        found[name] = ours(values(in_cells, name), cells), whole[name]
+        found[name] = values(in_cells, name).reshape(cells), whole[name]
     for name, (read, expected) in found.items():
         assert np.array_equal(read, expected), name
-    if suffix in (".pvtu", ".vtkhdf"):
-        groups = values(at_nodes, "node_groups")
-        assert np.array_equal(groups, whole["node_groups"][ids if suffix == ".pvtu" else slice(None)])
+    groups = values(at_nodes, "node_groups")
+    assert np.array_equal(groups, whole["node_groups"][ids if suffix == ".pvtu" else slice(None)])
     area = sum(signed_areas(grid))
     assert abs(abs(area) - 1) < 1e-12
     return {"class": grid.GetClassName(), "points": len(points), "counter-clockwise": bool(area > 0)}

@@ -1,0 +1,75 @@
+"""One mesh in parts: on the workers of a Dask cluster, and in files, one for each part.
+
+The names of files need ``equimesh`` alone. The others need ``pip install 'equimesh[dask]'``, which is imported with the
+first of them. ``import equimesh`` does not import this package.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from equimesh_cluster.part_files.contents import PartData
+from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartedFormat
+from equimesh_cluster.part_files.read import PartedMesh, read_parts
+from equimesh_cluster.part_files.write import remove_parted, write_head, write_part
+from equimesh_coupling.libraries import library
+
+if TYPE_CHECKING:
+    from equimesh_cluster.blocks import solve_blocks
+    from equimesh_cluster.connection import connect
+    from equimesh_cluster.errors import ClusterError, NoSchedulerError, RunCancelledError, WorkersLostError
+    from equimesh_cluster.handle import Handle, PartsError
+    from equimesh_cluster.progress import Progress
+    from equimesh_cluster.run import PartsRun, RunOptions, run_parts
+    from equimesh_cluster.schwarz import SchwarzHandle
+    from equimesh_cluster.solving import solve
+
+__all__ = [  # noqa: RUF022 - grouped by noun
+    # One mesh in parts
+    "solve",
+    "solve_blocks",
+    "Handle",
+    "Progress",
+    "SchwarzHandle",
+    # Files of a mesh in parts
+    "PARTED_FORMATS",
+    "PartData",
+    "PartedFormat",
+    "PartedMesh",
+    "read_parts",
+    "remove_parted",
+    "write_head",
+    "write_part",
+    # One function on many workers
+    "run_parts",
+    "RunOptions",
+    "PartsRun",
+    "connect",
+    # Errors, drawn as a tree in ``equimesh_cluster/errors.py``
+    "ClusterError",
+    "NoSchedulerError",
+    "PartsError",
+    "RunCancelledError",
+    "WorkersLostError",
+]
+
+_MODULES = {
+    "blocks": ("solve_blocks",),
+    "connection": ("connect",),
+    "errors": ("ClusterError", "NoSchedulerError", "RunCancelledError", "WorkersLostError"),
+    "handle": ("Handle", "PartsError"),
+    "progress": ("Progress",),
+    "run": ("PartsRun", "RunOptions", "run_parts"),
+    "schwarz": ("SchwarzHandle",),
+    "solving": ("solve",),
+}
+"""The modules that need Dask, and what they define."""
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name):
+        """The names that need Dask, at their first use."""
+        module = next((module for module, names in _MODULES.items() if name in names), None)
+        if module is None:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        library("distributed", install="pip install 'equimesh[dask]'")
+        return getattr(import_module(f"{__name__}.{module}"), name)

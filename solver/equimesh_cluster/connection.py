@@ -1,0 +1,102 @@
+"""The connection to the scheduler of a cluster."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import count
+from typing import Any
+
+from distributed import Client, Future
+
+from equimesh.errors import InputError
+from equimesh_cluster.errors import NoSchedulerError
+
+# Seconds within which a scheduler answers; Dask's own default.
+CONNECT_SECONDS = 30.0
+# Clients that are made, at most, before their assertion is taken for a scheduler that does not answer.
+MAX_GREETINGS = 3
+START = "start one with `dask scheduler`, and workers with `dask worker ADDRESS`"
+"""The remedy where there is no scheduler."""
+
+
+def connect(address: str, *, timeout: float | None = None, security: Any = None) -> Client:
+    """A client of the scheduler at ``address``, such as ``"tcp://host:8786"``; it becomes Dask's default one.
+
+    ``security`` is Dask's own: keys and certificates of ``tls://`` addresses; the default is that of Dask's settings.
+    Raises :class:`~equimesh_cluster.errors.NoSchedulerError` where no scheduler answers within ``timeout`` seconds
+    (30), and :class:`~equimesh.errors.InputError` for an address that is none.
+    """
+    seconds = CONNECT_SECONDS if timeout is None else timeout
+    try:
+        return _greeted(address, seconds, security)
+    except (OSError, TimeoutError, AssertionError) as error:
+        raise NoSchedulerError(
+            f"no scheduler answers at {address} ({_cause(error)}): check the address, or {START}"
+        ) from error
+    except (ValueError, TypeError) as error:
+        raise InputError(
+            f"client = {address!r} is no address of a scheduler ({_cause(error)}): give 'tcp://host:8786'",
+            field="client",
+        ) from error
+
+
+def _greeted(address: str, seconds: float, security: Any) -> Client:
+    """A client that the scheduler has answered.
+
+    A client of Dask fails by an assertion where the answer comes together with another message. It is made anew then.
+    """
+    for _ in range(MAX_GREETINGS - 1):
+        with suppress(AssertionError):
+            return Client(address, timeout=seconds, security=security)
+    return Client(address, timeout=seconds, security=security)
+
+
+def check_client(client: object) -> Client:
+    """The client, which is connected and not asynchronous.
+
+    Raises :class:`~equimesh.errors.InputError` for something else, and
+    :class:`~equimesh_cluster.errors.NoSchedulerError` for a client that is closed or has lost its scheduler.
+    """
+    if not isinstance(client, Client):
+        raise InputError(
+            f"client = {str(client)[:60]!r} is no client of a cluster: give distributed.Client('tcp://host:8786')",
+            field="client",
+        )
+    if client.asynchronous:
+        raise InputError("client is asynchronous: give one that was made with asynchronous=False", field="client")
+    if client.status != "running":
+        raise no_scheduler(client)
+    return client
+
+
+def close_after(client: Client, futures: Sequence[Future[Any]]) -> None:
+    """Close ``client`` when nobody refers to any of ``futures``: they are its last use.
+
+    It is closed in a thread of its own, as the last reference may end in any thread, that of the client included.
+    """
+    gone = count(1)
+
+    def one_is_gone() -> None:
+        if next(gone) == number and client.status not in ("closing", "closed"):
+            threading.Thread(target=client.close, daemon=True).start()
+
+    number = len(futures)
+    for future in futures:
+        weakref.finalize(future, one_is_gone).atexit = False
+
+
+def no_scheduler(client: Client) -> NoSchedulerError:
+    """The error of a client whose scheduler does not answer."""
+    address = client.scheduler.address if client.scheduler is not None else "the address of the client"
+    return NoSchedulerError(
+        f"the scheduler at {address} is not connected (status {client.status}): connect again, or {START}"
+    )
+
+
+def _cause(error: BaseException) -> str:
+    """The first line of an error, without a full stop."""
+    text = str(error).strip() or type(error).__name__
+    return text.splitlines()[0].rstrip(".")[:200]

@@ -1,0 +1,231 @@
+"""A solution that stays on the workers of a cluster."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from distributed import Client
+
+from equimesh.equations.problem import Problem
+from equimesh.meshes.grid import Grid
+from equimesh.numerics.channel import Traffic
+from equimesh.quality.measures import Quality
+from equimesh.solving.certificate import Certificate
+from equimesh.solving.status import Status
+from equimesh_cluster.arrays import array_of, own_u, own_x, own_y
+from equimesh_cluster.connection import close_after
+from equimesh_cluster.errors import ClusterError, WorkersLostError
+from equimesh_cluster.files import FileNames, write_parts
+from equimesh_cluster.measuring import measures_of
+from equimesh_cluster.parts.measures import PartMeasures
+from equimesh_cluster.parts.part_solution import PartSolution, PartStep
+from equimesh_cluster.run import PartsRun, run_at
+from equimesh_cluster.summary import Summary, summary_of, traffic_of
+from equimesh_schema import Relaxed
+
+
+class Handle:
+    """The mesh of a problem, in parts that stay on the workers which computed them.
+
+    It is a context manager: at its end nothing of the solve is left on the workers. The same holds after
+    :meth:`close`, and when nobody refers to it or its arrays any more. A client that was made for it is closed then.
+
+    ``quality``, ``certificate``, ``write`` and ``each`` run on all its workers. Each waits, without a time limit, until
+    no other solve or handle runs on them.
+    """
+
+    def __init__(self, problem: Problem, client: Client, run: PartsRun, *, own_client: bool) -> None:
+        self.problem, self.workers, self.attempts = problem, run.workers, run.attempts
+        self._client, self._run, self._own_client = client, run, own_client
+        futures = [client.submit(summary_of, future, pure=False) for future in run.futures]
+        self._summaries: list[Summary] = client.gather(futures)
+        self._measured: PartMeasures | None = None
+        if own_client:
+            close_after(client, run.futures)
+
+    def __repr__(self) -> str:
+        return f"<Handle: {self.grid} points, {self.status}, {self.count} parts>"
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of the mesh."""
+        return self.problem.grid
+
+    @property
+    def count(self) -> int:
+        """The number of parts."""
+        return len(self._summaries)
+
+    @property
+    def cuts(self) -> tuple[int, ...]:
+        """The first row of every part but the first one."""
+        return tuple(summary.first for summary in self._summaries[1:])
+
+    @property
+    def status(self) -> Status:
+        """How the solve ended."""
+        return self._whole.status
+
+    @property
+    def newton_steps(self) -> int:
+        """The number of sweeps on the requested grid."""
+        return self._whole.newton_steps
+
+    @property
+    def residual(self) -> float:
+        """The largest relative deviation of a squared metric length from the mean of its line, at the end."""
+        return self._whole.residual
+
+    @property
+    def note(self) -> str:
+        """The differences from the requested mesh; empty where there are none."""
+        return self._whole.note
+
+    @property
+    def remedy(self) -> str:
+        """The remedy in a sentence; empty where none is needed."""
+        return self._whole.remedy
+
+    @property
+    def message(self) -> str:
+        """The status in a sentence, its details, and the remedy."""
+        return " ".join(text for text in (self.status.sentence, self.note, self.remedy) if text)
+
+    @property
+    def relaxed(self) -> tuple[Relaxed, ...]:
+        """The differences between the requested equations and those that the mesh satisfies."""
+        return self._whole.relaxed
+
+    @property
+    def algebraic_error(self) -> float | None:
+        """The estimated distance from the exact solution of the discrete equations."""
+        return self._whole.algebraic_error
+
+    @property
+    def discretization_error(self) -> float | None:
+        """The estimated distance from the mesh that infinitely many points would have."""
+        return self._whole.discretization_error
+
+    @property
+    def records(self) -> tuple[tuple[PartStep, ...], ...]:
+        """The records of every part: one for each sweep on the levels that were solved in parts."""
+        return tuple(summary.records for summary in self._summaries)
+
+    @property
+    def traffic(self) -> dict[str, Traffic]:
+        """The messages that all parts sent, and their bytes, by the kind of the message."""
+        return traffic_of(self._summaries)
+
+    @property
+    def x(self) -> Any:
+        """x at the nodes: a dask array of shape ``(n_xi, n_eta)``, with one chunk for each part."""
+        return self._array(own_x)
+
+    @property
+    def y(self) -> Any:
+        """y at the nodes: a dask array of shape ``(n_xi, n_eta)``, with one chunk for each part."""
+        return self._array(own_y)
+
+    @property
+    def u(self) -> Any:
+        """u at the nodes, as a dask array that is computed when it is needed; ``None`` where there is no u."""
+        return None if self.problem.monitor.u is None else self._array(own_u)
+
+    def quality(self) -> Quality:
+        """All quality measures of the mesh, those of :attr:`equimesh.Solution.quality`: every part measures its cells.
+
+        Values of single cells are not in it. It waits while another solve runs on the workers.
+        """
+        return self._measures().quality
+
+    @property
+    def certificate(self) -> Certificate:
+        """How well the mesh solves the requested equations, as :attr:`equimesh.Solution.certificate` says it.
+
+        It is measured with the quality. It waits while another solve runs on the workers.
+        """
+        return self._measures().certificate
+
+    def write(self, path: str | os.PathLike[str], *, format: str | None = None, q_eq: bool = True) -> Path:
+        """Write the mesh, Q_eq, and u where there is one: every worker its part, then the caller the head.
+
+        Returns the path of the head. ``q_eq=False`` leaves Q_eq out, which is measured when it is written.
+        The suffix of ``path`` decides on the format, unless ``format`` is a name in
+        :data:`~equimesh_cluster.PARTED_FORMATS`. An older mesh of the same name is removed before
+        the first part is written. It waits while another solve runs on the workers. Raises
+        :class:`~equimesh.errors.InputError` for an unknown format, and for a folder that not all workers and the caller
+        reach by the same name.
+        """
+        self._require_parts()
+        names = FileNames(nodes=() if self.problem.monitor.u is None else ("u",), cells=("Q_eq",) if q_eq else ())
+        places = self.grid, self.cuts, self.workers
+        return write_parts(self._client, self._run.futures, places, path, names, format)
+
+    def each(self, function: Callable[..., Any], *arguments: Any) -> list[Any]:
+        """The results of ``function(channel, part, *arguments)``, called for every part on the worker that holds it.
+
+        ``part`` is a :class:`~equimesh_cluster.parts.part_solution.PartSolution`; the results should be small. It
+        waits while another solve runs on the workers. Raises what the function raises.
+        """
+        self._require_parts()
+        run = run_at(self._client, function, lambda k, _: (self._run.futures[k], *arguments), self.workers)
+        return list(self._client.gather(list(run.futures)))
+
+    def close(self) -> None:
+        """Remove all parts from the workers. Dask arrays of them cannot be computed after that."""
+        futures, self._run = list(self._run.futures), PartsRun((), (), 0)
+        if futures and self._client.status == "running":
+            self._client.cancel(futures, force=True)
+        if self._own_client:
+            self._client.close()
+
+    def __enter__(self) -> Handle:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _measures(self) -> PartMeasures:
+        """The quality and the certificate, which are measured together and once."""
+        if self._measured is None:
+            self._require_parts()
+            self._measured = measures_of(self._client, self._run)
+        return self._measured
+
+    @property
+    def _whole(self) -> Summary:
+        """The numbers that are the same for all parts."""
+        return self._summaries[0]
+
+    @cached_property
+    def _rows(self) -> list[int]:
+        return [summary.last - summary.first for summary in self._summaries]
+
+    def _array(self, values: Callable[[PartSolution], Any]) -> Any:
+        self._require_parts()
+        return array_of(self._run.futures, self._rows, self.grid.n_eta, values)
+
+    def _require_parts(self) -> None:
+        """Raise where the parts are not on the workers any more."""
+        if not self._run.futures:
+            raise ClusterError("this handle is closed, and its mesh is gone: solve again")
+        alive = self._client.nthreads(workers=sorted(set(self.workers)))
+        lost = tuple(sorted(set(self.workers) - set(alive)))
+        if lost or any(future.status != "finished" for future in self._run.futures):
+            names = ", ".join(lost) or "workers"
+            raise WorkersLostError(f"{names} ended, and with them parts of the mesh: solve again", lost=lost)
+
+
+class PartsError(ClusterError):
+    """A solve in parts that ended without the requested mesh. ``handle`` has what there is; close it."""
+
+    def __init__(self, message: str, handle: Handle) -> None:
+        super().__init__(message)
+        self.handle = handle

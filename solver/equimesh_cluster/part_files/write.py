@@ -1,0 +1,191 @@
+"""Writing a mesh in parts: every part by the process that holds it, then the head."""
+
+import os
+import shutil
+import socket
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+
+from equimesh.errors import InputError
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh_part import MeshPart
+from equimesh_cluster.part_files.contents import PartData, check_names
+from equimesh_cluster.part_files.formats import (
+    PartedFormat,
+    PartedGrid,
+    part_folder,
+    part_path,
+    parted_format,
+    staged,
+)
+
+# How long the caller waits for the file of a worker: network folders show new files late.
+WAIT_SECONDS = 5.0
+# How often it looks.
+LOOK_SECONDS = 0.05
+
+
+def write_part(
+    path: str | os.PathLike[str], part: MeshPart, data: PartData | None = None, *, format: str | None = None
+) -> Path:
+    """Write what ``part`` holds, and return its file. ``path`` is that of the head, which is written at the end.
+
+    The file is ``part-0003.vtu`` in the folder ``mesh``, for part 3 of ``mesh.pvtu``; that folder is made. ``format``
+    is a name in :data:`~equimesh_cluster.PARTED_FORMATS`; without it the suffix of ``path`` decides. The file appears
+    whole or not at all, and one that was there is replaced. Only some rows are copied at a time.
+
+    This runs in the process that holds the part, which may be on another machine. The folder of ``path`` must be one
+    that all these processes and the one that writes the head reach by the same name;
+    :func:`~equimesh_cluster.part_files.write.require_probe` finds out.
+
+    Raises :class:`~equimesh.errors.InputError` for an unknown format, arrays that do not fit, and a folder that does
+    not exist; ``OSError`` where a file cannot be written.
+    """
+    kind, head = parted_format(path, format), Path(path)
+    contents = PartData() if data is None else data
+    contents.check(part)
+    require_folder(head)
+    if kind.name == "zarr":
+        from equimesh_cluster.part_files import zarr_parts
+
+        zarr_parts.write_part(head, part, contents)
+        return head
+    file = part_path(head, part.number, kind)
+    file.parent.mkdir(exist_ok=True)
+    with staged(file) as unfinished:
+        _writer(kind).write_part(unfinished, part, contents)
+    return file
+
+
+def write_head(
+    path: str | os.PathLike[str],
+    *,
+    grid: Grid,
+    cuts: Sequence[int],
+    nodes: Sequence[str] = (),
+    cells: Sequence[str] = (),
+    format: str | None = None,
+    parts_exist: bool = True,
+) -> Path:
+    """Write the head of a mesh whose parts are written, and return its path.
+
+    The parts begin at row 0 and at the rows ``cuts`` of ``grid``; ``nodes`` and ``cells`` are the names of their
+    arrays, in the order in which they are listed. No part is opened. With ``parts_exist=False`` the files of the parts
+    may still be missing, except for zarr, whose head is made of what the parts left.
+
+    Raises :class:`~equimesh.errors.InputError` as :func:`write_part`, and where a part is not there; ``OSError`` where
+    a file cannot be written.
+    """
+    kind, head = parted_format(path, format), Path(path)
+    parted = PartedGrid.of(grid, cuts)
+    check_names(nodes, cells)
+    require_folder(head)
+    if kind.name == "zarr":
+        from equimesh_cluster.part_files import zarr_parts
+
+        zarr_parts.write_head(head, parted, nodes, cells)
+        return head
+    if parts_exist:
+        _require_parts(head, kind, parted)
+    with staged(head) as unfinished:
+        _writer(kind).write_head(unfinished, head, parted, nodes, cells)
+    return head
+
+
+def remove_parted(path: str | os.PathLike[str], *, format: str | None = None) -> None:
+    """Remove the head and all parts of an older mesh of this name, if there is one.
+
+    Call it before the first part is written: otherwise the old head shows old and new parts together.
+    """
+    kind, head = parted_format(path, format), Path(path)
+    if kind.name == "zarr":
+        from equimesh_cluster.part_files import zarr_parts
+
+        zarr_parts.remove(head)
+        return
+    head.unlink(missing_ok=True)
+    folder = part_folder(head)
+    for file in folder.glob(f"part-*{kind.part_suffix}"):
+        file.unlink(missing_ok=True)
+    if folder.is_dir() and not any(folder.iterdir()):
+        shutil.rmtree(folder)
+
+
+def _writer(kind: PartedFormat) -> ModuleType:
+    """The module of a format whose parts are files; HDF5 is loaded for its own alone."""
+    if kind.name == "pvtu":
+        from equimesh_cluster.part_files import pvtu
+
+        return pvtu
+    from equimesh_cluster.part_files import vtkhdf
+
+    return vtkhdf
+
+
+def require_folder(head: Path) -> None:
+    """Raise :class:`~equimesh.errors.InputError` where the folder of a head is not on this machine."""
+    if not head.parent.is_dir():
+        raise InputError(
+            f"there is no folder {head.parent} on this machine: make it, or choose one that all workers reach",
+            field="path",
+        )
+
+
+def _require_parts(head: Path, kind: PartedFormat, parted: PartedGrid) -> None:
+    for number in range(parted.count):
+        file = part_path(head, number, kind)
+        if not file.is_file():
+            raise InputError(
+                f"part {number} of {parted.count} is not at {file}: write it first, in a folder that all workers and"
+                " the caller reach",
+                field="path",
+            )
+
+
+def leave_probe(path: str | os.PathLike[str], token: str) -> str:
+    """Write a small file next to ``path``, named by ``token``; returns the name of this machine. Runs on a worker.
+
+    Raises :class:`~equimesh.errors.InputError` where this machine has no such folder, or may not write there.
+    """
+    machine, probe = socket.gethostname(), _probe(Path(path), token)
+    try:
+        probe.write_text(machine)
+    except OSError as error:
+        raise InputError(
+            f"the worker on {machine} cannot write to {probe.parent}: {error.strerror or error}. Give a folder that all"
+            " workers reach, such as a network folder with the same name everywhere",
+            field="path",
+        ) from error
+    return machine
+
+
+def require_probe(path: str | os.PathLike[str], token: str, machine: str, *, seconds: float = WAIT_SECONDS) -> None:
+    """Return when the file that a worker on ``machine`` left with ``token`` is here too, and remove it.
+
+    Runs in the process that writes the head. Raises :class:`~equimesh.errors.InputError` where it does not appear
+    within ``seconds``: the worker wrote to another folder of the same name, which is on its own machine.
+    """
+    probe, end = _probe(Path(path), token), time.monotonic() + seconds
+    while not _is_there(probe):
+        if time.monotonic() >= end:
+            raise InputError(
+                f"what the worker on {machine} wrote to {probe.parent} is not seen on {socket.gethostname()}: the"
+                " folder is on its own machine. Give a folder that all workers and the caller reach",
+                field="path",
+            )
+        time.sleep(LOOK_SECONDS)
+    probe.unlink(missing_ok=True)
+
+
+def _is_there(probe: Path) -> bool:
+    """Whether the file exists; the folder is listed first, which makes network folders look again."""
+    try:
+        return probe.name in os.listdir(probe.parent)
+    except OSError:
+        return False
+
+
+def _probe(path: Path, token: str) -> Path:
+    return path.parent / f".equimesh-{token}.probe"

@@ -1,0 +1,164 @@
+"""A Schwarz iteration whose subdomains several parts hold, from the start to strips of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from equimesh.domains.domain import map_mesh
+from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_part import MeshPart
+from equimesh.numerics.channel import Channel, Traffic
+from equimesh.schwarz.decomposition import SubdomainWindow
+from equimesh.schwarz.holding.kept import Kept, keep, resumed
+from equimesh.schwarz.holding.on_channel import GHOSTS, OnChannel, holder
+from equimesh.schwarz.holding.rows import cuts_of_rows, rows_of
+from equimesh.schwarz.iteration import iterations_on
+from equimesh.schwarz.records import IterationNumbers
+from equimesh.schwarz.settings import Acceleration, Schwarz
+from equimesh.single_domain.steps import Mode
+from equimesh.solving.closed import require_open
+from equimesh.solving.estimates import safe_discretization_error
+from equimesh.solving.schwarz_ending import ending_of
+from equimesh_cluster.parts.part_solution import PartSolution
+
+
+@dataclass(frozen=True, kw_only=True)
+class SchwarzPlan:
+    """The input of all parts of a Schwarz iteration."""
+
+    problem: Problem
+    schwarz: Schwarz
+    tolerance: float | None
+    """The error at which the iteration ends, as a number; ``None`` runs exactly ``schwarz.max_iterations``."""
+    expected: float
+    """The expected error of the discretisation; NaN where it is not known."""
+    nested: bool = True
+    """Whether the start was interpolated from a coarser grid."""
+    threads: int = 1
+    """The threads of each part, which share its subdomains."""
+    shows: bool = False
+    """Whether the first part assembles the mesh of every record."""
+
+    def __post_init__(self) -> None:
+        require_open(self.problem, self.schwarz)
+        self.schwarz.decompose(self.problem.grid)
+        if self.schwarz.accelerated_by is Acceleration.NEWTON and self.problem.grid.points > MAX_FACTORISED_POINTS:
+            raise InputError(
+                'acceleration = "newton" on several machines: one of them takes the steps, on whole meshes of at most'
+                f' {MAX_FACTORISED_POINTS} points, and this grid has {self.problem.grid.points}: take "anderson"',
+                field="schwarz.acceleration",
+            )
+
+    def windows(self, mesh: Mesh, number: int, count: int) -> dict[int, Mesh]:
+        """The windows of a mesh of the whole grid for part ``number`` of ``count``."""
+        decomposition = self.schwarz.decompose(self.problem.grid)
+        held = [part for part in decomposition.parts if holder(part.number, len(decomposition.parts), count) == number]
+        return {part.number: SubdomainWindow(decomposition, part, GHOSTS).restrict(mesh) for part in held}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SchwarzPart(PartSolution):
+    """The rows of one part of the mesh of a Schwarz iteration; ``newton_steps`` counts sweeps, too."""
+
+    iterations: tuple[IterationNumbers, ...]
+    """The records of this attempt; with meshes in the first part, where they are shown."""
+    sent: tuple[dict[str, Traffic], ...]
+    """The traffic of this part in each of these iterations, by the kind of the message."""
+    detours: tuple[str, ...]
+    """Sentences about deviations of the solve from the request."""
+    resumed: int | None
+    """The iteration from whose mesh this attempt went on, after a process was lost; ``None`` for the start."""
+
+
+def iterate_part(
+    channel: Channel,
+    plan: SchwarzPlan,
+    start: Mapping[int, Mesh],
+    reference: Mapping[int, Mesh] | None = None,
+    *,
+    kept: Kept | None = None,
+    observe: Callable[[IterationNumbers], None] | None = None,
+) -> SchwarzPart:
+    """Part ``channel.number`` of the mesh of a Schwarz iteration; every part of ``channel.count`` has to call it.
+
+    ``start`` and ``reference`` are the windows of :meth:`SchwarzPlan.windows`. The iterates are those of
+    :func:`equimesh.schwarz.iteration.schwarz_iterations`. With ``kept``, the copies of this process, the iteration goes
+    on from the newest iterate of which the processes of all parts still have copies. Raises
+    :class:`~equimesh.errors.InputError` for more parts than subdomains.
+    """
+    problem, schwarz = plan.problem, plan.schwarz
+    holding = OnChannel(channel, schwarz.decompose(problem.grid), shows=plan.shows)
+    begun = None if kept is None else resumed(holding, kept, schwarz.max_iterations - 1)
+    first, mesh = (0, holding.joined(start)) if begun is None else begun
+    last = mesh
+    exact = None if reference is None else holding.joined(reference)
+    settings = replace(schwarz, tolerance=plan.tolerance)
+    records: list[IterationNumbers] = []
+    sent: list[dict[str, Traffic]] = []
+    for record, last in iterations_on(holding, problem, settings, mesh, exact, threads=plan.threads, first=first):
+        done = record.meets(plan.tolerance) or record.iteration >= schwarz.max_iterations
+        if kept is not None and record.iteration > 0 and not done:
+            keep(holding, kept, record.iteration, last)
+        records.append(record)
+        sent.append(holding.channel.taken())
+        if observe is not None:
+            observe(record)
+        if done:
+            break
+    return _part(plan, holding, last, records, sent, None if begun is None else first)
+
+
+def _part(
+    plan: SchwarzPlan,
+    holding: OnChannel,
+    mesh: Mesh,
+    records: list[IterationNumbers],
+    sent: list[dict[str, Traffic]],
+    first: int | None,
+) -> SchwarzPart:
+    """The result of a part, from its windows of the last mesh."""
+    problem, number, cuts = plan.problem, holding.channel.number, cuts_of_rows(holding)
+    reference = rows_of(holding, mesh)
+    end = ending_of(
+        problem,
+        plan.schwarz,
+        records,
+        plan.tolerance,
+        nested=plan.nested,
+        folded=not records[-1].min_jacobian > 0.0,
+    )
+    own = slice(cuts[number] - reference.begin, min(cuts[number + 1] + 1, problem.grid.n_xi) - reference.begin)
+    physical = map_mesh(Mesh(reference.x[own].copy(), reference.y[own].copy()), problem.domain)
+    detours = end.detours
+    if first is not None:
+        detours = (*detours, f"A process was lost; the iteration went on from the mesh of iteration {first}.")
+    return SchwarzPart(
+        problem=problem,
+        mode=Mode.TIGHT,
+        status=end.status,
+        mesh=MeshPart(
+            grid=problem.grid,
+            number=number,
+            count=holding.channel.count,
+            first=cuts[number],
+            last=cuts[number + 1],
+            x=physical.x,
+            y=physical.y,
+        ),
+        reference=reference,
+        newton_steps=end.newton_steps,
+        residual=end.residual,
+        note=" ".join(text for text in (end.note, *detours[len(end.detours) :]) if text),
+        remedy=end.remedy,
+        algebraic_error=end.algebraic_error,
+        discretization_error=safe_discretization_error(plan.expected),
+        threads=plan.threads,
+        iterations=tuple(records),
+        sent=tuple(sent),
+        detours=detours,
+        resumed=first,
+    )

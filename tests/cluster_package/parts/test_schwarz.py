@@ -1,0 +1,164 @@
+"""A Schwarz iteration in parts: the mesh of one process, its records, and what happens after a loss."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from cases import problem
+from equimesh.numerics.channel import Channel, ThreadChannels
+from equimesh.schwarz.holding.kept import Kept
+from equimesh.schwarz.records import Iteration, IterationNumbers
+from equimesh_cluster.parts.schwarz import SchwarzPart, SchwarzPlan, iterate_part
+from solver.schwarz.bent import bent
+
+SECTOR = em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0))
+SQUARE = problem("tanh20", 25, 17)
+CASE = em.Problem(monitor=SQUARE.monitor, grid=SQUARE.grid, domain=SECTOR)
+START = bent(CASE, 0.001)
+
+
+def plan(schwarz: em.Schwarz, *, shows: bool = False) -> SchwarzPlan:
+    tolerance = schwarz.tolerance if isinstance(schwarz.tolerance, float) else None
+    return SchwarzPlan(problem=CASE, schwarz=schwarz, tolerance=tolerance, expected=math.nan, shows=shows)
+
+
+def run(
+    made: SchwarzPlan,
+    parts: int,
+    kept: list[Kept] | None = None,
+    observe: Callable[[int, IterationNumbers], None] | None = None,
+) -> list[SchwarzPart]:
+    def part(channel: Channel) -> SchwarzPart:
+        windows = made.windows(START, channel.number, channel.count)
+        copies = None if kept is None else kept[channel.number]
+        watch = None if observe is None else lambda record: observe(channel.number, record)
+        return iterate_part(channel, made, windows, kept=copies, observe=watch)
+
+    return ThreadChannels(parts).run(part)
+
+
+def joined(parts: list[SchwarzPart]) -> tuple[np.ndarray, np.ndarray]:
+    x, y = (np.concatenate([getattr(part.mesh, q)[part.mesh.own_rows] for part in parts]) for q in "xy")
+    return x, y
+
+
+@pytest.mark.parametrize(("subdomains", "parts"), [((4, 1), 2), ((2, 2), 3)], ids=str)
+def test_the_rows_of_all_parts_are_the_mesh_of_one_process(subdomains: tuple[int, int], parts: int) -> None:
+    schwarz = em.Schwarz(subdomains=subdomains, tolerance=1e-10)
+    solution = em.solve(CASE, schwarz, initial=START)
+    found = run(plan(schwarz), parts)
+    x, y = joined(found)
+    assert max(abs(x - solution.mesh.x).max(), abs(y - solution.mesh.y).max()) < 1e-12
+    for part in found:
+        held = slice(part.reference.begin, part.reference.end)
+        assert abs(part.reference.x - solution.reference.x[held]).max() < 1e-12
+        assert (part.status, part.note, part.remedy) == (em.Status.CONVERGED, "", "")
+        assert part.newton_steps == solution.newton_steps
+        assert len(part.iterations) == len(solution.iterations)
+        assert part.resumed is None
+        assert not any(isinstance(record, Iteration) for record in part.iterations), "meshes stay where they are"
+
+
+def test_meshes_of_records_are_assembled_where_they_are_shown() -> None:
+    seen: list[IterationNumbers] = []
+    schwarz = em.Schwarz(subdomains=(2, 1), tolerance=None, max_iterations=2)
+    found = run(
+        plan(schwarz, shows=True), 2, observe=lambda number, record: seen.append(record) if not number else None
+    )
+    assert found[0].status is em.Status.COMPLETED
+    assert [record.iteration for record in seen] == [0, 1, 2]
+    assert isinstance(seen[2], Iteration)
+    x, y = joined(found)
+    assert np.array_equal(seen[2].mesh.x, x)
+    assert np.array_equal(seen[2].mesh.y, y)
+
+
+SLOW = em.Schwarz(subdomains=(3, 1), overlap=7, transmission=em.Classical(), fallback=False, tolerance=1e-6)
+
+
+class Killed(Exception):
+    """A part that is lost."""
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_after_a_loss_the_iteration_goes_on_from_its_last_iterate(lost: int) -> None:
+    """With one part less: the copies of the others have the windows of the lost one."""
+    made, kept, numbers = plan(SLOW), [Kept() for _ in range(3)], list[int]()
+
+    def kill(number: int, record: IterationNumbers) -> None:
+        if number == lost and record.iteration == 5:
+            raise Killed
+
+    with pytest.raises(Killed):
+        run(made, 3, kept, kill)
+    left = [copies for number, copies in enumerate(kept) if number != lost]
+    found = run(made, 2, left, lambda number, record: numbers.append(record.iteration) if not number else None)
+    assert found[0].resumed in (4, 5)
+    assert numbers[0] == found[0].resumed + 1
+    assert f"went on from the mesh of iteration {found[0].resumed}" in found[0].note
+    assert found[0].status is em.Status.CONVERGED
+    exact = em.solve(CASE, mode=em.Mode.TIGHT).mesh
+    x, y = joined(found)
+    assert max(abs(x - exact.x).max(), abs(y - exact.y).max()) < 1e-5
+    whole = em.solve(CASE, SLOW, initial=START)
+    assert abs(numbers[-1] - (len(whole.iterations) - 1)) <= 2, "no iteration is done again"
+
+
+def test_without_copies_it_begins_again() -> None:
+    schwarz = em.Schwarz(subdomains=(2, 1), tolerance=None, max_iterations=2)
+    found = run(plan(schwarz), 2, [Kept(), Kept()])
+    assert (found[0].resumed, len(found[0].iterations)) == (None, 3)
+    windows = sum(x.nbytes + y.nbytes for x, y in ((m.x, m.y) for m in plan(schwarz).windows(START, 0, 2).values()))
+    assert found[0].sent[1]["kept"].bytes == windows
+    assert found[0].sent[0]["kept"].bytes == 0, "the start is known"
+    assert "kept" not in found[0].sent[2], "nothing goes on from the last mesh"
+
+
+def test_newton_steps_of_large_grids_are_refused() -> None:
+    fine = problem("tanh20", 513)
+    with pytest.raises(em.InputError, match=r"whole meshes of at most 66049 points, and this grid has 263169"):
+        SchwarzPlan(problem=fine, schwarz=em.Schwarz(acceleration="newton"), tolerance=None, expected=math.nan)
+
+
+def test_closed_lines_are_refused() -> None:
+    monitor = em.ArcLength(u=em.Expression("sin(2*pi*y)"))
+    closed = replace(CASE, monitor=monitor, domain=em.Rectangle(periodic="y"))
+    with pytest.raises(em.InputError, match="the subdomains of a Schwarz iteration end at sides"):
+        SchwarzPlan(problem=closed, schwarz=SLOW, tolerance=None, expected=math.nan)
+
+
+@pytest.mark.parametrize(
+    ("condition", "corrections", "iterations"),
+    [(em.Optimized(), 3, [2, 2, 3, 3, 3]), (em.Classical(), 2, [4, 5, 4, 5, 4])],
+    ids=["optimized", "classical"],
+)
+def test_2_to_32_subdomains_on_up_to_8_parts(
+    condition: em.TransmissionCondition, corrections: int, iterations: list[int]
+) -> None:
+    """The number of iterations does not grow with them where lines are corrected as a whole."""
+    case = problem("tanh20", 129, 17)
+    start, exact = bent(case, 0.002), bent(case, 0.0)
+    for subdomains, expected in zip((2, 4, 8, 16, 32), iterations, strict=True):
+        settings = em.Schwarz(
+            subdomains=(subdomains, 1), overlap=3, transmission=condition, line_correction=corrections, tolerance=1e-8
+        )
+        made = SchwarzPlan(problem=case, schwarz=settings, tolerance=1e-8, expected=math.nan)
+
+        def part(channel: Channel, made: SchwarzPlan = made) -> SchwarzPart:
+            return iterate_part(channel, made, made.windows(start, channel.number, channel.count))
+
+        found = ThreadChannels(min(subdomains, 8)).run(part)
+        assert len(found[0].iterations) - 1 == expected
+        x, y = joined(found)
+        assert max(abs(x - exact.x).max(), abs(y - exact.y).max()) < 1e-8
+        sent = sum(
+            one.bytes for part in found for counts in part.sent for kind, one in counts.items() if kind != "agreed"
+        )
+        said = sum(record.traffic for record in found[0].iterations)
+        assert sent == said if subdomains <= 8 else 0 < sent < said, "neighbours in one part send nothing"

@@ -1,0 +1,62 @@
+"""Solutions in parts, compared with those of one process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.meshes import parts, strips
+from equimesh.numerics.channel import ThreadChannels
+from equimesh_cluster.parts.coarse import coarse_solution
+from equimesh_cluster.parts.in_threads import solve_in_threads
+from equimesh_cluster.parts.part_solution import PartSolution
+from equimesh_cluster.parts.solve import solve_part
+
+# Of the coarse solution, in place of a million.
+COARSE_POINTS = 65 * 65
+
+
+@pytest.fixture
+def low_strips(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Strips of 16 rows also on small grids, which can then be cut into many parts."""
+    caches = (strips.strips_of, parts._cut)
+    for cache in caches:
+        cache.cache_clear()
+    monkeypatch.setattr(strips, "STRIP_NODES", 1_024)
+    yield
+    for cache in caches:
+        cache.cache_clear()
+
+
+def in_parts(
+    problem: em.Problem,
+    count: int,
+    mode: em.Mode = em.Mode.DISCRETIZATION,
+    points: int = COARSE_POINTS,
+    threads: int = 1,
+) -> list[PartSolution]:
+    """The parts of a solution, each of which is shared by ``threads`` threads."""
+    coarse = coarse_solution(problem, mode=mode, threads=1, max_points=points)
+    if threads == 1:
+        return solve_in_threads(problem, count, coarse)
+    return ThreadChannels(count).run(
+        lambda channel: solve_part(problem, coarse.for_part(channel.number, count), channel, threads=threads)
+    )
+
+
+def require_equal(found: list[PartSolution], whole: em.Solution) -> None:
+    """The meshes are equal to the last bit, and so are all numbers of the solve."""
+    for name in ("x", "y"):
+        rows = np.concatenate([getattr(part.mesh, name)[part.mesh.own_rows] for part in found])
+        assert np.array_equal(rows, getattr(whole.mesh, name)), name
+        for part in found:
+            held = getattr(whole.reference, name)[part.reference.begin : part.reference.end]
+            assert np.array_equal(getattr(part.reference, name), held), name
+    for part in found:
+        for name in ("status", "newton_steps", "residual", "note", "remedy", "relaxed", "mode"):
+            assert repr(getattr(part, name)) == repr(getattr(whole, name)), name
+        for name in ("algebraic_error", "discretization_error"):
+            assert getattr(part, name) == getattr(whole, name), name

@@ -1,0 +1,249 @@
+"""One mesh on the workers of a cluster: equal to the whole one to the last bit, and none of it left behind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from distributed import Client
+
+import equimesh as em
+from dask_processes import DaskProcesses
+from equimesh.meshes import parts as parts_of_grids
+from equimesh.meshes import strips
+from equimesh.numerics.types import Array
+from equimesh_cluster import ClusterError, Progress, RunCancelledError, connect, run_parts, solve, solving
+from equimesh_cluster.messages import PLUGIN
+from equimesh_cluster.parts.coarse import coarse_solution
+from meshes_on_workers import PROBLEM
+
+RING = em.ArcLength(u=em.Expression("tanh(12*(hypot(x, y) - 0.7))"))
+SMALL = em.Problem(monitor=RING, grid=em.Grid(n_xi=257, n_eta=129))
+LARGE = em.Problem(monitor=RING, grid=em.Grid(n_xi=1025, n_eta=513))
+"""The smallest nested grid whose last level is solved in parts."""
+EQUAL = 0.0
+WAITS = """
+import sys
+from distributed import Client
+from equimesh_cluster import RunOptions, run_parts
+
+def waits(channel):
+    channel.report(channel.number)
+    channel.receive(1 - channel.number, "never")
+
+if __name__ == "__main__":
+    told = RunOptions(observe=lambda number, _: print("runs", number, flush=True))
+    run_parts(Client(sys.argv[1]), waits, lambda *_: (), parts=2, options=told)
+"""
+
+
+TWO_PEAKS = "exp(-80*((x-0.3)**2 + (y-0.3)**2)) + exp(-80*((x-0.7)**2 + (y-0.7)**2))"
+RELAXED = em.Problem(monitor=em.ArcLength(u=em.Expression(TWO_PEAKS)), grid=em.Grid(n_xi=33, n_eta=33))
+
+
+@pytest.fixture
+def small_levels(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Small grids are solved in parts, too: the coarse one has at most 65 x 65 points, and strips have 16 rows."""
+    caches = strips.strips_of, parts_of_grids._cut
+    for cache in caches:
+        cache.cache_clear()
+    monkeypatch.setattr(strips, "STRIP_NODES", 1024)
+    monkeypatch.setattr(solving, "coarse_solution", partial(coarse_solution, max_points=65 * 65))
+    yield
+    for cache in caches:
+        cache.cache_clear()
+
+
+def largest_difference(found: Array, whole: Array) -> float:
+    """The largest distance between two arrays of one shape."""
+    assert found.shape == whole.shape
+    return float(np.abs(found - whole).max())
+
+
+def left_on(client: Client) -> dict[str, tuple[int, list[Any]]]:
+    """Boxes and data of solves on each worker."""
+
+    def left(dask_worker: Any) -> tuple[int, list[Any]]:
+        boxes = dask_worker.plugins[PLUGIN].boxes if PLUGIN in dask_worker.plugins else ()
+        return len(boxes), [*dask_worker.data]
+
+    return client.run(left)
+
+
+def require_nothing_left(client: Client) -> None:
+    latest = time.monotonic() + 60.0
+    while any(found != (0, []) for found in left_on(client).values()):
+        assert time.monotonic() < latest, left_on(client)
+        time.sleep(0.02)
+
+
+@pytest.mark.usefixtures("small_levels")
+@pytest.mark.parametrize("parts", [1, 2, 3, 5])
+@pytest.mark.parametrize("mode", em.Mode)
+def test_the_mesh_is_equal_to_the_whole_one(client: Client, parts: int, mode: em.Mode) -> None:
+    whole = em.solve(SMALL, mode=mode)
+    with solve(SMALL, client, parts=parts, mode=mode) as handle:
+        assert (handle.status, handle.count) == (whole.status, parts)
+        assert handle.discretization_error == pytest.approx(whole.discretization_error, rel=1e-9)
+        assert largest_difference(client.compute(handle.x).result(), whole.mesh.x) <= EQUAL
+        assert largest_difference(client.compute(handle.y).result(), whole.mesh.y) <= EQUAL
+        assert handle.newton_steps == whole.newton_steps
+    del handle
+    require_nothing_left(client)
+
+
+@pytest.mark.usefixtures("small_levels")
+def test_the_observer_sees_every_level_and_all_that_was_sent(client: Client) -> None:
+    seen: list[Progress] = []
+    with solve(SMALL, client, parts=4, observe=seen.append) as handle:
+        sent = sum(traffic.bytes for traffic in handle.traffic.values())
+        assert sum(step.bytes for step in seen) == sent > 0
+        assert sum(step.messages for step in seen) == sum(one.messages for one in handle.traffic.values())
+    assert {step.level for step in seen} == set(range(seen[-1].levels))
+    assert seen[-1].grid == SMALL.grid
+    assert [step.parts for step in seen] == sorted(step.parts for step in seen)
+    assert {step.parts for step in seen} == {1, 4}
+
+
+@pytest.mark.usefixtures("small_levels")
+def test_two_solves_at_once_give_both_meshes(client: Client) -> None:
+    found: dict[int, Any] = {}
+
+    def one(parts: int) -> None:
+        with solve(SMALL, client, parts=parts) as handle:
+            found[parts] = client.compute(handle.x).result()
+
+    threads = [threading.Thread(target=one, args=(parts,)) for parts in (3, 4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(timeout=120)
+    whole = em.solve(SMALL)
+    assert largest_difference(found[3], whole.mesh.x) <= EQUAL
+    assert largest_difference(found[4], whole.mesh.x) <= EQUAL
+
+
+@pytest.mark.usefixtures("small_levels")
+def test_a_solve_is_cancelled_and_leaves_nothing(client: Client) -> None:
+    cancel = threading.Event()
+
+    def observe(step: Progress) -> None:
+        if step.parts > 1:
+            cancel.set()
+
+    with pytest.raises(RunCancelledError):
+        solve(SMALL, client, parts=3, mode=em.Mode.TIGHT, observe=observe, cancel=cancel)
+    require_nothing_left(client)
+
+
+def test_arguments_that_cannot_be_used_are_refused(client: Client) -> None:
+    with pytest.raises(em.InputError, match="problem = 'u' is no problem"):
+        solve("u", client)  # type: ignore[arg-type]
+    with pytest.raises(em.InputError, match="client = '7' is no client"):
+        solve(PROBLEM, 7)  # type: ignore[arg-type]
+    with pytest.raises(em.InputError, match="mode"):
+        solve(PROBLEM, client, mode="loose")  # type: ignore[arg-type]
+    with pytest.raises(em.InputError, match="least_error has no metric, and is not solved in parts"):
+        solve(em.Problem(monitor=em.LeastError(u=RING.u), grid=SMALL.grid), client)
+    with pytest.raises(em.InputError, match="parts = 7: all parts run at the same time"):
+        solve(LARGE, client, parts=7)
+    with pytest.raises(em.InputError, match=r"parts = 4: .* can be cut into at most 1: take 1 to 1 parts"):
+        solve(em.Problem(monitor=RING, grid=em.Grid(n_xi=33, n_eta=33)), client, parts=4)
+
+
+def test_too_little_memory_is_said_before_anything_is_computed(client: Client) -> None:
+    vast = em.Problem(monitor=RING, grid=em.Grid(n_xi=524289, n_eta=524289))
+    with pytest.raises(ClusterError, match=r"the machine .* has .* GB free, and 3 parts of 524289 x 524289 points"):
+        solve(vast, client)
+
+
+def test_a_failure_of_the_coarse_solve_is_the_callers(client: Client) -> None:
+    with pytest.raises(em.SolveError, match="No valid mesh was found that satisfies the requested") as error:
+        solve(RELAXED, client, allow_relaxed=False)
+    assert error.value.solution.status is em.Status.NEWTON_FAILED
+    del error
+    require_nothing_left(client)
+
+
+def test_relaxed_equations_are_solved_on_the_coarse_grid_and_said(client: Client) -> None:
+    whole = em.solve(RELAXED)
+    with solve(RELAXED, client, parts=1) as handle:
+        assert handle.status is whole.status is em.Status.RELAXED
+        assert (handle.relaxed, handle.message) == (whole.relaxed, whole.message)
+        assert largest_difference(client.compute(handle.x).result(), whole.mesh.x) <= EQUAL
+
+
+def test_an_address_without_a_scheduler_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("equimesh_cluster.connection.CONNECT_SECONDS", 0.2)
+    with pytest.raises(ClusterError, match=r"no scheduler answers at tcp://127\.0\.0\.1:9 .*start one with"):
+        solve(PROBLEM, "tcp://127.0.0.1:9")
+
+
+@pytest.mark.parametrize("stage", ["before", "coarse", "sweeps"])
+def test_a_worker_that_is_killed_changes_nothing_in_the_mesh(processes: DaskProcesses, stage: str) -> None:
+    processes.have(2)
+    killed: list[str] = []
+
+    def kill() -> None:
+        if not killed:  # the worker of the coarse solution, and of part 0
+            killed.append(min(processes.client.nthreads()))
+            processes.kill(processes.name_at(killed[0]))
+
+    def observe(step: Progress) -> None:
+        if stage == ("coarse" if step.parts == 1 else "sweeps"):
+            kill()
+
+    if stage == "before":
+        kill()
+    with solve(LARGE, processes.client, mode=em.Mode.TIGHT, observe=observe) as handle:
+        assert killed
+        assert killed[0] not in handle.workers
+        assert handle.attempts == (2 if stage == "sweeps" else 1)
+        x = processes.client.compute(handle.x).result()
+    assert largest_difference(x, em.solve(LARGE, mode=em.Mode.TIGHT).mesh.x) <= EQUAL
+    del handle
+    require_nothing_left(processes.client)
+
+
+def test_a_driver_that_is_killed_leaves_nothing_and_its_workers_are_free_again(
+    processes: DaskProcesses, tmp_path: Path
+) -> None:
+    processes.have(2)
+    program = tmp_path / "waits.py"
+    program.write_text(WAITS)
+    settings = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__LOCKS__LEASE_TIMEOUT": "2s"}
+    command = [sys.executable, str(program), processes.address]
+    with subprocess.Popen(command, env=settings, stdout=subprocess.PIPE, text=True) as driver:
+        assert driver.stdout is not None
+        assert {driver.stdout.readline(), driver.stdout.readline()} == {"runs 0\n", "runs 1\n"}
+        assert sum(boxes for boxes, _ in left_on(processes.client).values()) == 2
+        driver.kill()
+    require_nothing_left(processes.client)
+    with connect(processes.address) as client:
+        assert len(run_parts(client, lambda channel: channel.number, lambda *_: (), parts=2).futures) == 2
+
+
+@pytest.mark.parametrize(
+    ("field", "change"),
+    [
+        ("threads", {"threads": 0}),
+        ("threads", {"threads": "x"}),
+        ("threads", {"threads": None}),
+        ("observe", {"observe": 7}),
+        ("monitor", {"problem": em.Problem(monitor=em.Auto(u=em.Expression("x*y")), grid=SMALL.grid)}),
+        ("monitor", {"problem": em.Problem(monitor=em.LeastError(u=em.Expression("x*y")), grid=SMALL.grid)}),
+    ],
+)
+def test_bad_arguments_are_refused_before_a_scheduler_is_asked(field: str, change: dict[str, Any]) -> None:
+    with pytest.raises(em.InputError) as error:
+        solve(**{"problem": SMALL, "client": "tcp://127.0.0.1:9", **change})
+    assert error.value.field == field
