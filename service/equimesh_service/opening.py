@@ -2,6 +2,7 @@
 
 import logging
 import secrets
+from collections.abc import Callable
 from importlib.util import find_spec
 from io import TextIOWrapper
 
@@ -44,6 +45,10 @@ PRELOAD = (
     "equimesh_service.worker.export",
     "equimesh_service.worker.preview",
     "equimesh_service.assembly.samples",
+)
+# More of them, where workers warm up: the last one does everything once.
+WARM_PRELOAD = (
+    *PRELOAD,
     "equimesh.plot.meshes",
     "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_svg",
@@ -118,6 +123,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
 
 def _open_workers(settings: Settings, storage: Storage) -> tuple[Engine, SideWorkers]:
     limit, prepare = settings.memory_limit, Preparation.of(settings)
+    preload, warm_up = _start_of_workers(settings)
     engine: Engine
     if settings.engine == "dask":
         check_cluster(settings)
@@ -125,18 +131,22 @@ def _open_workers(settings: Settings, storage: Storage) -> tuple[Engine, SideWor
 
         engine = DaskEngine(settings.scheduler, pool_settings(settings, storage))
     else:
-        engine = PebbleEngine(
-            settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=warmth.warm_up_once
-        )
-    return engine, SideWorkers(PebbleEngine(FILE_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
+        engine = PebbleEngine(settings.workers, memory_limit=limit, preload=preload, prepare=prepare, warm_up=warm_up)
+    return engine, SideWorkers(PebbleEngine(FILE_WORKERS, memory_limit=limit, preload=preload, prepare=prepare))
+
+
+def _start_of_workers(settings: Settings) -> tuple[tuple[str, ...], Callable[[], None] | None]:
+    """The modules that workers share, and the warm-up of a worker that solves, as the settings say."""
+    return (WARM_PRELOAD, warmth.warm_up_once) if settings.warm_up == "all" else (PRELOAD, None)
 
 
 def pool_settings(settings: Settings, storage: Storage) -> PoolSettings:
     """The settings of the pools that the workers of a cluster open for this service."""
+    preload, warm_up = _start_of_workers(settings)
     return PoolSettings(
         memory_limit=settings.memory_limit,
-        preload=PRELOAD,
-        warm_up=PackedCall.of(warmth.warm_up_once),
+        preload=preload,
+        warm_up=None if warm_up is None else PackedCall.of(warm_up),
         prepare=PackedCall.of(Preparation.of(settings)),
         check=PackedCall.of(Reach.of(storage).describe_faults),
     )

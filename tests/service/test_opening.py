@@ -31,3 +31,12 @@ def test_services_with_the_same_limits_share_the_pools_of_workers(tmp_path: Path
 
     assert name() == name(workers=3)
     assert name() != name(memory_limit=100)
+
+
+def test_workers_warm_up_unless_the_settings_say_otherwise(tmp_path: Path) -> None:
+    (tmp_path / "files").mkdir()
+    storage = Storage(f"sqlite:///{tmp_path / 'a.sqlite3'}", opening.files_address(Settings(data_dir=tmp_path)))
+    warm, cold = (pool_settings(Settings(warm_up=how), storage) for how in ("all", "none"))
+    assert warm.warm_up is not None
+    assert cold.warm_up is None
+    assert set(warm.preload) - set(cold.preload) >= {"equimesh_service.worker.warm_fork"}
