@@ -33,7 +33,7 @@ from equimesh_service.assembly.domain_mesh import convert_mesh
 from equimesh_service.assembly.samples import convert
 from fuzz.good_meshes import MESH_PARTS, good_meshes
 from solver.upload.files import CLOUD, CLOUD_U, TABLE, X, Y, csv, npy, npz
-from solver.upload.markup import IN_H5, VTK_HEAD, h5, vtu, with_cloud, zipped
+from solver.upload.markup import VTK_HEAD, vtu
 
 MEMORY = 256 * 2**20  # on top of what the readers need to start
 LIMITS = Limits(max_bytes=1_000_000)
@@ -58,15 +58,6 @@ PARTS = {
         b"CELLS 1 1\n",
         b"LOOKUP_TABLE t -1\n",
     ],
-    "xdmf": [
-        b"<!DOCTYPE a>",
-        b"/etc/passwd:/a",
-        b"Dimensions='-1'",
-        b"Dimensions='9 9'",
-        b"Format='Binary'",
-        b"<Grid>",
-    ],
-    "zip": [b"PK\x01\x02", b"../", b"OHDR", b"TREE", b"\x89HDF"],
 }
 
 
@@ -82,8 +73,6 @@ def good_files(folder: Path) -> dict[str, list[bytes]]:
     grid = {"grid": {"x": X.tolist(), "y": Y.tolist(), "values": TABLE.tolist()}}
     places, u = (" ".join(map(repr, a.ravel().tolist())) for a in (np.pad(CLOUD, ((0, 0), (0, 1))), CLOUD_U))
     legacy = f"{VTK_HEAD}POINTS 44 double\n{places}\nPOINT_DATA 44\nSCALARS u double 1\nLOOKUP_TABLE default\n{u}\n"
-    flat = " ".join(map(repr, CLOUD.ravel().tolist()))
-    alone = IN_H5.replace(b"HDF", b"XML").replace(b"a.h5:/g/points", flat.encode()).replace(b"a.h5:/g/u", u.encode())
     stored = io.BytesIO()
     np.savez(stored, x=X, y=Y, values=TABLE)
     return {
@@ -100,20 +89,7 @@ def good_files(folder: Path) -> dict[str, list[bytes]]:
             *(written_by_meshio(folder, "vtu", compression=kind) for kind in ("zlib", "lzma", None)),
         ],
         "vtk": [legacy.encode(), *(written_by_meshio(folder, form) for form in ("vtk42", "vtk"))],
-        "xdmf": [alone],
-        "zip": [
-            zipped(a_xdmf=IN_H5, a_h5=h5(lambda file: with_cloud(file, compression="gzip"))),
-            zipped(a_xdmf=IN_H5, a_h5=h5(with_cloud)),
-        ],
     }
-
-
-@st.composite
-def broken(draw: st.DrawFn, suffix: str, good: list[bytes], hdf5: list[bytes]) -> bytes:
-    """A file with up to six edits, of its HDF5 part before it is packed; sometimes random bytes."""
-    inside = suffix == "zip" and draw(st.booleans())
-    data = draw(edited(hdf5 if inside else good, PARTS[suffix]))
-    return zipped(a_xdmf=IN_H5, a_h5=data) if inside else data
 
 
 @st.composite
@@ -229,11 +205,10 @@ def assert_sentence(message: str) -> None:
 def main(folder: Path, cases: int, number: int) -> None:
     good, source = good_files(folder), folder / "source"
     meshes = {f"mesh, {kind}": found for kind, found in good_meshes(folder).items()}
-    hdf5 = [h5(with_cloud), h5(lambda file: with_cloud(file, compression="gzip"))]
     assert {*good} == {*READERS}
     readers = {suffix: samples_of(source, suffix) for suffix in READERS}
     readers |= {kind: mesh_of(source, name) for kind, (name, _) in meshes.items()}
-    strategies = {suffix: broken(suffix, good[suffix], hdf5) for suffix in READERS}
+    strategies = {suffix: edited(good[suffix], PARTS[suffix]) for suffix in READERS}
     strategies |= {kind: edited(files, MESH_PARTS) for kind, (_, files) in meshes.items()}
     for name, files in {**good, **{kind: files for kind, (_, files) in meshes.items()}}.items():
         for data in files:

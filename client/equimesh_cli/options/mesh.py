@@ -49,7 +49,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         "--samples",
         metavar="FILE",
         type=Path,
-        help="samples of u instead of U: npz, npy, csv, txt, json, vtu, vtk or xdmf; for solve also zarr or h5",
+        help="samples of u instead of U: npz, npy, csv, txt, json, vtu or vtk; for solve also zarr or h5",
     )
     parser.add_argument(
         "--column",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 PERIODIC: dict[str, Literal["x", "y", "both"] | None] = {"": None, "x": "x", "y": "y", "both": "both"}
 """The directions in which a rectangle repeats itself, by the word after its numbers."""
-SUFFIXES = (".npz", ".npy", ".csv", ".txt", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
+SUFFIXES = (".npz", ".npy", ".csv", ".txt", ".json", ".vtu", ".vtk")
 
 
 def _dashed(word: str) -> str:

@@ -74,7 +74,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
         "cells": list(CELLS),
         "plots": {"kinds": list(PLOTS), "formats": dict(PICTURES)},
         "samples": {
-            "formats": ["npz", "npy", "csv", "txt", "json", "vtu", "vtk", "xdmf"],
+            "formats": ["npz", "npy", "csv", "txt", "json", "vtu", "vtk"],
             "max_samples": settings.max_samples,
         },
         "sequences": {

@@ -129,7 +129,7 @@ MESH_BODY = {
                     "samples": {
                         "type": "string",
                         "contentMediaType": "application/octet-stream",
-                        "description": "For {'samples': 'upload'}: npz, npy, csv, json, vtu, vtk or xdmf.",
+                        "description": "For {'samples': 'upload'}: npz, npy, csv, json, vtu or vtk.",
                     },
                     "mesh": {
                         "type": "string",

@@ -71,7 +71,7 @@ async def create(
         Literal["samples", "mesh"], Query(description="mesh: the file is a mesh of quadrilaterals, to be a domain.")
     ] = "samples",
 ) -> Response:
-    """Samples of a function as npz, npy, csv, txt, json, vtu, vtk or xdmf; the same samples give the same id.
+    """Samples of a function as npz, npy, csv, txt, json, vtu or vtk; the same samples give the same id.
 
     With `kind=mesh` it is a mesh for `{"kind": "mesh", "file": id}` in a domain.
     """

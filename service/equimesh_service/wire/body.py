@@ -222,7 +222,7 @@ _SUFFIXES = {
     JSON: ".json",
     "application/vnd.vtk.vtu+xml": ".vtu",
     "application/vnd.vtk": ".vtk",
-    "application/zip": ".zip",  # an XDMF file, as this service writes it
+    "application/zip": ".zip",  # a mesh of several files
 }
 
 

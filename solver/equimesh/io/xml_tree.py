@@ -10,8 +10,8 @@ MAX_LEVELS: Final = 50
 MAX_PARTS: Final = 100_000
 
 
-def parse_xml(data: bytes, kind: str, remedy: str = "save it again without them") -> ElementTree.Element:
-    """The root of the tree of ``data``; messages call it a ``kind`` file, and offer a ``remedy`` for a document type.
+def parse_xml(data: bytes, kind: str) -> ElementTree.Element:
+    """The root of the tree of ``data``; messages call it a ``kind`` file.
 
     The parser itself stops at a document type, so that no encoding can hide one.
     Raises :class:`~equimesh.errors.SamplesError`.
@@ -34,7 +34,7 @@ def parse_xml(data: bytes, kind: str, remedy: str = "save it again without them"
         builder.end(tag)
 
     def refuse(*_: object) -> NoReturn:
-        raise SamplesError(f"the {kind} file declares a document type or entities: {remedy}")
+        raise SamplesError(f"the {kind} file declares a document type or entities: save it again without them")
 
     parser = expat.ParserCreate()
     parser.buffer_text = True

@@ -1,4 +1,4 @@
-"""Samples from an uploaded file: npz, npy, csv, txt, json, vtu, vtk or xdmf."""
+"""Samples from an uploaded file: npz, npy, csv, txt, json, vtu or vtk."""
 
 import io
 import json
@@ -23,7 +23,6 @@ from equimesh.upload.columns import MATRIX, choose, header_columns, numbered_col
 from equimesh.upload.limits import MAX_COLUMNS, Limits
 from equimesh.upload.nodal import BlockNodes, block_nodes, is_nodal, nodal_samples
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
-from equimesh.upload.xdmf import read_xdmf
 
 Samples: TypeAlias = GridSamples | ScatteredSamples | NodalField | BlockNodes
 
@@ -40,6 +39,8 @@ NPY_HEADER: Final = {
     "fortran_order": r"""['"]fortran_order['"]\s*:\s*(True|False)""",
     "shape": r"""['"]shape['"]\s*:\s*\(([\d\s,]{0,99})\)""",
 }
+# The suffixes of XDMF files, and of what they are packed in.
+XDMF: Final = ("xdmf", "zip")
 NEEDED = "give x, y and values (a grid), points and values (scattered samples), or nodes and values (a mesh of blocks)"
 
 
@@ -64,7 +65,6 @@ def read_samples(
     csv, txt  rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
     json      ``{"grid": {...}}``, ``nodal``, ``scattered`` or ``block_nodes`` with the keys of the npz, or these alone
     vtu, vtk  the first two coordinates of the points, and the point data ``u``, or the only one there is
-    xdmf, zip the same: a zip of ``.xdmf`` and ``.h5``, or ``.xdmf`` alone with its numbers as text
     ========= ==========================================================================================
 
     ``column`` is the name of u among the columns, arrays or point data of the file; of a table without a header its
@@ -72,7 +72,7 @@ def read_samples(
     those at the smallest x. Without it u is the one of this name, or the only one; otherwise the error lists them in
     its ``columns``.
 
-    The points of a csv, vtu, vtk or xdmf file that fill a rectilinear grid become :class:`GridSamples`, others
+    The points of a csv, vtu or vtk file that fill a rectilinear grid become :class:`GridSamples`, others
     :class:`ScatteredSamples`. Nothing is ever unpickled, and arrays of more than ``max_bytes`` are not
     unpacked. Reading stops after ``max_samples``. Raises :class:`~equimesh.errors.SamplesError`, whose message names
     the remedy.
@@ -96,6 +96,10 @@ def read_arrays(
     checked.
     """
     suffix = PurePath(filename).suffix.lower().removeprefix(".")
+    if suffix in XDMF:
+        raise SamplesError(
+            f"{filename!r}: samples in XDMF are not read; save the points and the values of u as vtu, npz or csv"
+        )
     if suffix not in READERS:
         raise SamplesError(f"{filename!r} is not a file of samples: its suffix must be one of {', '.join(READERS)}")
     if len(data) > max_bytes:
@@ -321,10 +325,6 @@ def _read_vtk(data: bytes, limits: Limits, column: str | None) -> dict[str, Any]
     return _from_cloud(*read_legacy_vtk(data, limits), column)
 
 
-def _read_xdmf(data: bytes, limits: Limits, column: str | None) -> dict[str, Any]:
-    return _from_cloud(*read_xdmf(data, limits), column)
-
-
 def _from_cloud(points: Array, fields: dict[str, Array], column: str | None) -> dict[str, Any]:
     if not fields:
         raise SamplesError("the file has no scalar point data: add the values of u at the points", field="values")
@@ -362,6 +362,4 @@ READERS: Final[dict[str, Callable[[bytes, Limits, str | None], dict[str, Any]]]]
     "json": _read_json,
     "vtu": _read_vtu,
     "vtk": _read_vtk,
-    "xdmf": _read_xdmf,
-    "zip": _read_xdmf,
 }

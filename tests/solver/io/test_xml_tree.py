@@ -16,9 +16,8 @@ def test_entities_are_refused() -> None:
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
 def test_entities_are_refused_in_any_encoding(encoding: str) -> None:
     head = f"<?xml version='1.0' encoding='{encoding}'?>"
-    for name, tag in (("u.xdmf", "Xdmf"), ("u.vtu", "VTKFile")):
-        laughs = f'{head}<!DOCTYPE a [<!ENTITY b "bbbb">]><{tag}>&b;</{tag}>'
-        refused(laughs.encode(encoding), name, "entities")
+    laughs = f'{head}<!DOCTYPE a [<!ENTITY b "bbbb">]><VTKFile>&b;</VTKFile>'
+    refused(laughs.encode(encoding), "u.vtu", "entities")
 
 
 BOMBS = {

@@ -255,8 +255,10 @@ class TestColumns:
 
 
 def test_unknown_and_empty_files() -> None:
-    refused(b"1", "u.xlsx", "'u.xlsx'", "npz, npy, csv, txt, json, vtu, vtk, xdmf")
+    refused(b"1", "u.xlsx", "'u.xlsx'", "npz, npy, csv, txt, json, vtu, vtk")
     refused(b"1", "noname", "suffix")
+    for name in ("u.xdmf", "u.XDMF", "u.zip"):
+        refused(b"1", name, name, "samples in XDMF are not read", "as vtu, npz or csv")
     for suffix in READERS:
         refused(b"", f"u.{suffix}", "is empty")
         refused(b" \n", f"u.{suffix}", "is empty")

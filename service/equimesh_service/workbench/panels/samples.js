@@ -5,7 +5,7 @@ import { greySamples } from "../grey.js";
 import { START } from "../store.js";
 
 // Files of numbers, in the formats that the service reads.
-const NUMBERS = [".csv", ".txt", ".npz", ".npy", ".vtu", ".vtk", ".json", ".xdmf", ".zip"];
+const NUMBERS = [".csv", ".txt", ".npz", ".npy", ".vtu", ".vtk", ".json"];
 // Pictures, which the browser turns into grey values.
 const PICTURES = ["image/png", "image/jpeg", "image/webp", "image/gif", "image/bmp"];
 // Kinds of monitors that do not follow u: with samples as u, the usual monitor takes their place.
@@ -44,7 +44,7 @@ class SamplesPanel {
     this.element = element("div", { class: "samples" },
       element("p", {}, "Choose a file, or drop it anywhere on the page. It becomes u."),
       field("File of samples, or picture", this.input, {
-        help: "Numbers: csv or txt (x, y, u), npz, npy, vtu, vtk, json, xdmf, zip. Pictures: PNG, JPEG, as grey values.",
+        help: "Numbers: csv or txt (x, y, u), npz, npy, vtu, vtk, json. Pictures: PNG, JPEG, as grey values.",
       }),
       field("Give the domain the proportions of a picture", this.hasProportions, { inline: true }),
       this.fault, this.line, this.columns, this.present);
