@@ -14,6 +14,7 @@ from equimesh_service.admission.intake import Intake
 from equimesh_service.admission.preview_admission import PreviewAdmission
 from equimesh_service.admission.previews import Previews
 from equimesh_service.admission.quotas import Quotas
+from equimesh_service.assembly.problem import PackedProblems
 from equimesh_service.dispatch.check_threads import CheckThreads
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.dispatch.side_workers import SideWorkers
@@ -67,6 +68,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     store.prepare()
     files.prepare(alone=lock is not None and not settings.files_url)
     engine, side_workers = _open_workers(settings, storage)
+    problems = PackedProblems()
     wakeups, check_threads = Wakeups(store.meshes.find_unfinished, settings.poll), CheckThreads()
     dispatcher = Dispatcher(
         secrets.token_hex(8),
@@ -74,7 +76,16 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         engine,
         lambda claim, mesh_input: (
             solve.solve_mesh,
-            (Job(storage, claim, settings.worker_threads, mesh_input, settings.scheduler),),
+            (
+                Job(
+                    storage,
+                    claim,
+                    settings.worker_threads,
+                    mesh_input,
+                    settings.scheduler,
+                    problems.take(claim.mesh_id),
+                ),
+            ),
         ),
         _rules(settings),
         wakeups.announce,
@@ -101,7 +112,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         admission=admission,
         callers=Callers(store.keys),
         quotas=quotas,
-        intake=Intake(settings, store, admission, dispatcher, wakeups, quotas),
+        intake=Intake(settings, store, admission, dispatcher, wakeups, quotas, problems),
         previews=Previews(settings, storage, PreviewAdmission.of(admission), check_threads, engine, dispatcher.line),
         lock=lock,
         check_threads=check_threads,

@@ -26,6 +26,13 @@ from service.processes import ServiceProcess, service_process
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
 _LEASE = 3.0
 _HOUR = 3600.0
+# The code that shifts the clock of a process, in seconds.
+_SHIFTED = """\
+import time
+
+_real = time.time
+time.time = lambda: _real() + {shift}
+"""
 # The transaction of a frozen replica is undone after this time, which is shorter than the usual one.
 _IDLE_OPTION = "-c idle_in_transaction_session_timeout=2s"
 _STARTS = re.compile(r"mesh (m-\w+) starts, attempt (\d+)")
@@ -106,8 +113,8 @@ def pair(postgres: Postgres, tmp_path_factory: pytest.TempPathFactory) -> Iterat
             "LOG_LEVEL": "info",
         }
         with (
-            service_process(folder / "a", workers=1, shift=-_HOUR, **shared) as a,
-            service_process(folder / "b", workers=1, shift=_HOUR, **shared) as b,
+            service_process(folder / "a", workers=1, first=_SHIFTED.format(shift=-_HOUR), **shared) as a,
+            service_process(folder / "b", workers=1, first=_SHIFTED.format(shift=_HOUR), **shared) as b,
         ):
             a.start()
             b.start()

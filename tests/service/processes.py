@@ -18,26 +18,20 @@ import httpx
 
 _START_SECONDS = 300.0
 _STOP_SECONDS = 120.0
-_SHIFTED = """\
-import time
-
-_real = time.time
-time.time = lambda: _real() + {shift}
-"""
 
 
 @dataclass
 class ServiceProcess:
     """``equimesh serve`` on a port and a folder; it can be killed and started again any number of times.
 
-    The clock of all its processes is ``shift`` seconds ahead.
+    Every process runs the code ``first`` when it starts.
     """
 
     folder: Path
     port: int
     settings: dict[str, str]
     workers: int = 2
-    shift: float = 0.0
+    first: str = ""
     _process: subprocess.Popen[bytes] | None = field(default=None, init=False)
     _below: set[int] = field(default_factory=set, init=False)
 
@@ -64,9 +58,9 @@ class ServiceProcess:
         settings = {"LOG_LEVEL": "warning", "THREADS": "1", **self.settings}
         environment = {**os.environ, **{f"EQUIMESH_{name}": value for name, value in settings.items()}}
         self.folder.mkdir(exist_ok=True)
-        if self.shift:
+        if self.first:
             # Python runs this module at the start of every process.
-            (self.folder / "sitecustomize.py").write_text(_SHIFTED.format(shift=self.shift))
+            (self.folder / "sitecustomize.py").write_text(self.first)
             environment["PYTHONPATH"] = os.pathsep.join((str(self.folder), *filter(None, [os.getenv("PYTHONPATH")])))
         with (self.folder / "log").open("a") as log:
             self._process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
@@ -132,9 +126,9 @@ class ServiceProcess:
 
 
 @contextmanager
-def service_process(folder: Path, *, workers: int = 2, shift: float = 0.0, **settings: str) -> Iterator[ServiceProcess]:
+def service_process(folder: Path, *, workers: int = 2, first: str = "", **settings: str) -> Iterator[ServiceProcess]:
     """A service that is not started yet, and is ended after the ``with``; settings as in the environment."""
-    service = ServiceProcess(folder, free_port(), settings, workers, shift)
+    service = ServiceProcess(folder, free_port(), settings, workers, first)
     try:
         yield service
     finally:

@@ -36,7 +36,7 @@ def test_a_task_that_fails_after_the_wait_leaves_no_unread_error() -> None:
         asyncio.get_running_loop().set_exception_handler(lambda _, context: said.append(context))
         none: Any = None
         settings: Any = SimpleNamespace(max_wait=30.0, poll=0.01)
-        waiting = Intake(settings, none, none, none, Wakeups(dict.fromkeys, 1.0), none)
+        waiting = Intake(settings, none, none, none, Wakeups(dict.fromkeys, 1.0), none, none)
         task: Future[Any] = Future()
         assert await waiting.wait_for_ending(AcceptedMesh("a", task), 0.02) is None
         task.set_exception(WorkerLostError("it died"))

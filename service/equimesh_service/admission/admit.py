@@ -12,7 +12,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.limits import Limits
@@ -24,7 +24,7 @@ from equimesh_service.admission.quotas import quota_problem
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.domain_mesh import convert_mesh
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
-from equimesh_service.assembly.problem import check, check_schwarz, require_valid, translate_errors
+from equimesh_service.assembly.problem import check, check_schwarz, packed_check, translate_errors
 from equimesh_service.assembly.samples import Arrays, Upload
 from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.errors import EngineError, MemoryLimitError, QuotaError, TimeLimitError
@@ -49,6 +49,8 @@ _MAX_REMEMBERED = 1000
 BYTES_OF_POINT = 66
 _VERSION = version("equimesh")
 Result = TypeVar("Result")
+_Checked: TypeAlias = tuple[BuiltSpec | None, bytes | None]
+"""A problem that was built in this process, or one that a side worker has packed."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class Admitted:
     samples: Mapping[str, str]
     digest: str  # equal for specs of the same points
     built: BuiltSpec | None = None  # the problem of a spec that was checked in this process
+    packed: bytes | None = None  # that of a spec that was checked in a side worker
     upload: NewSamples | None = None  # samples that are not stored yet
     nodes: int | None = None  # of a mesh of blocks: its points
 
@@ -137,13 +140,13 @@ class Admission:
         }
         rows |= {} if mesh_row is None else {mesh_row.id: mesh_row}
         nodes = self._count_nodes(spec, rows) if spec.has_blocks else None
-        built, new = None, None
+        built, new, packed = None, None, short.packed
         if upload is not None:
-            built, new, row = self._receive(short, rows, upload, place, caller)
+            (built, packed), new, row = self._receive(short, rows, upload, place, caller)
             rows[row.id] = row
             spec = spec.with_samples(UPLOAD, row.id)
-        elif not short.is_checked:
-            built = self._check(spec, rows, files)
+        elif packed is None:
+            built, packed = self._check(spec, rows, files)
         for name, path in files.items():
             row = self._keep(path, short.summaries[name], caller, durable=False)[0]
             rows[row.id] = row
@@ -151,7 +154,7 @@ class Admission:
         if upload is not None or files:
             self._remember(spec.monitor_digest)
         hashes = {row.id: row.sha256 for row in rows.values()}
-        return Admitted(spec.canonical, hashes, spec.points_digest, built, new, nodes)
+        return Admitted(spec.canonical, hashes, spec.points_digest, built, packed, new, nodes)
 
     def _mesh_row(self, spec: CheckedSpec, mesh: Upload | None, caller: Caller) -> SamplesRow | None:
         """The row of the mesh that came with a spec, which is stored now; raises a 422 problem for one without it."""
@@ -209,7 +212,7 @@ class Admission:
 
     def _receive(
         self, short: ShortSpec, rows: Mapping[str, SamplesRow], upload: Upload, pointer: str, caller: Caller
-    ) -> tuple[BuiltSpec | None, NewSamples | None, SamplesRow]:
+    ) -> tuple[_Checked, NewSamples | None, SamplesRow]:
         """Check a spec with its upload: a refused spec leaves nothing behind.
 
         Light samples of a plain spec are not stored yet; others are stored after the check. So are those of a spec that
@@ -221,10 +224,10 @@ class Admission:
             if "points" not in arrays:
                 built = check(spec.canonical, {UPLOAD: arrays})
                 new = intake.pack(arrays, self.store.clock())
-                return built, new, new.row
+                return (built, None), new, new.row
         with self._convert(upload, pointer, alone=False) as (path, summary):
-            self._check(spec, rows, {**files, UPLOAD: path})
-            return None, None, self._keep(path, summary, caller, durable=False)[0]
+            checked = self._check(spec, rows, {**files, UPLOAD: path})
+            return checked, None, self._keep(path, summary, caller, durable=False)[0]
 
     def _read_light(self, upload: Upload, pointer: str, *, alone: bool) -> Arrays:
         with translate_errors(pointer):
@@ -266,26 +269,26 @@ class Admission:
         if used + size > most:
             raise quota_problem(QuotaError("key_max_bytes", used, most))
 
-    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> BuiltSpec | None:
-        """Check the monitor on the domain; the problem of the spec, where it was built here.
+    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> _Checked:
+        """Check the monitor on the domain; the problem of the spec, unless it is known to be valid.
 
         ``sent`` are the files of samples that came with the request.
 
         A slow check runs in a worker, once for each monitor and domain.
         """
         if spec.is_quick:
-            return check(spec.canonical, {})
+            return check(spec.canonical, {}), None
         if not sent and spec.monitor_digest in self.known:
-            return None
+            return None, None
         with ExitStack() as stack:
             try:
                 paths = {name: stack.enter_context(self.files.local(row.sha256)) for name, row in rows.items()}
             except FileNotFoundError:
                 raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
-            self.work("", require_valid, spec.canonical, {**paths, **sent})
+            packed = self.work("", packed_check, spec.canonical, {**paths, **sent})
         if not sent:
             self._remember(spec.monitor_digest)
-        return None
+        return None, packed
 
     def _remember(self, monitor_digest: str) -> None:
         self.known[monitor_digest] = None

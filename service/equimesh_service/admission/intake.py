@@ -1,5 +1,6 @@
 """The way of an admitted mesh: it enters the queue, goes straight to a worker, or reuses an earlier mesh."""
 
+import pickle
 import secrets
 import time
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.formats import check_format
 from equimesh_service.admission.quotas import Quotas, quota_problem
+from equimesh_service.assembly.problem import PackedProblems
 from equimesh_service.dispatch.dispatcher import Dispatcher
 from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.errors import EngineError, KeyReusedError, QuotaError, SamplesGoneError, StepTakenError
@@ -63,6 +65,7 @@ class Intake:
     dispatcher: Dispatcher
     wakeups: Wakeups
     quotas: Quotas
+    problems: PackedProblems
 
     async def accept(self, admitted: Admitted, caller: Caller, request: MeshRequest) -> AcceptedMesh:
         """Put an admitted spec into the queue, or give it to a worker at once when the request waits for it.
@@ -200,9 +203,18 @@ class Intake:
 
         def add() -> str:
             self.admission.keep_upload(admitted, caller)
-            return self.store.meshes.add(
-                new, key=request.key, fingerprint=fingerprint, quota=quota, lease=lease, step=step
-            )
+            packed = pickle.dumps(admitted.built) if admitted.packed is None and admitted.built else admitted.packed
+            if packed is not None:
+                self.problems.put(new.id, packed)  # before another thread may give the mesh to a worker
+            mesh_id = ""
+            try:
+                mesh_id = self.store.meshes.add(
+                    new, key=request.key, fingerprint=fingerprint, quota=quota, lease=lease, step=step
+                )
+            finally:
+                if mesh_id != new.id:
+                    self.problems.take(new.id)
+            return mesh_id
 
         with tracing.span("enqueue"), refusals():
             mesh_id = await run_in_threadpool(add)

@@ -47,8 +47,8 @@ class PreviewAdmission(Admission):
     def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
         return super()._admit(replace(short, spec=short.spec.whole()), upload, caller, mesh)
 
-    def _check(self, spec: CheckedSpec, rows: Any, sent: Any) -> BuiltSpec | None:
-        return super()._check(spec, rows, sent) if spec.is_quick else None
+    def _check(self, spec: CheckedSpec, rows: Any, sent: Any) -> tuple[BuiltSpec | None, bytes | None]:
+        return super()._check(spec, rows, sent) if spec.is_quick else (None, None)
 
     def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:  # noqa: ARG002
         content = path.read_bytes()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from equimesh_schema.sources import AnySource, BlockNodesSource, GridSource, NodalSource, ScatteredSource
-from equimesh_service.assembly.problem import check, translate_errors
+from equimesh_service.assembly.problem import packed_check, translate_errors
 from equimesh_service.assembly.samples import canonical_arrays, write
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.spec.bounds import MAX_PLAIN_VALUES
@@ -60,14 +60,14 @@ class SpecLimits:
 class ShortSpec:
     """A spec, and the samples that were taken out of it: they are in files in ``folder``.
 
-    ``summaries`` has their summaries by the names that the spec has for them. ``is_checked`` says that the monitor is
-    known to fit its domain.
+    ``summaries`` has their summaries by the names that the spec has for them. ``packed`` is the problem, where the
+    monitor is known to fit its domain.
     """
 
     spec: CheckedSpec
     folder: Path = Path()
     summaries: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    is_checked: bool = False
+    packed: bytes | None = None
 
     @property
     def files(self) -> dict[str, Path]:
@@ -88,16 +88,14 @@ def shorten(text: Path, folder: Path, limits: SpecLimits) -> ShortSpec:
 
 def _shorten(spec: CheckedSpec, folder: Path, limits: SpecLimits) -> ShortSpec:
     limits.check(spec.sources)
-    is_checked = not spec.stored
-    if is_checked:
-        check(spec.canonical, {})
+    packed = None if spec.stored else packed_check(spec.canonical, {})
     document, summaries = {**spec.canonical}, {}
     for pointer, source in spec.sources.items():
         if isinstance(source, GridSource | NodalSource | ScatteredSource | BlockNodesSource):
             name = f"inline-{secrets.token_hex(8)}"  # no other spec can name it
             summaries[name] = _write(source, pointer, _file(folder, name))
             document = _replaced(document, pointer.split("/")[1:], {"samples": name})
-    return ShortSpec(read_spec(document), folder, summaries, is_checked)
+    return ShortSpec(read_spec(document), folder, summaries, packed)
 
 
 def _file(folder: Path, name: str) -> Path:

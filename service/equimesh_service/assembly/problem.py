@@ -1,8 +1,11 @@
 """From a spec to the objects of the solver; input errors become problems with a pointer into the spec."""
 
+import pickle
 import re
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -21,13 +24,16 @@ Samples: TypeAlias = Path | Arrays
 """Stored samples, or those of this request."""
 SamplesOf: TypeAlias = Callable[[str], Samples]
 """The samples with an id."""
+MAX_PACKED_BYTES = 128 * 2**20
+"""The most bytes of all problems that wait for a worker in one process."""
 _NUMBER = re.compile(r"\[(\d+)\]")
 
 
 def build(spec: Spec, find: SamplesOf) -> specs.BuiltSpec:
     """The solver's objects of a spec; raises a 422 problem with pointers."""
 
-    def samples(name: str, box: Box) -> Field:
+    @cache
+    def samples(name: str, box: Box) -> Field:  # several functions of a monitor may name the same samples
         return field_of(find(name), box)
 
     def mesh(name: str, settings: Mapping[str, Any]) -> Blocks:
@@ -47,9 +53,36 @@ def check(spec: Spec, samples: Mapping[str, Samples]) -> specs.BuiltSpec:
     return built
 
 
-def require_valid(spec: Spec, samples: Mapping[str, Samples]) -> None:
-    """Raise what :func:`check` raises, in a process that does not need the objects."""
-    check(spec, samples)
+def packed_check(spec: Spec, samples: Mapping[str, Samples]) -> bytes:
+    """The problem of :func:`check` as bytes, which reach the process that solves it: its samples are interpolated."""
+    return pickle.dumps(check(spec, samples))
+
+
+class PackedProblems:
+    """The checked problems of meshes that no worker has yet, as bytes by the ids of the meshes.
+
+    The oldest are forgotten where all have more than ``max_bytes``. A worker builds a forgotten one from the store.
+    """
+
+    def __init__(self, max_bytes: int = MAX_PACKED_BYTES) -> None:
+        self._max_bytes = max_bytes
+        self._lock = threading.Lock()  # guards the next one
+        self._of_meshes: dict[str, bytes] = {}
+
+    def put(self, mesh_id: str, packed: bytes) -> None:
+        """Keep the problem of a mesh until it is taken."""
+        with self._lock:
+            self._of_meshes[mesh_id] = packed
+            left = sum(map(len, self._of_meshes.values())) - self._max_bytes
+            for oldest in [*self._of_meshes]:
+                if left <= 0:
+                    return
+                left -= len(self._of_meshes.pop(oldest))
+
+    def take(self, mesh_id: str) -> bytes | None:
+        """The problem of a mesh, which is forgotten; None for one that is not here."""
+        with self._lock:
+            return self._of_meshes.pop(mesh_id, None)
 
 
 def check_schwarz(spec: Spec) -> None:

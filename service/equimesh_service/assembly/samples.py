@@ -3,10 +3,10 @@
 To interpolate many scattered samples takes seconds. It is done in a worker, which can be stopped. The linear algebra of
 a worker runs on one thread, which is tens of times faster for the many small systems here.
 
-The same samples are interpolated up to three times. An upload without a spec is interpolated on its own extent, so that
-its sender learns of faults at once (``alone``). A request for a mesh interpolates them on the domain, which is known
-only then: a small grid in the process of the service, all others in a side worker. The solve interpolates them again,
-in another process at another time; only a file is left between the two.
+Samples are interpolated once for a mesh, when its request is checked, since only then the domain is known: a small grid
+in the process of the service, all others in a side worker. The result goes to the worker that solves
+(:class:`~equimesh_service.assembly.problem.PackedProblems`). An upload without a spec is checked as far as that needs
+no interpolation (``alone``).
 """
 
 import io
@@ -19,15 +19,14 @@ from pathlib import Path
 from typing import IO, Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 import equimesh
-from equimesh.domains.domain import Box, Interval
+from equimesh.domains.domain import Box
 from equimesh.errors import SamplesError
-from equimesh.fields.samples import MIN_CUBIC
+from equimesh.fields.samples import MIN_CUBIC, checked_grid
 from equimesh.inputs import count_noun, real_array
 from equimesh.upload.limits import Limits
-from equimesh.upload.nodal import block_nodes, is_nodal, nodal_samples
+from equimesh.upload.nodal import block_nodes, checked_nodes, is_nodal
 from equimesh.upload.samples import read_arrays, samples_of
 from equimesh_service.files.port import StoredFile
 from equimesh_service.spec.bounds import check_bounds
@@ -54,8 +53,8 @@ def is_light(data: bytes, filename: str) -> bool:
 def read(data: bytes, filename: str, limits: Limits, *, alone: bool, column: str | None = None) -> Arrays:
     """The canonical arrays of an upload; ``column`` is the name of u among its columns.
 
-    ``alone`` says that they come without a domain: faults on every domain are then found here, otherwise when a field
-    is made of them. Raises :class:`~equimesh.errors.SamplesError`, and the problems of
+    ``alone`` says that they come without a domain: most faults on every domain are then found here, otherwise when a
+    field is made of them. Raises :class:`~equimesh.errors.SamplesError`, and the problems of
     :func:`~equimesh_service.spec.bounds.check_bounds` for JSON.
     """
     if filename.lower().endswith(".json"):
@@ -64,9 +63,12 @@ def read(data: bytes, filename: str, limits: Limits, *, alone: bool, column: str
     arrays = read_arrays(data, filename, column=column, **sizes)
     arrays = canonical_arrays(arrays)
     if alone and is_nodal(arrays):
-        nodal_samples(**arrays)
+        checked_nodes(**arrays)
+    elif alone and "x" in arrays:
+        checked_grid(**arrays)
     elif alone and "points" not in arrays and "nodes" not in arrays:
-        samples_of(arrays, box=(_ends(arrays["x"]), _ends(arrays["y"])) if "x" in arrays else None)
+        x, y = map(np.arange, arrays["values"].shape)
+        checked_grid(x, y, arrays["values"])
     return arrays
 
 
@@ -139,11 +141,6 @@ def canonical_arrays(arrays: dict[str, Any]) -> dict[str, Any]:
     if len(points) < MIN_CUBIC:
         raise SamplesError(f"{count_noun(len(points))}: scattered samples need at least {MIN_CUBIC}", field="points")
     return {"points": points, "values": values}
-
-
-def _ends(axis: npt.NDArray[np.float64]) -> Interval:
-    """The ends of an axis; (0, 1) for an invalid one, which is refused later."""
-    return (float(axis[0]), float(axis[-1])) if axis.size > 1 and axis[0] < axis[-1] else (0.0, 1.0)
 
 
 @dataclass(frozen=True)

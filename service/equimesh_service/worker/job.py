@@ -33,6 +33,7 @@ class Job:
     threads: int = 1
     mesh_input: MeshInput | None = None  # None: the worker reads it from the store
     scheduler: str = ""
+    packed: bytes | None = None  # the problem, where the check has built it
 
 
 @dataclass(frozen=True)

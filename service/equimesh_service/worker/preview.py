@@ -3,6 +3,7 @@
 import io
 import logging
 import math
+import pickle
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -32,14 +33,15 @@ class Preview:
     """The task of a worker: a canonical spec, and the samples that it names.
 
     ``stored`` are the SHA-256 of files of samples, and ``sent`` the bytes of those that came with the request, both by
-    the ids of the samples. ``built`` is the problem of the spec where it is known. With ``frames`` the drawing has the
-    meshes of a Schwarz iteration. The solve ends itself after ``seconds``, since a killed
-    worker is slow to replace.
+    the ids of the samples. ``built`` is the problem of the spec where it is known, ``packed`` the same as bytes. With
+    ``frames`` the drawing has the meshes of a Schwarz iteration. The solve ends itself after ``seconds``, since a
+    killed worker is slow to replace.
     """
 
     spec: Mapping[str, Any]
     storage: Storage
     built: BuiltSpec | None = None
+    packed: bytes | None = None
     stored: Mapping[str, str]
     sent: Mapping[str, bytes]
     frames: bool = False
@@ -109,6 +111,9 @@ def _draw(preview: Preview) -> bytes:
 
 
 def _build(preview: Preview) -> BuiltSpec:
+    if preview.packed is not None:
+        packed: BuiltSpec = pickle.loads(preview.packed)
+        return packed
     with ExitStack() as stack:
         samples = {name: _arrays(content) for name, content in preview.sent.items()}
         return check(preview.spec, {**samples, **_stored(preview, preview.storage.files(), stack)})

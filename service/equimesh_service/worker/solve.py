@@ -1,6 +1,7 @@
 """The solve of one mesh in a worker process, from its spec in the store to its files."""
 
 import logging
+import pickle
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -155,8 +156,11 @@ def _build(job: Job, store: Store, files: Files) -> _Work:
         raise AttemptLostError
     if mesh_input.draft is not None:
         return _Work(mesh_input=mesh_input, spec=mesh_input.draft.built, start=None)
-    with ExitStack() as samples:
-        spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
+    if job.packed is not None:
+        spec: BuiltSpec = pickle.loads(job.packed)
+    else:
+        with ExitStack() as samples:
+            spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
     return _Work(mesh_input=mesh_input, spec=spec, start=StepStart.of(mesh_input, spec, files))
 
 

@@ -51,6 +51,16 @@ class MapSplines(NamedTuple):
     patches: Pair
 
 
+def require_unfolded(mesh: Mesh) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for a folded mesh."""
+    if mesh.is_folded:
+        raise InputError(
+            "the mesh is folded, or has a coordinate that is not finite: no function on its nodes is one of x and"
+            " y; give a mesh whose min_jacobian is positive",
+            field="mesh",
+        )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshMap:
     """The bicubic splines through the node coordinates of ``mesh``, and their inverse.
@@ -66,12 +76,7 @@ class MeshMap:
     @classmethod
     def of(cls, mesh: Mesh) -> MeshMap:
         """The map of a mesh."""
-        if mesh.is_folded:
-            raise InputError(
-                "the mesh is folded, or has a coordinate that is not finite: no function on its nodes is one of x and"
-                " y; give a mesh whose min_jacobian is positive",
-                field="mesh",
-            )
+        require_unfolded(mesh)
         mesh = Mesh(np.ascontiguousarray(mesh.x, dtype=float), np.ascontiguousarray(mesh.y, dtype=float))
         return cls(mesh=mesh, x=through(mesh.x), y=through(mesh.y))
 

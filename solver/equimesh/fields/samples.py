@@ -46,19 +46,9 @@ class GridSamples:
 
     def __init__(self, *, x: npt.ArrayLike, y: npt.ArrayLike, values: npt.ArrayLike, box: Box | None = None) -> None:
         requested = RequestedBox.of(box)
-        axes = {"x": checked_axis(x, "x"), "y": checked_axis(y, "y")}
-        table = real_array(values, "values", ndim=2)
-        shape = (axes["x"].size, axes["y"].size)
-        if table.shape != shape:
-            hint = "; transpose it" if table.shape == shape[::-1] else ""
-            raise SamplesError(
-                f"values has shape {table.shape}, but x has {shape[0]} points and y has {shape[1]}:"
-                f" values[i][j] is u at (x[i], y[j]), so the shape must be {shape}{hint}",
-                field="values",
-            )
+        axes, table = checked_grid(x, y, values)
         for number, (name, axis) in enumerate(axes.items()):
             check_reach(axis, name, requested, number, ends_of(axes["x"], axes["y"]))
-        check_size(table)
         spline = Bicubic.of(bicubic_spline(axes["x"], axes["y"], table))
         _check_slopes(spline, axes)
         for name, value in {**axes, "values": table, "box": requested.box, "_spline": spline}.items():
@@ -73,6 +63,25 @@ class GridSamples:
 
     def __repr__(self) -> str:
         return f"GridSamples({self.x.size} x {self.y.size})"
+
+
+def checked_grid(x: object, y: object, values: object) -> tuple[dict[str, Array], Array]:
+    """The axes by their names and the table of samples on a grid, whatever domain they are for.
+
+    Raises :class:`~equimesh.errors.SamplesError` as :class:`GridSamples` does; only a spline finds steeper faults.
+    """
+    axes = {"x": checked_axis(x, "x"), "y": checked_axis(y, "y")}
+    table = real_array(values, "values", ndim=2)
+    shape = (axes["x"].size, axes["y"].size)
+    if table.shape != shape:
+        hint = "; transpose it" if table.shape == shape[::-1] else ""
+        raise SamplesError(
+            f"values has shape {table.shape}, but x has {shape[0]} points and y has {shape[1]}:"
+            f" values[i][j] is u at (x[i], y[j]), so the shape must be {shape}{hint}",
+            field="values",
+        )
+    check_size(table)
+    return axes, table
 
 
 def checked_axis(value: object, name: str) -> Array:

@@ -9,7 +9,8 @@ import numpy as np
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Box
 from equimesh.errors import InputError, SamplesError
-from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.mesh_map import require_unfolded
+from equimesh.fields.nodal_field import NodalField, nodal_values
 from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import real_array
 from equimesh.meshes.mesh import Mesh
@@ -25,7 +26,13 @@ def is_nodal(arrays: Mapping[str, Any]) -> bool:
 
 
 def nodal_samples(*, x: Any, y: Any, values: Any, box: Box | None = None) -> NodalField:
-    """u from ``values`` at the nodes of a mesh; they must be those of a mesh of a domain with this ``box``.
+    """u from ``values`` at the nodes of a mesh; raises what :func:`checked_nodes` raises."""
+    mesh, values = checked_nodes(x=x, y=y, values=values, box=box)
+    return NodalField(mesh=mesh, values=values)
+
+
+def checked_nodes(*, x: Any, y: Any, values: Any, box: Box | None = None) -> tuple[Mesh, Array]:
+    """A mesh and ``values`` at its nodes; it must be one of a domain with this ``box``.
 
     Raises :class:`~equimesh.errors.SamplesError` for other shapes, values that are not finite and another domain, and
     :class:`~equimesh.errors.InputError` for a folded mesh.
@@ -39,7 +46,9 @@ def nodal_samples(*, x: Any, y: Any, values: Any, box: Box | None = None) -> Nod
         rim = RIM_SHARE * (high - low)
         if abs(line.min() - low) > rim or abs(line.max() - high) > rim:
             raise SamplesError("these are values at the nodes of a mesh of another domain", field=name)
-    return NodalField(mesh=Mesh(x, y), values=values)
+    mesh = Mesh(x, y)
+    require_unfolded(mesh)
+    return mesh, nodal_values(values, mesh, "values")
 
 
 NEEDS_BLOCKS = "these are values at the nodes of a mesh of blocks: give the domain of that mesh, which has its cells"

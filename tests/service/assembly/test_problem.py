@@ -10,6 +10,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from equimesh_service.assembly.problem import PackedProblems
 from service.assembly.specs import ARC, DOMAINS, MONITORS
 from service.conftest import small
 from service.requests import WAIT, arrays, solved
@@ -152,3 +153,13 @@ def test_relaxing_can_be_forbidden(http: httpx.Client) -> None:
     assert "A relaxed mesh was found, and refused because allow_relaxed is false." in mesh["error"]["detail"]
     assert http.get(mesh["links"]["file"]).status_code == 409
     assert http.get(mesh["links"]["file"], params={"partial": True}).status_code == 200
+
+
+def test_packed_problems_are_taken_once_and_the_oldest_are_forgotten() -> None:
+    problems = PackedProblems(max_bytes=10)
+    for mesh_id in ("a", "b", "c"):
+        problems.put(mesh_id, b"1234")
+    assert problems.take("a") is None
+    assert (problems.take("c"), problems.take("c")) == (b"1234", None)
+    problems.put("d", b"12345678901")
+    assert (problems.take("b"), problems.take("d")) == (None, None)
