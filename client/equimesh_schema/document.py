@@ -8,10 +8,11 @@ import ast
 import inspect
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import lru_cache
 from itertools import pairwise
+from pathlib import PurePath
 from typing import Annotated, Any, ClassVar, TypeAlias, get_args, get_origin, get_type_hints
 
 CoreSchema: TypeAlias = dict[str, Any]
@@ -48,17 +49,30 @@ class Document:
         }
 
     @classmethod
+    def completed(cls, given: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The members of a JSON object with those that follow from others."""
+        return given
+
+    def to_json(self) -> dict[str, Any]:
+        """The document as plain Python data, ready for JSON; sequences and arrays are lists."""
+        return {key_of(type(self), one.name): _plain(getattr(self, one.name)) for one in fields(self)}  # type: ignore[arg-type]
+
+    @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Callable[[Any], CoreSchema]) -> CoreSchema:
         schema = {**handler(source), "strict": False}  # a dictionary will do; its values are read strictly
         docs = docs_of(cls)
         for one in schema["schema"]["fields"]:
             updates = {"description": docs[one["name"]]} if one["name"] in docs else {}
             one["metadata"] = {**one.get("metadata", {}), "pydantic_js_updates": updates}
-            if one["name"] in cls.NEEDED and one["schema"]["type"] == "default":
-                one["schema"] = one["schema"]["schema"]
+            if one["schema"]["type"] == "default":
+                if one["name"] in cls.NEEDED:
+                    one["schema"] = one["schema"]["schema"]
+                elif isinstance(one["schema"].get("default"), tuple):  # in JSON a list
+                    one["schema"] |= {"default": [*one["schema"]["default"]], "copy_default": True}
 
         def read(value: Any, inner: Callable[[Any], Any], info: Any) -> Any:
             reader = getattr(info.context, "read", None)  # who counts faults
+            value = cls.completed(value) if isinstance(value, Mapping) else value
             return inner(value) if reader is None else reader(cls, value, inner)
 
         ref = schema.pop("ref")  # another field of this type refers to the whole
@@ -68,6 +82,18 @@ class Document:
             "schema": schema,
             "ref": ref,
         }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Document):
+        return value.to_json()
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, str | PurePath):
+        return str(value)
+    if hasattr(value, "tolist"):  # an array
+        return value.tolist()
+    return [_plain(one) for one in value] if isinstance(value, Sequence) else value
 
 
 def key_of(document: type[Document], name: str) -> str:
@@ -144,6 +170,48 @@ def described(text: str) -> Limits:
     return Limits(json={"description": text})
 
 
+LATER = Limits()
+"""Marks a key that requests leave out where it has its default, for services that do not know it."""
+
+
+class InJson:
+    """Marks a field that has another type in JSON: in Python more is taken."""
+
+    def __init__(self, kind: Any) -> None:
+        self.kind = kind
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        schema: CoreSchema = handler.generate_schema(self.kind)
+        return schema
+
+
+class Either:
+    """Marks a union of plain values: one sentence refuses what is none of them."""
+
+    def __init__(self, words: str) -> None:
+        self.words = words
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], CoreSchema]) -> CoreSchema:
+        error = {"custom_error_type": "either", "custom_error_message": f"this must be {self.words}"}
+        return {"type": "custom-error", "schema": handler(source), **error}
+
+
+class Words:
+    """Marks a text that is one of some words; ``uses`` says when to take which, in a sentence for each."""
+
+    def __init__(self, *words: str, **uses: str) -> None:
+        self.uses = {**dict.fromkeys(words, ""), **uses}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.uses)
+
+    def __repr__(self) -> str:
+        return f"Words({', '.join(map(repr, self))})"
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return {"type": "literal", "expected": [*self]}
+
+
 class UpToAFault:
     """Parameters are read up to the first that is no number: then there is one complaint about all of them."""
 
@@ -163,14 +231,15 @@ def _up_to_a_fault(value: Any) -> Any:
     return kept
 
 
-def before(function: Callable[[Any], Any], schema: CoreSchema) -> CoreSchema:
-    """The schema that reads what ``function`` returns of the value."""
-    return {"type": "function-before", "function": {"type": "no-info", "function": function}, "schema": schema}
+def before(function: Callable[..., Any], schema: CoreSchema, *, with_info: bool = False) -> CoreSchema:
+    """The schema that reads what ``function`` returns of the value, and with ``with_info`` of what was read before."""
+    kind = "with-info" if with_info else "no-info"
+    return {"type": "function-before", "function": {"type": kind, "function": function}, "schema": schema}
 
 
 Numbers = Annotated[list[float], Limits(fail_fast=True)]
 """Read up to the first that is none."""
-Pair = Annotated[list[float], Limits(min_length=2, max_length=2)]
+Pair = Annotated[Sequence[float], InJson(list[float]), Limits(min_length=2, max_length=2)]
 Parameters = Annotated[dict[str, float], Limits(max_length=MAX_PARAMETERS), UpToAFault()]
 
 
@@ -180,9 +249,9 @@ class OneOf:
 
     documents: Mapping[str, type[Any]]
     tag: Callable[[Any], object]
-    fault: str
+    fault: str = ""
     """The type of the error of a value that is none of them."""
-    sentence: str
+    sentence: str = ""
     default: str | None = None
     """The kind of a document that names none."""
 
@@ -196,7 +265,7 @@ class OneOf:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
         choices = {TAG + name: handler.generate_schema(document) for name, document in self.documents.items()}
-        error = {"custom_error_type": self.fault, "custom_error_message": self.sentence}
+        error = {"custom_error_type": self.fault, "custom_error_message": self.sentence} if self.fault else {}
         return {"type": "tagged-union", "discriminator": self.branch, "choices": choices, **error}
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from equimesh_schema.document import Document, Limits, by_kind, described, required_of
+from equimesh_schema.document import LATER, Document, Limits, by_kind, described, required_of
 from equimesh_schema.sources import Function, functions_of
 
 MAX_MONITORS = 8
@@ -16,8 +16,6 @@ OF_ARC_LENGTH = (
     "this belongs to the arc length, which is no longer the kind of a monitor that names none: add kind arc_length"
 )
 NO_U = {"u": "the norm is that of the error of interpolating u: give u, an expression or samples"}
-LATER = Limits()
-"""Marks a key that requests leave out where it has its default, for services that do not know it."""
 Norm: TypeAlias = Literal["l2", "h1"]
 ErrorNorm: TypeAlias = Annotated[Norm, described("The interpolation error to minimise: that of u, or of its gradient.")]
 Measured: TypeAlias = Annotated[Function | None, described("The function whose interpolation is measured.")]

@@ -6,8 +6,8 @@ from enum import Enum
 from typing import Any, TypeAlias
 
 from equimesh_client.errors import BadArgument
-from equimesh_schema.document import key_of, types_of
-from equimesh_schema.monitors import FUNCTIONS, LATER, ArcLength, Curvature, Intersection, MonitorDocument, PlainMonitor
+from equimesh_schema.document import LATER, key_of, types_of
+from equimesh_schema.monitors import FUNCTIONS, ArcLength, Curvature, Intersection, MonitorDocument, PlainMonitor
 from equimesh_schema.monitors import AnyMonitor as Monitor
 from equimesh_schema.sources import functions_of
 

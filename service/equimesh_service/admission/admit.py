@@ -16,6 +16,8 @@ from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.limits import Limits
+from equimesh_schema.mesh import Grid
+from equimesh_schema.schwarz import BlockSchwarz, Schwarz
 from equimesh_schema.sources import UPLOAD
 from equimesh_service.admission import in_parts
 from equimesh_service.admission.block_points import count_points, require_kind
@@ -32,8 +34,7 @@ from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
-from equimesh_service.spec.mesh import MESH_PLACE, CheckedSpec, GridSpec, read_spec
-from equimesh_service.spec.schwarz import BlockSchwarzSpec, SchwarzSpec
+from equimesh_service.spec.mesh import MESH_PLACE, CheckedSpec, read_spec
 from equimesh_service.store.rows import NewSamples, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
@@ -314,9 +315,9 @@ class Admission:
         elif spec.grid is not None:
             self._check_grid(spec.grid, whole=checked.canonical["parts"] is None)
         self._limits.check(checked.sources)
-        if isinstance(spec.schwarz, SchwarzSpec) and spec.grid is not None:
+        if isinstance(spec.schwarz, Schwarz) and spec.grid is not None:
             self._check_schwarz(spec.schwarz, spec.grid)
-        if isinstance(spec.schwarz, BlockSchwarzSpec) and (spec.schwarz.max_exchanges or 0) > self._most_iterations:
+        if isinstance(spec.schwarz, BlockSchwarz) and (spec.schwarz.max_exchanges or 0) > self._most_iterations:
             raise problem_at("/schwarz/max_exchanges", f"too many: this service runs at most {self._most_iterations}")
 
     def _check_target(self, checked: CheckedSpec) -> None:
@@ -324,7 +325,7 @@ class Admission:
         if asked > most:
             raise problem_at("/target/max_points", f"{self.product} has at most {most} points")
 
-    def _check_grid(self, grid: GridSpec, *, whole: bool) -> None:
+    def _check_grid(self, grid: Grid, *, whole: bool) -> None:
         most = self.settings.max_points if whole else self.settings.max_cluster_points
         more = self._way_to_more
         # One direction at a time first: then the message names the direction that is far too large.
@@ -354,7 +355,7 @@ class Admission:
     def _most_iterations(self) -> int:
         return self.settings.max_iterations
 
-    def _check_schwarz(self, schwarz: SchwarzSpec, grid: GridSpec) -> None:
+    def _check_schwarz(self, schwarz: Schwarz, grid: Grid) -> None:
         most = self.settings
         along_xi, along_eta = schwarz.counts
         if max(along_xi, along_eta) > most.max_subdomains or along_xi * along_eta > most.max_subdomains:

@@ -12,15 +12,7 @@ from equimesh.io.npz import NPZ_ARRAYS
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.upload.samples import read_npz
-from equimesh_schema.sources import ExpressionSource
-from equimesh_service.admission.admit import Admission
-from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
-from equimesh_service.assembly.long_step import pointer_of, settings_of, shorten_step, values_of
-from equimesh_service.assembly.step_fields import Array, StepField, checked_values
-from equimesh_service.problems.problem import Complaint, Problem, complaint_of, input_problem, problem_at
-from equimesh_service.settings import Settings
-from equimesh_service.spec.document import escape_token, parse
-from equimesh_service.spec.step import (
+from equimesh_schema.sequences import (
     ANSWER,
     MAX_COMPONENTS,
     MAX_FIELDS,
@@ -30,6 +22,14 @@ from equimesh_service.spec.step import (
     StepSettings,
     StepSpec,
 )
+from equimesh_schema.sources import ExpressionSource
+from equimesh_service.admission.admit import Admission
+from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
+from equimesh_service.assembly.long_step import pointer_of, settings_of, shorten_step, values_of
+from equimesh_service.assembly.step_fields import Array, StepField, checked_values
+from equimesh_service.problems.problem import Complaint, Problem, complaint_of, input_problem, problem_at
+from equimesh_service.settings import Settings
+from equimesh_service.spec.document import escape_token, parse
 from equimesh_service.spec.step_monitor import with_functions
 from equimesh_service.spec.strict import validate
 

@@ -5,16 +5,18 @@ import sqlite3
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Literal
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from pydantic.json_schema import models_json_schema
+from pydantic import TypeAdapter
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
+from equimesh_schema.mesh import ExpressionCheck, MeshSpec
+from equimesh_schema.sequences import StepSettings, StepSpec
 from equimesh_service.api import (
     checks,
     events,
@@ -36,8 +38,6 @@ from equimesh_service.opening import open_service
 from equimesh_service.problems.problem import Problem, problem_of
 from equimesh_service.problems.storage import storage_problem
 from equimesh_service.settings import Settings
-from equimesh_service.spec.mesh import ExpressionCheck, MeshSpec
-from equimesh_service.spec.step import StepSettings, StepSpec
 from equimesh_service.telemetry.tracer import open_tracer
 from equimesh_service.upkeep.metrics import Metrics
 from equimesh_service.wire.header_limit import HeaderLimit
@@ -152,11 +152,12 @@ def _complete_schema(app: FastAPI) -> None:
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
             schema = generate()
-            models = [(model, "validation") for model in (MeshSpec, ExpressionCheck, StepSpec, StepSettings)]
-            _, extra = models_json_schema(
-                [*models, *((model, "serialization") for model in (MeshEvents, ProblemDetails))],  # type: ignore[list-item]
-                ref_template="#/components/schemas/{model}",
-            )
+            requests, answers = (MeshSpec, ExpressionCheck, StepSpec, StepSettings), (MeshEvents, ProblemDetails)
+            bodies: list[tuple[str, Literal["validation", "serialization"], TypeAdapter[Any]]] = [
+                *((made.__name__, "validation", TypeAdapter[Any](made)) for made in requests),
+                *((made.__name__, "serialization", TypeAdapter[Any](made)) for made in answers),
+            ]
+            _, extra = TypeAdapter.json_schemas(bodies, ref_template="#/components/schemas/{model}")
             schema["components"]["schemas"].update(extra["$defs"])
             _remove_foreign_errors(schema)
             _make_keys_optional(schema)

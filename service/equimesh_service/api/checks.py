@@ -7,17 +7,22 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 
-from equimesh import Blocks, Boundary, Initial, specs
+from equimesh import Blocks, specs
 from equimesh.fields.expression import FUNCTIONS, LIMITS
-from equimesh.io.write import CELLS, FORMATS
+from equimesh.io.write import FORMATS
+from equimesh_schema import schwarz
+from equimesh_schema.document import OneOf, Words
+from equimesh_schema.domains import DOMAINS
+from equimesh_schema.mesh import BOUNDARIES, CELLS, INITIALS, MODES
+from equimesh_schema.monitors import MONITORS
+from equimesh_schema.sequences import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, OUTRUNS, TRANSFERS
 from equimesh_service.api.resources import DomainReport, ExpressionReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.assembly.domain_mesh import blocks_of
 from equimesh_service.assembly.problem import translate_errors
-from equimesh_service.spec import domains, monitors, schwarz
 from equimesh_service.spec.document import parse
-from equimesh_service.spec.mesh import MESH_PLACE, MODE_USES, read_expression_check
-from equimesh_service.spec.step import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, OUTRUNS, TRANSFERS
+from equimesh_service.spec.mesh import MESH_PLACE, read_expression_check
+from equimesh_service.spec.strict import to_json
 from equimesh_service.wire import body as bodies
 from equimesh_service.worker.names import PICTURES, PLOTS
 from equimesh_service.worker.part_formats import PART_FORMATS
@@ -78,23 +83,23 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "max_samples": settings.max_samples,
         },
         "sequences": {
-            "monitors": list(monitors.USES),
+            "monitors": list(MONITORS.documents),
             "max_fields": MAX_FIELDS,
             "max_components": MAX_COMPONENTS,
             "transfers": list(TRANSFERS),
             "locations": list(LOCATIONS),
             "outruns": list(OUTRUNS),
         },
-        "monitors": _list_uses(monitors.USES),
-        "domains": _list_uses(domains.USES),
-        "modes": _list_uses(MODE_USES),
-        "boundaries": [str(kind) for kind in Boundary],
-        "initials": [str(kind) for kind in Initial],
-        "transmissions": _list_uses(schwarz.TRANSMISSION_USES),
-        "interface_data": _list_uses(schwarz.INTERFACE_DATA_USES),
-        "orderings": _list_uses(schwarz.ORDERING_USES),
-        "accelerations": _list_uses(schwarz.ACCELERATION_USES),
-        "local_solvers": _list_uses(schwarz.LOCAL_SOLVER_USES),
+        "monitors": _uses(MONITORS),
+        "domains": _uses(DOMAINS),
+        "modes": _uses(MODES),
+        "boundaries": list(BOUNDARIES),
+        "initials": list(INITIALS),
+        "transmissions": _uses(schwarz.TRANSMISSIONS),
+        "interface_data": _uses(schwarz.INTERFACE_DATA),
+        "orderings": _uses(schwarz.ORDERINGS),
+        "accelerations": _uses(schwarz.ACCELERATIONS),
+        "local_solvers": _uses(schwarz.LOCAL_SOLVERS),
         "expressions": {"names": ["x", "y", "t", "pi", "e"], "functions": dict(FUNCTIONS), "limits": asdict(LIMITS)},
         "limits": {
             "max_points": settings.max_points,
@@ -113,12 +118,14 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
     }
 
 
-def _list_uses(uses: Mapping[str, str]) -> list[dict[str, str]]:
+def _uses(choices: OneOf | Words) -> list[dict[str, str]]:
+    """The names of documents or words, and when to use them."""
+    uses = choices.uses if isinstance(choices, Words) else {n: made.USE for n, made in choices.documents.items()}
     return [{"name": name, "when_to_use": use} for name, use in uses.items()]
 
 
 def _report(data: bytes, find_mesh: specs.FindMesh) -> ExpressionReport:
-    document = read_expression_check(parse(data)).model_dump(mode="json")
+    document = to_json(read_expression_check(parse(data)))
     with translate_errors():
         domain = specs.build_domain(document.pop("domain"), find_mesh)
         expression = specs.build_expression(document, domain)

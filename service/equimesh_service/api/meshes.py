@@ -9,6 +9,7 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from equimesh_schema.mesh import WITHOUT_NUL, MeshSpec
 from equimesh_service.admission.intake import MeshRequest
 from equimesh_service.api.cursors import cursor_of, position_of
 from equimesh_service.api.mesh_files import MESH_CONTENT
@@ -17,8 +18,6 @@ from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
 from equimesh_service.api.waiting import Waiting
 from equimesh_service.problems.problem import Problem
-from equimesh_service.problems.sentences import WITHOUT_NUL
-from equimesh_service.spec.mesh import MeshSpec
 from equimesh_service.store.rows import CANCELED, Ending, MeshRow
 
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)

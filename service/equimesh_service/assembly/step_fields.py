@@ -16,7 +16,7 @@ from equimesh.io.npz import STEP
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.transfers.mesh_values import MAX_COMPONENTS, MeshValues
-from equimesh_service.spec.step import FieldSettings, Location, Transfer
+from equimesh_schema.sequences import FieldSettings, Location, Transfer
 
 Array: TypeAlias = npt.NDArray[np.float64]
 

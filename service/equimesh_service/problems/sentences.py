@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from typing import Any
 
+from equimesh_schema.mesh import WITHOUT_NUL
+
 # The most characters of an unknown word that is compared with the known ones.
 _MAX_COMPARED = 40
 # How similar the nearest word has to be, from 0 to 1.
 _MIN_SIMILARITY = 0.6
-# The pattern of texts that databases store: PostgreSQL refuses U+0000.
-WITHOUT_NUL = r"^[^\x00]*$"
 
 
 def did_you_mean(given: object, known: Iterable[str]) -> str:

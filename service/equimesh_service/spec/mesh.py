@@ -1,4 +1,4 @@
-"""The spec of a mesh: strict models of the JSON that a client posts, with every default in one place."""
+"""The spec of a mesh as a client has posted it, and what admission and store derive from it."""
 
 from __future__ import annotations
 
@@ -7,95 +7,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from pydantic import Field, FiniteFloat, ValidationInfo, field_validator
-
-from equimesh_schema.document import Parameters
-from equimesh_schema.monitors import ArcLength, Auto, LeastError, Monitor, NodalSolution
+from equimesh_schema.domains import MeshFile
+from equimesh_schema.mesh import ExpressionCheck, Grid, MeshSpec
+from equimesh_schema.monitors import ArcLength, Auto, LeastError, NodalSolution
 from equimesh_schema.sources import AnySource, ExpressionSource, GridSource, NodalSource, StoredSource
 from equimesh_service.problems.problem import problem_at
-from equimesh_service.problems.sentences import WITHOUT_NUL
-from equimesh_service.spec.blocks import BlocksSpec, MeshFileSpec
-from equimesh_service.spec.domains import Domain, RectangleSpec
 from equimesh_service.spec.monitors import sources_of, with_samples
-from equimesh_service.spec.schwarz import AnySchwarz, OnBlocks
-from equimesh_service.spec.strict import Strict, either, validate
+from equimesh_service.spec.strict import to_json, validate
 
-# The most parts that a spec may ask for; how many a grid can have is checked by the solver.
-MAX_PARTS = 4096
 # The JSON pointer of the mesh that is a domain.
 MESH_PLACE = "/domain/file"
-MODE_USES = {
-    "discretization": "Meshes to compute on: iterates until the error of the solution on the grid is small beside that "
-    "of the grid itself.",
-    "tight": "Studies that compare meshes digit by digit: solves the equations to rounding.",
-}
-
-
-class GridSpec(Strict):
-    """Points of the mesh in each direction; 12 points make 11 cells."""
-
-    n_xi: int = Field(default=64, description="Points along xi, at least 4.")
-    n_eta: int = Field(default=64, description="Points along eta, at least 4.")
-
-
-class TargetSpec(Strict):
-    """An interpolation error of u in place of a grid."""
-
-    norm: Literal["l2", "h1"] = Field("l2", description="That of the error of u, or of its gradient.")
-    error: FiniteFloat = Field(description="The requested error, positive, in the units of u.")
-    max_points: int | None = Field(
-        None, description="Most points of the grid, at least 25; null: the limit of the service."
-    )
-
-
-class MeshSpec(Strict):
-    """Everything that defines a mesh; all but `monitor` has a default."""
-
-    monitor: Monitor
-    domain: Domain = Field(default_factory=RectangleSpec)
-    grid: GridSpec | None = Field(
-        default_factory=GridSpec,
-        description="Absent: 64 x 64, or the grid that a target needs. Blocks have points of their own: null.",
-    )
-    target: TargetSpec | None = Field(None, description="The error that the grid is to reach, in place of `grid`.")
-    boundary: Literal["trace", "equidistributed_1d", "orthogonal"] = Field(
-        "trace", description="How points move along the sides; equidistributed_1d is the paper's."
-    )
-    initial: Literal["nested", "uniform"] = Field(
-        "nested", description="The initial mesh: from coarser grids, or uniform as in the paper."
-    )
-    schwarz: AnySchwarz | None = Field(
-        None, description="Absent or null: solved as a single domain. With blocks an iteration between these."
-    )
-    mode: Literal["discretization", "tight"] = Field(
-        "discretization", description="How exactly the discrete equations are solved; see /v1/capabilities."
-    )
-    allow_relaxed: bool = Field(
-        True,
-        description="Whether the mesh may be for a weaker monitor where the requested one cannot be solved; its "
-        "certificate then says so.",
-    )
-    cells: Literal["quad", "triangle"] = Field("quad", description="Cells of the mesh file.")
-    label: str | None = Field(
-        None, max_length=200, pattern=WITHOUT_NUL, description="Free text, for the list of meshes."
-    )
-    parts: Annotated[
-        Literal["auto"] | Annotated[int, Field(ge=1, le=MAX_PARTS)] | None,
-        either(f"a whole number from 1 to {MAX_PARTS}, 'auto' or null"),
-    ] = Field(
-        None,
-        description="How many parts of a cluster the mesh is computed in; auto: as many as fit its workers. null: one "
-        "machine computes it, or where it is too large for that, a cluster in parts.",
-    )
-
-    @field_validator("schwarz", mode="before")
-    @classmethod
-    def _between_blocks(cls, value: Any, info: ValidationInfo) -> Any:
-        """The settings, marked where the domain has blocks."""
-        has_blocks = isinstance(info.data.get("domain"), BlocksSpec | MeshFileSpec)
-        return OnBlocks(value) if has_blocks and isinstance(value, Mapping) else value
 
 
 @dataclass(frozen=True)
@@ -115,12 +38,12 @@ class CheckedSpec:
         """The ids of stored samples, or "upload", by their JSON pointers; also that of a mesh that is the domain."""
         sources, domain = self.sources.items(), self.spec.domain
         found = {f"{at}/samples": source.samples for at, source in sources if isinstance(source, StoredSource)}
-        return {**found, MESH_PLACE: domain.file} if isinstance(domain, MeshFileSpec) else found
+        return {**found, MESH_PLACE: str(domain.file)} if isinstance(domain, MeshFile) else found
 
     @property
     def has_blocks(self) -> bool:
         """Whether its mesh is one of blocks, which have their own points, in place of a grid."""
-        return isinstance(self.spec.domain, BlocksSpec | MeshFileSpec)
+        return self.spec.domain.HAS_BLOCKS
 
     @property
     def is_plain(self) -> bool:
@@ -175,7 +98,7 @@ class CheckedSpec:
 
     def whole(self) -> CheckedSpec:
         """The spec of the same points that one machine computes, in no parts."""
-        spec = self.spec.model_copy(update={"parts": None})
+        spec = replace(self.spec, parts=None)
         return replace(self, spec=spec, canonical={**self.canonical, "parts": None})
 
     def with_limit(self, max_points: int) -> CheckedSpec:
@@ -192,18 +115,9 @@ class CheckedSpec:
 
     def with_mesh(self, mesh_id: str) -> CheckedSpec:
         """The spec whose domain is the stored mesh of this id."""
-        domain = self.spec.domain.model_copy(update={"file": mesh_id})
-        spec = self.spec.model_copy(update={"domain": domain})
-        return replace(self, spec=spec, canonical={**self.canonical, "domain": domain.model_dump(mode="json")})
-
-
-class ExpressionCheck(Strict):
-    """An expression to be checked."""
-
-    expression: str
-    parameters: Parameters = Field(default_factory=dict)
-    t: FiniteFloat = 0.0
-    domain: Domain = Field(default_factory=RectangleSpec, description="Where it is evaluated.")
+        domain = {**self.canonical["domain"], "file": mesh_id}
+        spec = replace(self.spec, domain=MeshFile(**domain))
+        return replace(self, spec=spec, canonical={**self.canonical, "domain": domain})
 
 
 def read_spec(document: Any) -> CheckedSpec:
@@ -212,13 +126,13 @@ def read_spec(document: Any) -> CheckedSpec:
     if spec.target is not None:
         if document.get("grid") is not None:
             raise problem_at("/target", "a target takes the place of the grid: give one of them")
-        spec = spec.model_copy(update={"grid": None})
-    elif isinstance(spec.domain, BlocksSpec | MeshFileSpec):
+        spec = replace(spec, grid=None)
+    elif spec.domain.HAS_BLOCKS:
         if document.get("grid") is None:  # one that is given is refused with the reason
-            spec = spec.model_copy(update={"grid": None})
+            spec = replace(spec, grid=None)
     elif spec.grid is None:
-        spec = spec.model_copy(update={"grid": GridSpec()})
-    return CheckedSpec(spec, dict(sources_of(spec.monitor)), spec.model_dump(mode="json", by_alias=True))
+        spec = replace(spec, grid=Grid())
+    return CheckedSpec(spec, dict(sources_of(spec.monitor)), to_json(spec))
 
 
 def read_expression_check(document: Any) -> ExpressionCheck:

@@ -1,111 +1,118 @@
-"""Strict reading of plain documents: known keys, values of the right types, and errors with the path of the fault.
+"""Strict reading of documents: known keys, values of the right types, and errors with the path of the fault.
 
 A *reader* takes a value and its path in the document, such as ``monitor.u``, and returns the object that the value
-describes. :class:`Record`, :class:`ByKind` and :class:`ByKey` are readers of objects, made of the readers of their
-members.
+describes. :class:`Reading` reads the documents of :mod:`equimesh_schema`, by the types of their fields.
 """
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
-from functools import cached_property
-from inspect import Parameter, signature
-from typing import Any, Generic, TypeAlias, TypeVar
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
 import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.inputs import describe_value
+from equimesh_schema.document import Document, OneOf, Words, key_of, required_of, types_of
 
 Reader: TypeAlias = Callable[[object, str], Any]
 """Takes a value and its path. Returns the described object, or raises an InputError whose field is the path."""
-T = TypeVar("T", covariant=True)
+
+
+Makers: TypeAlias = Mapping[Any, Callable[..., Any]]
+"""What makes objects of the solver, by the classes of documents."""
 
 
 @dataclass(frozen=True)
-class Record(Generic[T]):
-    """The reader of an object with known ``keys``: ``make`` takes what their readers return, by the same names.
+class Reading:
+    """Makes objects of the solver from documents.
 
-    A key is required where the parameter of ``make`` has no default, so every default is that of the solver.
+    ``makers`` have what makes an object of a class of documents: it takes the values that are given, and
+    has the defaults of the solver. ``readers`` read unions of documents in another way. Errors are
+    :class:`~equimesh.errors.InputError`, whose field is a path.
     """
 
-    make: Callable[..., T]
-    keys: Mapping[str, Reader]
+    makers: Makers
+    readers: Mapping[OneOf, Reader] = field(default_factory=dict)
 
-    def __call__(self, given: object, path: str = "") -> T:
-        """The result of ``make``; raises :class:`~equimesh.errors.InputError`, whose field is a path."""
-        document = mapping(given, path)
-        for key in document:
-            if key not in self.keys:
-                message = f"{_name(path)} has no key {key!r}; known are {_known(key, self.keys)}"
+    def record(self, document: type[Document], given: object, path: str = "") -> Any:
+        """The object of a document without its ``kind``."""
+        members = mapping(given, path)
+        names = {key_of(document, name): name for name in types_of(document) if name != "kind"}
+        for key in members:
+            if key in document.REFUSED:
+                raise InputError(document.REFUSED[key], field=joined(path, key))
+        for key in members:
+            if key not in names:
+                message = f"{_name(path)} has no key {key!r}; known are {_known(key, names)}"
                 raise InputError(message, field=joined(path, str(key)))
-        for key in self._required:
-            if key not in document:
+        for name in required_of(document):
+            key = key_of(document, name)
+            if key in names and key not in members:
                 raise InputError(f"{_name(path)} needs the key '{key}'", field=joined(path, key))
-        values = {key: read(document[key], joined(path, key)) for key, read in self.keys.items() if key in document}
-        with within(path):
-            return self.make(**values)
+        values = {
+            name: self.value(types_of(document)[name], members[key], joined(path, key))
+            for key, name in names.items()
+            if key in members
+        }
+        with within(path), _keys_in_place_of_names(document):
+            return self.makers[document](**values)
 
-    @cached_property
-    def _required(self) -> tuple[str, ...]:
-        parameters = signature(self.make).parameters.items()
-        return tuple(name for name, parameter in parameters if parameter.default is Parameter.empty)
-
-
-@dataclass(frozen=True)
-class Refusing(Generic[T]):
-    """The reader of ``record``, with a sentence for each of some keys that it does not have."""
-
-    record: Record[T]
-    refused: Mapping[str, str]
-
-    def __call__(self, given: object, path: str = "") -> T:
-        """The result of the record."""
-        for key in mapping(given, path):
-            if key in self.refused:
-                raise InputError(self.refused[key], field=joined(path, key))
-        return self.record(given, path)
-
-
-@dataclass(frozen=True)
-class ByKind(Generic[T]):
-    """The reader of an object whose key ``kind`` names one of ``records``, or is absent for the ``default``."""
-
-    records: Mapping[str, Callable[[object, str], T]]
-    default: str | None = None
-
-    def __call__(self, given: object, path: str = "") -> T:
-        """The result of the record of that kind for the other keys."""
-        members = dict(mapping(given, path))
-        kind = members.pop("kind", self.default)
-        if not isinstance(kind, str) or kind not in self.records:
-            shown = "missing" if kind is None else repr(kind)[:40]
-            message = f"the kind of {_name(path)} is {shown}: choose one of {_known(kind, self.records)}"
-            raise InputError(message, field=joined(path, "kind"))
-        return self.records[kind](members, path)
-
-
-@dataclass(frozen=True)
-class ByKey(Generic[T]):
-    """The reader of an object that is of the first of ``records`` whose name is one of its keys."""
-
-    records: Mapping[str, Record[T]]
-
-    def __call__(self, given: object, path: str = "") -> T:
-        """The result of that record."""
-        members = mapping(given, path) if isinstance(given, Mapping) else {}
-        name = next((name for name in self.records if name in members), None)
-        if name is None:
-            message = f"{_name(path)} must be an object with one of the keys {_listed(self.records)}"
+    def one_of(self, documents: OneOf, given: object, path: str) -> Any:
+        """The object of one of several documents, which the ``kind`` names, or the first known key."""
+        if documents.fault == "kind":
+            return self._by_kind(documents, given, path)
+        name = documents.tag(given) if isinstance(given, Mapping) else None
+        if not isinstance(name, str):
+            message = f"{_name(path)} must be an object with one of the keys {_listed(documents.documents)}"
             raise InputError(message, field=path)
-        return self.records[name](members, path)
+        return self.record(documents.documents[name], given, path)
+
+    def _by_kind(self, documents: OneOf, given: object, path: str) -> Any:
+        members = dict(mapping(given, path))
+        kind = members.pop("kind", documents.default)
+        if not isinstance(kind, str) or kind not in documents.documents:
+            shown = "missing" if kind is None else repr(kind)[:40]
+            message = f"the kind of {_name(path)} is {shown}: choose one of {_known(kind, documents.documents)}"
+            raise InputError(message, field=joined(path, "kind"))
+        return self.record(documents.documents[kind], members, path)
+
+    def value(self, kind: Any, given: object, path: str) -> Any:
+        """The value of a field of the type ``kind``. What objects of the solver check is taken as it is given."""
+        marks = getattr(kind, "__metadata__", ())
+        if get_origin(kind) is Annotated:
+            (kind, *_) = get_args(kind)
+        mark = next((one for one in marks if isinstance(one, OneOf)), None)
+        if mark is not None:
+            return self.readers[mark](given, path) if mark in self.readers else self.one_of(mark, given, path)
+        if any(isinstance(one, Words) for one in marks):
+            return given
+        if get_origin(kind) in (Union, UnionType):
+            return self._member(get_args(kind), given, path)
+        if get_origin(kind) is list and (item := one_of_item(kind)) is not None:
+            return several(lambda one, at: self.one_of(item, one, at), given, path)
+        if isinstance(kind, type) and issubclass(kind, Document):
+            return self.record(kind, given, path)
+        read = PLAIN.get(get_origin(kind) or kind)
+        return given if read is None else read(given, path)
+
+    def _member(self, kinds: tuple[Any, ...], given: object, path: str) -> Any:
+        """The value of a union: null, a word, or the value of its other type; of several types as it is given."""
+        words = [word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)]
+        others = [kind for kind in kinds if get_origin(kind) is not Literal and kind is not NoneType]
+        if (given is None and NoneType in kinds) or (isinstance(given, str) and given in words):
+            return given
+        only_word = words and others and others[0] is not float
+        return given if len(others) != 1 or only_word else self.value(others[0], given, path)
 
 
-def as_given(value: object, path: str) -> object:  # noqa: ARG001 - a reader
-    """The value itself, which the solver checks when the object is built."""
-    return value
+def one_of_item(kind: Any) -> OneOf | None:
+    """The documents of the items of a list."""
+    marks = getattr(get_args(kind)[0], "__metadata__", ())
+    return next((one for one in marks if isinstance(one, OneOf)), None)
 
 
 def mapping(value: object, path: str) -> Mapping[Any, Any]:
@@ -148,25 +155,15 @@ def text(value: object, path: str) -> str:
     return value
 
 
-def either(word: str, read: Reader) -> Reader:
-    """The reader of ``word``, or of what ``read`` takes."""
-    return lambda value, path: word if isinstance(value, str) and value == word else read(value, path)
+def several(read: Reader, value: object, path: str) -> tuple[Any, ...]:
+    """What ``read`` returns of the items of a list."""
+    if not isinstance(value, list | tuple):
+        raise _wrong(value, path, "a list")
+    return tuple(read(item, joined(path, str(number))) for number, item in enumerate(value))
 
 
-def optional(read: Reader) -> Reader:
-    """The reader of null, or of what ``read`` takes."""
-    return lambda value, path: None if value is None else read(value, path)
-
-
-def several(read: Reader) -> Reader:
-    """The reader of a list, as a tuple of what ``read`` returns of its items."""
-
-    def items(value: object, path: str) -> tuple[Any, ...]:
-        if not isinstance(value, list | tuple):
-            raise _wrong(value, path, "a list")
-        return tuple(read(item, joined(path, str(number))) for number, item in enumerate(value))
-
-    return items
+PLAIN: Mapping[Any, Reader] = {float: number, int: whole, bool: flag, dict: mapping}
+"""The readers of plain values by their types. Texts are checked when they are used."""
 
 
 def joined(path: str, name: str) -> str:
@@ -185,6 +182,15 @@ def within(path: str) -> Iterator[None]:
     except InputError as error:
         first, _, rest = error.field.partition(".")
         error.field = joined(path, rest if path and first == path.rpartition(".")[2] else error.field)
+        raise
+
+
+@contextmanager
+def _keys_in_place_of_names(document: type[Document]) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        error.field = document.JSON_NAMES.get(error.field, error.field)
         raise
 
 

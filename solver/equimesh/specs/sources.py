@@ -15,14 +15,17 @@ from equimesh.fields.field import Field
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.sample_arrays import HDF5_SUFFIXES
-from equimesh.specs.document import ByKey, Record, as_given, mapping, text, within
+from equimesh.specs.document import Makers, Reading, text, within
 from equimesh.upload.nodal import NEEDS_BLOCKS, BlockNodes, block_nodes, nodal_samples
 from equimesh.upload.samples import MAX_BYTES, read_samples
+from equimesh_schema import sources as schema
 
 FindSamples: TypeAlias = Callable[[str, Box], Field]
 """The function whose samples have a name, on a box that they must cover."""
 CHUNKED = (".zarr", *HDF5_SUFFIXES)
 """Suffixes of samples that are read part by part."""
+ONE_KEY = (schema.GridSource, schema.NodalSource, schema.ScatteredSource, schema.BlockNodesSource)
+"""Documents whose one key has the samples."""
 
 
 def build_expression(document: object, domain: Domain | Blocks, path: str = "") -> Expression:
@@ -30,7 +33,9 @@ def build_expression(document: object, domain: Domain | Blocks, path: str = "") 
 
     Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
     """
-    return _expression(domain)(document, path)
+    reading = Reading({schema.ExpressionSource: _expression(domain)})
+    expression: Expression = reading.record(schema.ExpressionSource, document, path)
+    return expression
 
 
 def build_field(document: object, domain: Domain | Blocks, find_samples: FindSamples, path: str = "") -> Field:
@@ -45,29 +50,25 @@ def build_field(document: object, domain: Domain | Blocks, find_samples: FindSam
             error.field = path
             raise
 
-    def samples(given: object, at: str) -> Field:
-        name = text(given, at)
-        with within(at):
+    def stored(samples: object) -> Field:
+        name = text(samples, "samples")
+        with within("samples"):
             return _on(find_samples(name, domain.box), domain)
 
     def on_blocks(*, nodes: object, values: object) -> Field:
         return _on(block_nodes(nodes=nodes, values=values), domain)
 
-    on_grid = Record(partial(GridSamples, box=domain.box), dict.fromkeys(("x", "y", "values"), as_given))
-    scattered = Record(partial(ScatteredSamples, box=domain.box), dict.fromkeys(("points", "values"), as_given))
-    at_nodes = Record(partial(nodal_samples, box=domain.box), dict.fromkeys(("x", "y", "values"), as_given))
-    in_blocks = Record(on_blocks, dict.fromkeys(("nodes", "values"), as_given))
-    source: ByKey[Field] = ByKey(
-        {
-            "expression": _expression(domain),
-            "grid": Record(lambda grid: grid, {"grid": on_grid}),
-            "nodal": Record(lambda nodal: nodal, {"nodal": at_nodes}),
-            "scattered": Record(lambda scattered: scattered, {"scattered": scattered}),
-            "block_nodes": Record(lambda block_nodes: block_nodes, {"block_nodes": in_blocks}),
-            "samples": Record(lambda samples: samples, {"samples": samples}),
-        }
-    )
-    return source(document, path)
+    makers: Makers = {
+        schema.ExpressionSource: _expression(domain),
+        schema.GridValues: partial(GridSamples, box=domain.box),
+        schema.NodalValues: partial(nodal_samples, box=domain.box),
+        schema.ScatteredValues: partial(ScatteredSamples, box=domain.box),
+        schema.BlockNodes: on_blocks,
+        schema.StoredSource: stored,
+        **dict.fromkeys(ONE_KEY, lambda **made: next(iter(made.values()))),
+    }
+    field: Field = Reading(makers).one_of(schema.SOURCES, document, path)
+    return field
 
 
 def _on(field: Field, domain: Domain | Blocks) -> Field:
@@ -116,10 +117,10 @@ def _is_long_npy(file: Path) -> bool:
     return file.suffix.lower() == ".npy" and file.is_file() and file.stat().st_size > MAX_BYTES
 
 
-def _expression(domain: Domain | Blocks) -> Record[Expression]:
+def _expression(domain: Domain | Blocks) -> Callable[..., Expression]:
     def make(expression: str, parameters: Mapping[str, float] = MappingProxyType({}), t: float = 0.0) -> Expression:
         made = Expression(expression, parameters=parameters, t=t)
         made.check_finite(domain=domain)
         return made
 
-    return Record(make, {"expression": as_given, "parameters": mapping, "t": as_given})
+    return make

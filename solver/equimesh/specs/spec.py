@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, Unpack
 
@@ -31,11 +30,14 @@ from equimesh.solving.options import Initial, SolveArguments
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import NO_SUBDOMAINS, solve
 from equimesh.solving.target import NO_U, Target, solve_to
-from equimesh.specs.document import Reader, Record, as_given, either, flag, optional, text, whole
-from equimesh.specs.domains import GRID, FindMesh, domain_reader, meshes_in, no_meshes
+from equimesh.specs.document import Makers, Reading, text, whole
+from equimesh.specs.domains import FindMesh, domain_makers, meshes_in, no_meshes
 from equimesh.specs.monitors import build_monitor
-from equimesh.specs.schwarz import BLOCK_SCHWARZ, TARGET, build_schwarz
+from equimesh.specs.schwarz import MAKERS, block_schwarz, build_schwarz, usual_grid
 from equimesh.specs.sources import FindSamples, no_samples, samples_in
+from equimesh_schema.mesh import MeshSpec
+from equimesh_schema.monitors import MONITORS
+from equimesh_schema.schwarz import ITERATIONS
 
 AUTOMATIC_PARTS: Final = "auto"
 NOT_WITH_BLOCKS: Final[Mapping[str, str]] = {
@@ -134,59 +136,43 @@ def build(
     Raises :class:`~equimesh.errors.InputError` for values that cannot be used, wrong types and unknown keys; ``field``
     is the path of the fault in the document, e.g. ``"monitor.u.expression"`` or ``"schwarz.overlap"``.
     """
-    parts = _reader(find_mesh, folder)(document)
+    makers: Makers = {**MAKERS, **domain_makers(find_mesh, folder), MeshSpec: dict}
+    given = Reading(makers, {MONITORS: _as_given, ITERATIONS: _as_given}).record(MeshSpec, document)
+    parts = _parts(given)
     if isinstance(parts.domain, Blocks):
-        return _on_blocks(parts, parts.domain, find_samples)
+        return _on_blocks(parts, parts.domain, given.get("schwarz"), find_samples)
     if parts.target is not None and parts.grid is not None:
         raise InputError("a target takes the place of the grid: give one of them", field="target")
     schwarz = build_schwarz(document)
-    monitor = build_monitor(parts.monitor, parts.domain, find_samples, cells=parts.cells)
+    monitor = build_monitor(given["monitor"], parts.domain, find_samples, cells=parts.options["cells"])
     if schwarz is not None:
         require_lines(monitor)
     if parts.target is not None and monitor.u is None:
         raise InputError(NO_U, field="target")
     if isinstance(monitor, NodalSolution):
         _check_round(parts, monitor, schwarz)
-    grid = parts.grid or (GRID.make() if parts.target is None else parts.target.grid(parts.domain))
-    return BuiltSpec(
-        problem=Problem(monitor=monitor, grid=grid, boundary=parts.boundary, domain=parts.domain),
-        schwarz=schwarz,
-        target=parts.target,
-        initial=parts.initial,
-        mode=parts.mode,
-        allow_relaxed=parts.allow_relaxed,
-        cells=parts.cells,
-        label=parts.label,
-        parts=parts.parts,
-    )
+    grid = parts.grid or (usual_grid() if parts.target is None else parts.target.grid(parts.domain))
+    problem = Problem(monitor=monitor, grid=grid, boundary=parts.boundary, domain=parts.domain)
+    return BuiltSpec(problem=problem, schwarz=schwarz, target=parts.target, **parts.options)
 
 
-def _on_blocks(parts: _Parts, blocks: Blocks, find_samples: FindSamples) -> BuiltSpec:
+def _on_blocks(parts: _Parts, blocks: Blocks, settings: object, find_samples: FindSamples) -> BuiltSpec:
     """The contents of a document whose domain has blocks."""
     given = {
         "grid": parts.grid is not None,
         "target": parts.target is not None,
         "boundary": parts.boundary is not Boundary.TRACE,
-        "parts": parts.parts is not None,
+        "parts": parts.options["parts"] is not None,
     }
     for name, is_given in given.items():
         if is_given:
             raise InputError(NOT_WITH_BLOCKS[name], field=name)
-    monitor: Any = build_monitor(parts.monitor, blocks, find_samples, cells=parts.cells)
+    monitor: Any = build_monitor(parts.monitor, blocks, find_samples, cells=parts.options["cells"])
     problem = BlockProblem(monitor=monitor, domain=blocks)
-    schwarz = BLOCK_SCHWARZ(parts.schwarz, "schwarz")
+    schwarz = block_schwarz(settings)
     if schwarz is not None:
         count_subdomains(problem, schwarz)
-    return BuiltSpec(
-        problem=problem,
-        schwarz=schwarz,
-        target=None,
-        initial=parts.initial,
-        mode=parts.mode,
-        allow_relaxed=parts.allow_relaxed,
-        cells=parts.cells,
-        label=parts.label,
-    )
+    return BuiltSpec(problem=problem, schwarz=schwarz, target=None, **parts.options)
 
 
 def _check_round(parts: _Parts, monitor: NodalSolution, schwarz: Schwarz | None) -> None:
@@ -195,7 +181,7 @@ def _check_round(parts: _Parts, monitor: NodalSolution, schwarz: Schwarz | None)
         raise InputError(f"{NO_OTHER_GRID}: leave the target out", field="target")
     if schwarz is not None:
         raise InputError(NO_SUBDOMAINS, field="schwarz")
-    monitor.require_grid(parts.grid or GRID.make())
+    monitor.require_grid(parts.grid or usual_grid())
 
 
 def load(path: str | os.PathLike[str]) -> BuiltSpec:
@@ -214,24 +200,38 @@ def load(path: str | os.PathLike[str]) -> BuiltSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class _Parts:
-    """The parts of a document. The monitor and the Schwarz settings need the domain, and are not built yet."""
+    """The parts of a document, whose monitor needs the domain and is not built yet. ``options`` are of a BuiltSpec."""
 
     monitor: object
-    domain: Domain | Blocks = UNIT_SQUARE
-    grid: Grid | None = None
-    target: Target | None = None
-    boundary: Boundary = Boundary.TRACE
-    initial: Initial = Initial.NESTED
-    schwarz: object = None
-    mode: Mode = Mode.DISCRETIZATION
-    allow_relaxed: bool = True
-    cells: Cells = "quad"
-    label: str | None = None
-    parts: NumberOfParts = None
+    domain: Domain | Blocks
+    grid: Grid | None
+    target: Target | None
+    boundary: Boundary
+    options: Mapping[str, Any]
 
 
-def _word_of(kind: type[StrEnum]) -> Reader:
-    return lambda value, path: choice(kind, value, path)  # type: ignore[arg-type]
+def _parts(given: Mapping[str, Any]) -> _Parts:
+    """The parts of what is ``given``, with the usual values of the schema in place of others."""
+    spec = MeshSpec(**given)
+    return _Parts(
+        monitor=spec.monitor,
+        domain=given.get("domain", UNIT_SQUARE),
+        grid=given.get("grid"),
+        target=given.get("target"),
+        boundary=choice(Boundary, spec.boundary, "boundary"),
+        options={
+            "initial": choice(Initial, spec.initial, "initial"),
+            "mode": choice(Mode, spec.mode, "mode"),
+            "allow_relaxed": spec.allow_relaxed,
+            "cells": _cells(spec.cells, "cells"),
+            "label": None if spec.label is None else text(spec.label, "label"),
+            "parts": _number_of_parts(spec.parts, "parts"),
+        },
+    )
+
+
+def _as_given(value: object, path: str) -> object:  # noqa: ARG001 - a reader
+    return value
 
 
 def _cells(value: object, path: str) -> Cells:
@@ -242,27 +242,9 @@ def _cells(value: object, path: str) -> Cells:
 
 
 def _number_of_parts(value: object, path: str) -> NumberOfParts:
-    number = either(AUTOMATIC_PARTS, whole)(value, path)
-    if number != AUTOMATIC_PARTS and number < 1:
+    if value is None or value == AUTOMATIC_PARTS:
+        return value
+    number = whole(value, path)
+    if number < 1:
         raise InputError(f"{path} = {number}: at least one part is needed", field=path)
-    return number  # type: ignore[no-any-return]
-
-
-_KEYS: dict[str, Reader] = {
-    "monitor": as_given,
-    "grid": optional(GRID),
-    "target": optional(TARGET),
-    "boundary": _word_of(Boundary),
-    "initial": _word_of(Initial),
-    "schwarz": as_given,
-    "mode": _word_of(Mode),
-    "allow_relaxed": flag,
-    "cells": _cells,
-    "label": optional(text),
-    "parts": optional(_number_of_parts),
-}
-
-
-def _reader(find_mesh: FindMesh, folder: Path | None) -> Record[_Parts]:
-    """The reader of a document."""
-    return Record(_Parts, {**_KEYS, "domain": domain_reader(find_mesh, folder)})
+    return number

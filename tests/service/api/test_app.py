@@ -72,7 +72,7 @@ def test_every_route_is_described(document: dict[str, Any]) -> None:
 
 def test_every_key_of_the_spec_is_described(document: dict[str, Any]) -> None:
     schemas = document["components"]["schemas"]
-    assert {"MeshSpec", "SchwarzSpec", "GridValues", "ExpressionSource", "MeshEvents"} <= set(schemas)
+    assert {"MeshSpec", "Schwarz", "GridValues", "ExpressionSource", "MeshEvents"} <= set(schemas)
     assert schemas["MeshSpec"]["additionalProperties"] is False
     assert list(schemas["MeshSpec"]["properties"]) == [
         "monitor", "domain", "grid", "target", "boundary", "initial", "schwarz", "mode", "allow_relaxed", "cells",

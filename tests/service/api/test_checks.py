@@ -22,12 +22,12 @@ def test_capabilities_name_every_choice(http: httpx.Client, document: dict[str, 
     assert able["boundaries"] == properties["boundary"]["enum"]
     assert able["initials"] == properties["initial"]["enum"]
     assert able["cells"] == properties["cells"]["enum"]
-    schwarz = document["components"]["schemas"]["SchwarzSpec"]["properties"]
-    data = document["components"]["schemas"]["OptimizedSpec"]["properties"]["data"]
+    schwarz = document["components"]["schemas"]["Schwarz"]["properties"]
+    data = document["components"]["schemas"]["Optimized"]["properties"]["data"]
     for key, choices in (
         ("interface_data", data["enum"]),
         ("orderings", schwarz["ordering"]["enum"]),
-        ("accelerations", [name for name in schwarz["acceleration"]["enum"] if name != "auto"]),
+        ("accelerations", schwarz["acceleration"]["enum"]),
         ("local_solvers", schwarz["local_solver"]["enum"]),
     ):
         assert [entry["name"] for entry in able[key]] == choices

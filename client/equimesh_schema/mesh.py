@@ -1,0 +1,90 @@
+"""The spec of a mesh: its monitor, domain, grid or target, and how it is solved."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, TypeAlias
+
+from equimesh_schema.document import LATER, Document, Either, Limits, Parameters, Words
+from equimesh_schema.domains import Domain, Rectangle
+from equimesh_schema.monitors import Monitor, Norm
+from equimesh_schema.schwarz import AnySchwarz, OfDomain
+
+MAX_PARTS = 4096
+"""The most parts that a spec may ask for; how many a grid can have is checked by the solver."""
+WITHOUT_NUL = r"^[^\x00]*$"
+"""The pattern of texts that databases store: PostgreSQL refuses U+0000."""
+UNIT_SQUARE = Rectangle()
+MODES = Words(
+    discretization="Meshes to compute on: iterates until the error of the solution on the grid is small beside that of "
+    "the grid itself.",
+    tight="Studies that compare meshes digit by digit: solves the equations to rounding.",
+)
+BOUNDARIES = Words("trace", "equidistributed_1d", "orthogonal")
+INITIALS = Words("nested", "uniform")
+CELLS = Words("quad", "triangle")
+NumberOfParts: TypeAlias = Annotated[
+    Annotated[int, Limits(ge=1, le=MAX_PARTS)] | Literal["auto"] | None,
+    Either(f"a whole number from 1 to {MAX_PARTS}, 'auto' or null"),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid(Document):
+    """Points of the mesh in each direction; 12 points make 11 cells."""
+
+    n_xi: int = 64
+    """Points along xi, at least 4."""
+    n_eta: int = 64
+    """Points along eta, at least 4."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target(Document):
+    """An interpolation error of u in place of a grid."""
+
+    norm: Norm = "l2"
+    """That of the error of u, or of its gradient."""
+    error: float
+    """The requested error, positive, in the units of u."""
+    max_points: int | None = None
+    """Most points of the grid, at least 25; null: the limit of the service."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshSpec(Document):
+    """Everything that defines a mesh; all but `monitor` has a default."""
+
+    monitor: Monitor
+    domain: Annotated[Domain, LATER] = UNIT_SQUARE
+    grid: Grid | None = Grid()
+    """Absent: 64 x 64, or the grid that a target needs. Blocks have points of their own: null."""
+    target: Annotated[Target | None, LATER] = None
+    """The error that the grid is to reach, in place of `grid`."""
+    boundary: Annotated[str, BOUNDARIES] = "trace"
+    """How points move along the sides; equidistributed_1d is the paper's."""
+    initial: Annotated[str, INITIALS] = "nested"
+    """The initial mesh: from coarser grids, or uniform as in the paper."""
+    schwarz: Annotated[AnySchwarz, OfDomain()] | None = None
+    """Absent or null: solved as a single domain. With blocks an iteration between these."""
+    mode: Annotated[str, MODES, LATER] = "discretization"
+    """How exactly the discrete equations are solved; see /v1/capabilities."""
+    allow_relaxed: Annotated[bool, LATER] = True
+    """Whether the mesh may be for a weaker monitor where the requested one cannot be solved; its certificate then says
+    so."""
+    cells: Annotated[str, CELLS] = "quad"
+    """Cells of the mesh file."""
+    label: Annotated[Annotated[str, Limits(max_length=200, pattern=WITHOUT_NUL)] | None, LATER] = None
+    """Free text, for the list of meshes."""
+    parts: Annotated[NumberOfParts, LATER] = None
+    """How many parts of a cluster the mesh is computed in; auto: as many as fit its workers. null: one machine computes
+    it, or where it is too large for that, a cluster in parts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpressionCheck(Document):
+    """An expression to be checked."""
+
+    expression: str
+    parameters: Parameters = field(default_factory=dict)
+    t: float = 0.0
+    domain: Domain = UNIT_SQUARE
+    """Where it is evaluated."""
