@@ -40,12 +40,9 @@ from equimesh_client.records.quality import Measure, Quality
 from equimesh_client.records.sequences import SequenceRecord
 from equimesh_client.records.state import Progress
 from equimesh_client.sequence import AsyncSequence, Sequence
-from equimesh_client.spec.blocks import Blocks, MeshFile
-from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
+from equimesh_client.spec.domains import Blocks
 from equimesh_client.spec.fields import Field
-from equimesh_client.spec.mesh import Target
 from equimesh_client.spec.motion import Motion
-from equimesh_client.spec.schwarz import BlockSchwarz, Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.spec.sources import SampleFile, StoredSamples, Upload
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.part_downloads import PartArrays
@@ -58,16 +55,27 @@ from equimesh_coupling.cells import CellAverages, ErrorIndicator
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
 from equimesh_schema import (
     Aim,
+    AnnulusSector,
     ArcLength,
     Auto,
+    BlockSchwarz,
     Candidate,
     Certificate,
+    Classical,
     Curvature,
     Estimate,
     Intersection,
     LeastError,
+    LinearRobin,
+    MeshFile,
     NodalSolution,
+    NonlinearRobin,
+    Optimized,
+    Quadrilateral,
+    Rectangle,
     Relaxed,
+    Schwarz,
+    Target,
     Tensor,
     Weight,
 )

@@ -9,6 +9,8 @@ from equimesh_schema.certificate import (
     InterpolationGain,
     Relaxed,
 )
+from equimesh_schema.domains import AnnulusSector, MeshFile, Quadrilateral, Rectangle
+from equimesh_schema.mesh import Target
 from equimesh_schema.monitors import (
     ArcLength,
     Auto,
@@ -19,21 +21,33 @@ from equimesh_schema.monitors import (
     Tensor,
     Weight,
 )
+from equimesh_schema.schwarz import BlockSchwarz, Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 
 __all__ = [
     "Aim",
+    "AnnulusSector",
     "ArcLength",
     "Auto",
+    "BlockSchwarz",
     "Candidate",
     "Certificate",
+    "Classical",
     "Curvature",
     "Estimate",
     "FaceAngles",
     "InterpolationGain",
     "Intersection",
     "LeastError",
+    "LinearRobin",
+    "MeshFile",
     "NodalSolution",
+    "NonlinearRobin",
+    "Optimized",
+    "Quadrilateral",
+    "Rectangle",
     "Relaxed",
+    "Schwarz",
+    "Target",
     "Tensor",
     "Weight",
 ]

@@ -84,6 +84,17 @@ class Document:
         }
 
 
+def without_usual(document: Document) -> dict[str, Any]:
+    """The JSON of a document without the keys that are left out where they have their default."""
+    cls = type(document)
+    usual = {
+        key_of(cls, one.name)
+        for one in fields(cls)  # type: ignore[arg-type]
+        if LATER in getattr(types_of(cls)[one.name], "__metadata__", ()) and getattr(document, one.name) == one.default
+    }
+    return {key: value for key, value in document.to_json().items() if key not in usual}
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, Document):
         return value.to_json()

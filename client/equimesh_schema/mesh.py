@@ -66,7 +66,7 @@ class MeshSpec(Document):
     schwarz: Annotated[AnySchwarz, OfDomain()] | None = None
     """Absent or null: solved as a single domain. With blocks an iteration between these."""
     mode: Annotated[str, MODES, LATER] = "discretization"
-    """How exactly the discrete equations are solved; see /v1/capabilities."""
+    """How exactly the discrete equations are solved: to the error of the grid, or tight, to rounding."""
     allow_relaxed: Annotated[bool, LATER] = True
     """Whether the mesh may be for a weaker monitor where the requested one cannot be solved; its certificate then says
     so."""

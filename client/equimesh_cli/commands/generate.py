@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.address import DEFAULT_URL, add_url
+from equimesh_cli.options.fields import number_or
 from equimesh_cli.options.mesh import (
     MESH_SUFFIXES,
     PART_SUFFIXES,
@@ -19,7 +20,6 @@ from equimesh_cli.options.mesh import (
     points_of,
     schwarz_of,
     target_of,
-    whole_or_auto,
 )
 from equimesh_cli.options.monitors import monitor_of
 from equimesh_cli.parser import add_command
@@ -68,7 +68,7 @@ def add_parser(commands: Any) -> None:
     service.add_argument(
         "--parts",
         metavar="N",
-        type=whole_or_auto,
+        type=number_or(int, ("auto",)),
         help="parts of the service's cluster, or auto (where the mesh is too large for one machine: auto); -o then is "
         "a .pvtu or .vtkhdf file, with the files of the parts next to it",
     )

@@ -4,33 +4,23 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Any, Literal
 
 from equimesh_cli.exits import Refused
+from equimesh_cli.options.fields import add_field, flag, foreign_to, given_of
 from equimesh_cli.options.monitors import add_monitor_options, check_monitor, domain, domain_file
+from equimesh_schema.document import types_of
+from equimesh_schema.mesh import Grid, MeshSpec, Target
+from equimesh_schema.schwarz import TRANSMISSIONS, Schwarz
 
-if TYPE_CHECKING:
-    from equimesh_client import Schwarz, Target
-
-USUAL_POINTS = 64
-SCHWARZ = (
-    "overlap",
-    "transmission",
-    "interface_data",
-    "p",
-    "ordering",
-    "line_correction",
-    "acceleration",
-    "local_solver",
-    "no_fallback",
-    "tolerance",
-    "max_iterations",
-    "compare",
-)
+CONDITIONS = {
+    kind: tuple(name for name in types_of(made) if name != "kind") for kind, made in TRANSMISSIONS.documents.items()
+}
+OF_CONDITIONS = tuple(dict.fromkeys(name for names in CONDITIONS.values() for name in names))
+SETTINGS = tuple(name for name in types_of(Schwarz) if name not in ("subdomains", "transmission"))
 MESH_SUFFIXES = (
     ".vtu", ".vtk", ".vts", ".vtm.zip", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".p3d.zip", ".foam.zip", ".npz",
 )  # fmt: skip
@@ -67,15 +57,10 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--t", type=float, help="value of the name t in U")
     add_monitor_options(parser)
     mesh = parser.add_argument_group("mesh")
-    mesh.add_argument("-n", "--n-xi", dest="n_xi", type=int, help="points a side, along xi (64)")
+    mesh.add_argument("-n", "--n-xi", dest="n_xi", type=int, help=f"points a side, along xi ({Grid.n_xi})")
     mesh.add_argument("--n-eta", type=int, help="points along eta (as along xi)")
-    mesh.add_argument(
-        "--target-error",
-        metavar="ERROR",
-        type=float,
-        help="take the grid with this interpolation error, in place of -n",
-    )
-    mesh.add_argument("--target-norm", choices=("l2", "h1"), help="error of u, or of its gradient (l2)")
+    add_field(mesh, Target, "error", option="--target-error")
+    add_field(mesh, Target, "norm", option="--target-norm")
     domains = mesh.add_mutually_exclusive_group()
     domains.add_argument(
         "--domain",
@@ -92,24 +77,12 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         type=domain_file,
         help="a mesh of quadrilaterals that is the domain (.msh, .vtu, .su2, ...), or blocks as .json; not with -n",
     )
-    mesh.add_argument(
-        "--boundary",
-        choices=("trace", "equidistributed_1d", "orthogonal"),
-        default="trace",
-        help="how points move along the sides (trace)",
-    )
-    mesh.add_argument("--initial", choices=("nested", "uniform"), default="nested", help="first mesh (nested)")
-    mesh.add_argument(
-        "--mode",
-        choices=("discretization", "tight"),
-        default="discretization",
-        help="solve to the error of the grid, or to rounding (discretization)",
-    )
+    for name in ("boundary", "initial", "mode", "cells"):
+        add_field(mesh, MeshSpec, name, has_default=True)
     mesh.add_argument("--no-relax", action="store_true", help="fail rather than adapt less than requested")
     mesh.add_argument(
         "--partial", action="store_true", help="write the mesh of a failed solve, too, if it is not folded"
     )
-    mesh.add_argument("--cells", choices=("quad", "triangle"), default="quad", help="cells of the file (quad)")
     _add_schwarz_options(parser)
     results = parser.add_argument_group("results")
     results.add_argument("-o", "--output", metavar="FILE", type=Path, help=f"the mesh: {OUTPUT}")
@@ -132,50 +105,13 @@ def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
         type=_subdomains,
         help="along xi and eta, e.g. 2x1; or the grid lines at which they meet, each with a comma: 24,40,x1",
     )
-    schwarz.add_argument("--overlap", type=int, help="points that neighbours share, at least 2 (4)")
-    schwarz.add_argument(
-        "--transmission",
-        choices=("optimized", "classical", "linear_robin", "nonlinear_robin"),
-        help="condition at the interfaces (optimized)",
-    )
-    schwarz.add_argument(
-        "--interface-data",
-        choices=("line_sums", "local"),
-        help="optimized: what an interface knows of the lines beyond it (line_sums)",
-    )
-    schwarz.add_argument(
-        "--p", type=_number_or("auto"), help="parameter of a Robin condition, a positive number or auto (auto)"
-    )
-    schwarz.add_argument(
-        "--ordering",
-        choices=("parallel", "alternating", "symmetric", "coloured"),
-        help="which subdomains are solved at the same time (parallel)",
-    )
-    schwarz.add_argument(
-        "--line-correction",
-        metavar="N",
-        type=whole_or_auto,
-        help="corrections of all grid lines after every iteration, 0 to 10, or auto (auto: 3 for optimized, else 0)",
-    )
-    schwarz.add_argument(
-        "--acceleration",
-        choices=("auto", "none", "anderson", "newton"),
-        help="combines several iterations (auto: anderson for optimized, else none)",
-    )
-    schwarz.add_argument("--local-solver", choices=("sweeps", "newton"), help="how a subdomain is solved (sweeps)")
-    schwarz.add_argument(
-        "--no-fallback", action="store_true", default=None, help="never change to optimized where another stalls"
-    )
-    schwarz.add_argument(
-        "--tolerance",
-        type=_number_or("discretization", "none"),
-        help="end of the iteration: an estimated error, discretization for a part of that of the grid, or none to run "
-        "--max-iterations (1e-10)",
-    )
-    schwarz.add_argument("--max-iterations", type=int, help="maximum number of iterations (100)")
-    schwarz.add_argument(
-        "--compare", action="store_true", default=None, help="record the error against the single domain"
-    )
+    usual = Schwarz.transmission.kind
+    schwarz.add_argument("--transmission", choices=tuple(CONDITIONS), help=f"condition at the interfaces ({usual})")
+    for name in SETTINGS:
+        add_field(schwarz, Schwarz, name)
+    for name in OF_CONDITIONS:
+        kinds = [kind for kind, names in CONDITIONS.items() if name in names]
+        add_field(schwarz, TRANSMISSIONS.documents[kinds[0]], name, owners=f"{', '.join(kinds)}: ")
 
 
 def check_options(options: argparse.Namespace, *, suffixes: Sequence[str] = MESH_SUFFIXES) -> None:
@@ -188,10 +124,7 @@ def check_options(options: argparse.Namespace, *, suffixes: Sequence[str] = MESH
     _check_points(options)
     _check_cells(options)
     _check_picture(options)
-    given = [name for name in SCHWARZ if getattr(options, name) is not None]
-    if given and options.subdomains is None:
-        flags = ", ".join("--" + name.replace("_", "-") for name in given)
-        raise Refused(f"{flags} is for the Schwarz iteration; add --subdomains, e.g. --subdomains 2x1")
+    _check_schwarz(options)
     for path, allowed in ((options.output, tuple(suffixes)), (options.plot, PLOT_SUFFIXES)):
         if path is None or (path is options.output and path.is_dir()):
             continue
@@ -200,6 +133,17 @@ def check_options(options: argparse.Namespace, *, suffixes: Sequence[str] = MESH
             raise Refused(f"{path}: the suffix must be one of {' '.join(allowed)}{case}")
         if not path.parent.is_dir():
             raise Refused(f"{path.parent}: there is no such folder; make it first: mkdir -p {quote(str(path.parent))}")
+
+
+def _check_schwarz(options: argparse.Namespace) -> None:
+    """Refuse settings of an iteration that there is not, or of another condition."""
+    given = given_of(options, ("transmission", *SETTINGS, *OF_CONDITIONS))
+    if given and options.subdomains is None:
+        flags = [f"--no-{flag(name).lstrip('-')}" if value is False else flag(name) for name, value in given.items()]
+        raise Refused(f"{', '.join(flags)} is for the Schwarz iteration; add --subdomains, e.g. --subdomains 2x1")
+    foreign = foreign_to(options.transmission or Schwarz.transmission.kind, given, CONDITIONS, "--transmission")
+    if foreign:
+        raise Refused(foreign)
 
 
 def _check_picture(options: argparse.Namespace) -> None:
@@ -256,36 +200,24 @@ def picture_of(options: argparse.Namespace) -> Picture | None:
 
 def points_of(options: argparse.Namespace) -> tuple[int, int]:
     """Points along xi and eta."""
-    n_xi = USUAL_POINTS if options.n_xi is None else options.n_xi
+    n_xi = Grid.n_xi if options.n_xi is None else options.n_xi
     return n_xi, n_xi if options.n_eta is None else options.n_eta
 
 
 def target_of(options: argparse.Namespace) -> Target | None:
     """The target of the client; None for a grid."""
-    from equimesh_client import Target
-
     if options.target_error is None:
         return None
-    return Target(error=options.target_error, norm=options.target_norm or "l2")
+    return Target(error=options.target_error, norm=options.target_norm or Target.norm)
 
 
 def schwarz_of(options: argparse.Namespace) -> Schwarz | None:
     """The Schwarz settings of the client; None for a single domain."""
-    from equimesh_client.spec.schwarz import Schwarz, transmission
-
     if options.subdomains is None:
         return None
-    names = ("overlap", "ordering", "line_correction", "acceleration", "local_solver", "tolerance", "max_iterations")
-    settings: dict[str, Any] = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
-    if options.tolerance == "none":
-        settings["tolerance"] = None
-    return Schwarz(
-        subdomains=options.subdomains,
-        transmission=transmission(options.transmission or "optimized", options.p, options.interface_data),
-        fallback=not options.no_fallback,
-        compare_single_domain=bool(options.compare),
-        **settings,
-    )
+    kind = options.transmission or Schwarz.transmission.kind
+    condition = TRANSMISSIONS.documents[kind](**given_of(options, CONDITIONS[kind]))
+    return Schwarz(subdomains=options.subdomains, transmission=condition, **given_of(options, SETTINGS))
 
 
 def _subdomains(text: str) -> tuple[int | tuple[int, ...], int | tuple[int, ...]]:
@@ -310,23 +242,3 @@ def parameter(text: str) -> tuple[str, float]:
     except ValueError:
         pass
     raise argparse.ArgumentTypeError(f"{text!r} is not like c=2.5")
-
-
-def _number_or(*words: str) -> Callable[[str], float | str]:
-    def read(text: str) -> float | str:
-        if text.lower() in words:
-            return text.lower()
-        try:
-            return float(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor {' nor '.join(words)}") from None
-
-    return read
-
-
-def whole_or_auto(text: str) -> int | Literal["auto"]:
-    """A whole number, or ``auto``."""
-    try:
-        return "auto" if text.lower() == "auto" else int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor auto") from None

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import MISSING, Field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 from equimesh_cli.exits import Refused
-from equimesh_schema.document import docs_of, one_of, types_of
+from equimesh_cli.options.fields import add_field, dashed, flag, foreign_to, given_of
+from equimesh_schema.document import types_of
+from equimesh_schema.domains import AnnulusSector, MeshFile, Rectangle
 from equimesh_schema.monitors import MONITORS, REQUIRED_FUNCTIONS, AnyMonitor, Intersection
-from equimesh_schema.sources import SOURCES
 
 if TYPE_CHECKING:
     from equimesh_client.spec.domains import Domain
@@ -21,15 +21,9 @@ PERIODIC: dict[str, Literal["x", "y", "both"] | None] = {"": None, "x": "x", "y"
 SUFFIXES = (".npz", ".npy", ".csv", ".txt", ".json", ".vtu", ".vtk")
 
 
-def _dashed(word: str) -> str:
-    """A word of a spec, such as a kind of monitor, as it is spelled here; ``least_error`` itself is understood, too."""
-    return word.replace("_", "-")
-
-
-KINDS = {_dashed(kind): made for kind, made in MONITORS.documents.items() if made is not Intersection}
+KINDS = {dashed(kind): made for kind, made in MONITORS.documents.items() if made is not Intersection}
 ALLOWED = {kind: tuple(name for name in types_of(made) if name not in ("kind", "u")) for kind, made in KINDS.items()}
-NEEDED = {_dashed(kind): names for kind, names in REQUIRED_FUNCTIONS.items() if names and "u" not in names}
-METAVARS = {"smoothing": "RADIUS", "orthogonality": "DEGREES"}
+NEEDED = {dashed(kind): names for kind, names in REQUIRED_FUNCTIONS.items() if names and "u" not in names}
 
 
 def add_monitor_options(parser: argparse.ArgumentParser) -> None:
@@ -37,33 +31,12 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(
         "monitor", "R, M11, M12 and M22 are expressions, with the values of --parameter and --t, or files of samples"
     )
-    usual = _dashed(str(MONITORS.default))
-    group.add_argument("--monitor", type=_dashed, choices=tuple(KINDS), default=usual, help=f"({usual})")
+    usual = dashed(str(MONITORS.default))
+    group.add_argument("--monitor", type=dashed, choices=tuple(KINDS), default=usual, help=f"({usual})")
     for name in dict.fromkeys(name for names in ALLOWED.values() for name in names):
         kinds = [kind for kind, names in ALLOWED.items() if name in names]
-        made = KINDS[kinds[0]]
-        (field,) = (field for field in fields(made) if field.name == name)
         owners = "" if len(kinds) == len(KINDS) else f"{', '.join(kinds)}: "
-        help_of = f"{owners}{docs_of(made).get(name, '')}{_default_of(field.default)}".replace("%", "%%")
-        group.add_argument(_flag(name), dest=name, default=None, help=help_of, **_reading(field, types_of(made)[name]))
-
-
-def _default_of(default: object) -> str:
-    return "" if default is MISSING or default is None or default is False else f" ({default})"
-
-
-def _reading(field: Field[Any], annotation: Any) -> dict[str, Any]:
-    """How an option is read that is a field of this type."""
-    if one_of(annotation) is SOURCES:
-        return {"metavar": field.name.upper().removesuffix("HO")}
-    annotations = [annotation]
-    for one in annotations:
-        annotations += get_args(one)
-    if bool in annotations:
-        return {"action": argparse.BooleanOptionalAction if field.default else "store_true"}
-    if float in annotations:
-        return {"type": float, "metavar": METAVARS.get(field.name)}
-    return {"type": _dashed, "choices": tuple(_dashed(word) for word in annotations if isinstance(word, str))}
+        add_field(group, KINDS[kinds[0]], name, owners=owners, spelled=dashed)
 
 
 def check_monitor(options: argparse.Namespace) -> None:
@@ -76,11 +49,10 @@ def check_monitor(options: argparse.Namespace) -> None:
     if options.u is None and options.samples is None and not needed:
         raise Refused("no u is given: write an expression in quotes, such as 'tanh(20*(x - y))', or --samples FILE")
     every = {name for names in ALLOWED.values() for name in names}
-    foreign = [name for name in sorted(every) if getattr(options, name) is not None and name not in ALLOWED[kind]]
+    foreign = foreign_to(kind, given_of(options, every), ALLOWED, "--monitor")
     if foreign:
-        owners = " or ".join(other for other, names in ALLOWED.items() if foreign[0] in names)
-        raise Refused(f"{_flag(foreign[0])} is for --monitor {owners}, and this is --monitor {kind}")
-    missing = [_flag(name) for name in needed if getattr(options, name) is None]
+        raise Refused(foreign)
+    missing = [flag(name) for name in needed if getattr(options, name) is None]
     if missing:
         raise Refused(f"--monitor {kind} needs {', '.join(missing)}")
     texts = [options.u, *(getattr(options, name) for name in needed)]
@@ -96,8 +68,7 @@ def function(text: str) -> str | Path:
 
 def monitor_of(options: argparse.Namespace) -> AnyMonitor:
     """The monitor of the client, without its u."""
-    values = {name: getattr(options, name) for name in ALLOWED[options.monitor]}
-    settings: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    settings = given_of(options, ALLOWED[options.monitor])
     for name in NEEDED.get(options.monitor, ()):
         settings[name] = function(settings[name])
     if "purpose" in settings:
@@ -111,7 +82,7 @@ def domain(text: str) -> Domain:
 
     A fifth word closes lines: ``rectangle:0,2,0,1,x`` (or ``y``, ``both``) and ``annulus:1,2,0,360,closed``.
     """
-    from equimesh_client import AnnulusSector, BadArgument, Rectangle
+    from equimesh_client import BadArgument
     from equimesh_client.spec.domains import read_domain
 
     if text.startswith("@"):
@@ -142,7 +113,7 @@ def domain(text: str) -> Domain:
 
 def domain_file(text: str) -> Domain:
     """The domain in a file: a mesh of quadrilaterals, or JSON of any domain, or of blocks without a kind."""
-    from equimesh_client import BadArgument, Blocks, MeshFile
+    from equimesh_client import BadArgument, Blocks
 
     path = Path(text)
     if not path.exists():
@@ -158,7 +129,3 @@ def domain_file(text: str) -> Domain:
         raise argparse.ArgumentTypeError(f"{text}: {error.strerror or error}") from None
     except (ValueError, BadArgument) as error:
         raise argparse.ArgumentTypeError(f"{text} holds no domain: {error}") from None
-
-
-def _flag(name: str) -> str:
-    return "--for" if name == "purpose" else f"-{name}" if len(name) == 1 else f"--{name}"

@@ -11,9 +11,10 @@ from equimesh_cli.exits import Refused
 from equimesh_cli.options.mesh import points_of, schwarz_of, target_of
 from equimesh_cli.options.monitors import monitor_of
 from equimesh_client.errors import caret
-from equimesh_client.spec.domains import Rectangle, domain_json
+from equimesh_client.spec.domains import domain_json
 from equimesh_client.spec.mesh import MeshOptions, mesh_spec
 from equimesh_client.spec.monitors import monitor_json
+from equimesh_schema.mesh import UNIT_SQUARE
 
 
 def document_of(options: argparse.Namespace) -> dict[str, Any]:
@@ -46,7 +47,7 @@ def build(options: argparse.Namespace) -> specs.BuiltSpec:
 
 def build_expression(options: argparse.Namespace) -> tuple[Expression, Domain | Blocks]:
     """The expression U, checked on the domain, and the domain; raises as :func:`build`."""
-    source, domain = _expression(options.u, options), domain_json(options.domain or Rectangle())
+    source, domain = _expression(options.u, options), domain_json(options.domain or UNIT_SQUARE)
     with _carets({**source, "domain": domain}):
         where = specs.build_domain(domain, specs.meshes_in(Path()))
         return specs.build_expression(source, where), where

@@ -2,35 +2,18 @@
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, Literal, TypedDict
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.spec.domains import Domain, domain_json, has_own_points
-from equimesh_client.spec.monitors import Json
-from equimesh_client.spec.schwarz import BlockSchwarz, Schwarz
+from equimesh_client.spec.domains import Domain, Json, domain_json, has_own_points
+from equimesh_schema.document import keys_of, without_usual
+from equimesh_schema.mesh import Grid, MeshSpec, Target
 from equimesh_schema.monitors import AnyMonitor as Monitor
+from equimesh_schema.schwarz import BlockSchwarz, Condition, Schwarz
 
-DEFAULT_POINTS = 64
+DEFAULT_POINTS = Grid.n_xi
 """Points a side of `generate`."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Target:
-    """A requested interpolation error of u, in place of a grid.
-
-    ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient. ``max_points`` limits the grid; None
-    stands for the limit of the service.
-    """
-
-    error: float
-    norm: Literal["l2", "h1"] = "l2"
-    max_points: int | None = None
-
-    def json(self) -> Json:
-        """The JSON of the target."""
-        return {"norm": self.norm, "error": self.error, "max_points": self.max_points}
 
 
 class MeshOptions(TypedDict, total=False):
@@ -85,16 +68,18 @@ DEFAULTS: MeshOptions = {
     "b": None,
     "target": None,
     "schwarz": None,
-    "boundary": "trace",
-    "mode": "discretization",
-    "allow_relaxed": True,
-    "parts": None,
-    "label": None,
+    "boundary": MeshSpec.boundary,
+    "mode": MeshSpec.mode,
+    "allow_relaxed": MeshSpec.allow_relaxed,
+    "parts": MeshSpec.parts,
+    "label": MeshSpec.label,
     "parameters": None,
     "t": None,
     "n_samples": 129,
 }
 """The default of every option."""
+OF_SPEC = tuple(name for name in DEFAULTS if name in keys_of(MeshSpec))
+"""The options that are keys of the spec."""
 
 
 def complete_options(options: MeshOptions, method: Callable[..., object]) -> MeshOptions:
@@ -128,14 +113,19 @@ def points_per_side(n: int | tuple[int, int]) -> tuple[int, int]:
 
 def _schwarz_json(schwarz: object) -> Json | None:
     """The JSON of the settings of a Schwarz iteration; raises :class:`BadArgument` for another object."""
-    if schwarz is None or isinstance(schwarz, Schwarz | BlockSchwarz):
-        return None if schwarz is None else schwarz.json()
-    if isinstance(schwarz, Mapping):
-        return dict(schwarz)
-    raise BadArgument(
-        "schwarz is a Schwarz, such as Schwarz(subdomains=(2, 1)), on blocks a BlockSchwarz(), or None for a single"
-        f" domain; not {schwarz!r:.80}"
-    )
+    if schwarz is None or isinstance(schwarz, Mapping):
+        return None if schwarz is None else dict(schwarz)
+    if not isinstance(schwarz, Schwarz | BlockSchwarz):
+        raise BadArgument(
+            "schwarz is a Schwarz, such as Schwarz(subdomains=(2, 1)), on blocks a BlockSchwarz(), or None for a single"
+            f" domain; not {schwarz!r:.80}"
+        )
+    if isinstance(schwarz, Schwarz) and not isinstance(schwarz.transmission, Condition):
+        raise BadArgument(
+            f"transmission = {str(schwarz.transmission)[:40]!r}: give Optimized(), Classical(), LinearRobin() or"
+            " NonlinearRobin()"
+        )
+    return schwarz.to_json()
 
 
 def mesh_spec(
@@ -152,31 +142,20 @@ def mesh_spec(
     """
     options = {**DEFAULTS, **options}
     n_xi, n_eta = points_per_side(n)
-    target = options["target"]
+    target, domain = options["target"], options["domain"]
     if target is not None and (n_xi, n_eta) != (DEFAULT_POINTS, DEFAULT_POINTS):
         raise BadArgument("a target takes the place of n: give one of them")
-    if has_own_points(options["domain"]) and (n_xi, n_eta) != (DEFAULT_POINTS, DEFAULT_POINTS):
+    if has_own_points(domain) and (n_xi, n_eta) != (DEFAULT_POINTS, DEFAULT_POINTS):
         raise BadArgument("the blocks of a domain have numbers of cells of their own: leave n out, and refine them")
-    spec: Json = {
+    given: Json = {
+        **{name: options[name] for name in OF_SPEC},  # type: ignore[literal-required]
         "monitor": dict(monitor),
-        "grid": {"n_xi": n_xi, "n_eta": n_eta},
-        "boundary": str(options["boundary"]),
-        "initial": str(initial),
+        "grid": None if target is not None or has_own_points(domain) else {"n_xi": n_xi, "n_eta": n_eta},
+        "target": target.to_json() if isinstance(target, Target) else target,
+        "domain": MeshSpec.domain if domain is None else domain_json(domain),
         "schwarz": _schwarz_json(options["schwarz"]),
+        "initial": str(initial),
         "cells": str(cells),
     }
-    if target is not None:
-        spec["target"] = target.json() if isinstance(target, Target) else dict(target)
-    if options["domain"] is not None:
-        spec["domain"] = domain_json(options["domain"])
-    if target is not None or has_own_points(options["domain"]):
-        del spec["grid"]
-    if options["mode"] != DEFAULTS["mode"]:
-        spec["mode"] = str(options["mode"])
-    if not options["allow_relaxed"]:
-        spec["allow_relaxed"] = False
-    if options["parts"] is not None:
-        spec["parts"] = options["parts"]
-    if options["label"] is not None:
-        spec["label"] = options["label"]
-    return spec
+    spec = without_usual(MeshSpec(**given))
+    return {name: value for name, value in spec.items() if name != "grid" or value is not None}

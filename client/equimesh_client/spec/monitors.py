@@ -1,12 +1,12 @@
 """Monitors as JSON: their functions are read, and the u of a request gets its place."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import replace
 from enum import Enum
 from typing import Any, TypeAlias
 
 from equimesh_client.errors import BadArgument
-from equimesh_schema.document import LATER, key_of, types_of
+from equimesh_schema.document import without_usual
 from equimesh_schema.monitors import FUNCTIONS, ArcLength, Curvature, Intersection, MonitorDocument, PlainMonitor
 from equimesh_schema.monitors import AnyMonitor as Monitor
 from equimesh_schema.sources import functions_of
@@ -79,14 +79,10 @@ def _of_fields(monitor: MonitorDocument, read: Read, u: object) -> Json:
 
 def _settings(monitor: MonitorDocument, found: Json) -> Json:
     """The JSON of a monitor from what is ``found``; some keys are left out, for services that do not know them."""
-    made: Json = {}
-    for field in fields(monitor):
-        value, marks = getattr(monitor, field.name), getattr(types_of(type(monitor))[field.name], "__metadata__", ())
-        if field.name in found:
-            made[field.name] = found[field.name]
-        elif field.name not in FUNCTIONS and not (LATER in marks and value == field.default):
-            made[key_of(type(monitor), field.name)] = value
-    return made
+    functions = functions_of(type(monitor))
+    values: dict[str, Any] = {name: found.get(name) for name in (*functions, *found)}
+    plain = without_usual(replace(monitor, **values))
+    return {key: value for key, value in plain.items() if key in found or key not in functions}
 
 
 def _u_json(read: Read, monitor: MonitorDocument, u: object) -> Json:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, read_domain
+from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, box_around
 from equimesh_client.spec.mesh import MeshOptions, mesh_spec
 from equimesh_client.spec.monitors import Json, Read, monitor_json
 from equimesh_client.spec.sources import Upload, needs_box, source_of, upload_of
@@ -63,7 +63,7 @@ class GenerateArguments:
         domain = self.options["domain"]
         if domain is None or not any(map(needs_box, functions)):
             return UNIT_BOX
-        return (read_domain(domain) if isinstance(domain, Mapping) else domain).box
+        return box_around(domain)
 
     def on(self, domain: Domain | Mapping[str, Any] | None) -> GenerateArguments:
         """The same arguments with another domain."""

@@ -7,6 +7,7 @@ Retries, waiting and deadlines are written here once, for :class:`Client` and :c
 
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from equimesh_client.errors import (
@@ -21,8 +22,7 @@ from equimesh_client.errors import (
     ServiceUnreachable,
 )
 from equimesh_client.records.state import FINISHED
-from equimesh_client.spec.blocks import MeshFile
-from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, domain_json, read_domain
+from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, box_around, domain_json
 from equimesh_client.spec.request import UPLOAD, GenerateArguments, MeshRequest
 from equimesh_client.spec.sources import needs_box, read_mesh_file, upload_of
 from equimesh_client.wire import protocol
@@ -31,6 +31,7 @@ from equimesh_client.wire.downloads import Download, PartFile
 from equimesh_client.wire.protocol import Call, Reply
 from equimesh_client.wire.retry import RETRIED, pause_before_retry, retry_after_of
 from equimesh_client.wire.stream import StreamPosition
+from equimesh_schema.domains import MeshFile
 
 T = TypeVar("T")
 LONG_POLL_SECONDS = 20
@@ -149,7 +150,7 @@ def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline
     box is needed.
     """
     given, box, mesh = arguments.options["domain"], arguments.box(), None
-    if isinstance(given, MeshFile) and given.is_local and box is not None:
+    if isinstance(given, MeshFile) and isinstance(given.file, Path) and box is not None:
         mesh = read_mesh_file(given.file)
         arguments = arguments.on(replace(given, file=UPLOAD))
     else:
@@ -169,7 +170,7 @@ def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline
 
 def stored_domain(domain: GivenDomain, settings: Settings, deadline: Deadline) -> Flow[GivenDomain]:
     """The domain; a mesh file of this machine is stored at the service, and named by its id."""
-    if not isinstance(domain, MeshFile) or not domain.is_local:
+    if not isinstance(domain, MeshFile) or not isinstance(domain.file, Path):
         return domain
     reply = yield from request(protocol.upload_mesh(read_mesh_file(domain.file)), settings, deadline)
     return replace(domain, file=str(protocol.json_of(reply)["id"]))
@@ -302,7 +303,7 @@ def upload(
     """The record of stored samples. A callable or an array is sampled on the box of ``domain``."""
     box: Box | None = UNIT_BOX
     if domain is not None and needs_box(u):
-        box = (read_domain(domain) if isinstance(domain, Mapping) else domain).box
+        box = box_around(domain)
         if box is None:
             box = yield from box_of(domain, settings, deadline)
     call = protocol.upload_samples(upload_of(u, n_samples=n_samples, box=box or UNIT_BOX))
