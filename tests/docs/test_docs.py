@@ -49,11 +49,12 @@ from equimesh_cli.exits import Exit
 from equimesh_client import Client
 from equimesh_client.spec.mesh import DEFAULTS
 from equimesh_cluster.part_files.formats import PARTED_FORMATS
+from equimesh_schema import schwarz as schwarz_schema
+from equimesh_schema.document import keys_of
+from equimesh_schema.mesh import MeshSpec
 from equimesh_service import Settings, running
 from equimesh_service.api.app import create_app
 from equimesh_service.problems.kinds import KINDS
-from equimesh_service.spec import schwarz as schwarz_spec
-from equimesh_service.spec.mesh import MeshSpec
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
@@ -325,7 +326,7 @@ def test_every_problem_is_documented_with_its_status() -> None:
 
 def test_every_key_of_spec_and_mesh_is_documented() -> None:
     text = page("http")
-    for name in [*MeshSpec.model_fields, *schwarz_spec.SchwarzSpec.model_fields]:
+    for name in [*keys_of(MeshSpec), *keys_of(schwarz_schema.Schwarz)]:
         assert re.search(rf"[`.\"]{name}[`.\",]", text), name
 
 
@@ -368,7 +369,7 @@ def test_every_choice_is_documented() -> None:
     for choice in (*Ordering, *Acceleration, *LocalSolver, *LineData, *Initial, *CELLS):
         assert f"`{choice}`" in page("cli"), choice
     for name in ("http", "cli", "choose-settings", "choose-a-transmission-condition"):
-        assert all(f"`{kind}`" in page(name) for kind in schwarz_spec.TRANSMISSION_USES), name
+        assert all(f"`{kind}`" in page(name) for kind in schwarz_schema.TRANSMISSIONS.documents), name
 
 
 def test_every_status_is_documented() -> None:

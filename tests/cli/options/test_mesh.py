@@ -22,9 +22,15 @@ import pytest
         (["--samples", "missing.npz"], "missing.npz: No such file"),
         (["--samples", "u.npz", "--t", "1"], "belong to an expression"),
         (["x", "--line-correction", "0", "--no-fallback"], "--line-correction, --no-fallback is for the Schwarz"),
-        (["x", "--subdomains", "2x1", "--transmission", "classical", "--p", "2"], "takes no parameter p"),
-        (["x", "--subdomains", "2x1", "--p", "2"], "optimized transmission takes no parameter p"),
-        (["x", "--subdomains", "2x1", "--transmission", "classical", "--interface-data", "local"], "no interface data"),
+        (
+            ["x", "--subdomains", "2x1", "--transmission", "classical", "--p", "2"],
+            "--p is for --transmission linear",
+        ),
+        (["x", "--subdomains", "2x1", "--p", "2"], "and this is --transmission optimized"),
+        (
+            ["x", "--subdomains", "2x1", "--transmission", "classical", "--interface-data", "local"],
+            "is for --transmission opt",
+        ),
         (["x", "--deadline", "-1"], "deadline = -1"),
         (["--monitor", "weight"], "--monitor weight needs --rho"),
         (["--monitor", "tensor", "--m11", "1"], "--monitor tensor needs --m12, --m22"),

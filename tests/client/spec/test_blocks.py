@@ -11,7 +11,7 @@ import pytest
 
 from client.fake_service import parts_of
 from equimesh_client import BadArgument, Blocks, LeastError, MeshFile
-from equimesh_client.spec.domains import domain_json, has_own_points, read_domain
+from equimesh_client.spec.domains import box_around, domain_json, has_own_points, read_domain
 from equimesh_client.spec.mesh import mesh_spec
 
 SQUARE: dict[str, Any] = {
@@ -22,7 +22,7 @@ SQUARE: dict[str, Any] = {
 
 def test_blocks_are_read_from_json_and_from_arrays() -> None:
     domain = Blocks(vertices={"a": np.zeros(2), "b": (1, 0)}, blocks=({"corners": ("a", "b"), "cells": (4, 3)},))
-    assert domain.json() == {
+    assert domain.to_json() == {
         "kind": "blocks",
         "vertices": {"a": [0.0, 0.0], "b": [1, 0]},
         "blocks": [{"corners": ["a", "b"], "cells": [4, 3]}],
@@ -33,18 +33,18 @@ def test_blocks_are_read_from_json_and_from_arrays() -> None:
         "corners": [],
         "refine": 1,
     }
-    assert json.loads(json.dumps(domain.json())) == domain.json()
+    assert json.loads(json.dumps(domain.to_json())) == domain.to_json()
     whole = read_domain({"kind": "blocks", **SQUARE, "refine": 2})
     assert domain_json(whole) == domain_json(Blocks(**SQUARE, refine=2))
     assert domain_json(read_domain(domain_json(whole))) == domain_json(whole)
-    assert whole.box is None
+    assert box_around(whole) is None
 
 
 def test_a_file_of_blocks_may_name_files_of_points(tmp_path: Path) -> None:
     (tmp_path / "foil.csv").write_text("0, 0\n0.5, 0.1\n1, 0\n")
     curves = {"foil": {"points": "foil.csv"}, "hole": {"circle": {"radius": 1}}}
     (tmp_path / "blocks.json").write_text(json.dumps({**SQUARE, "curves": curves}))
-    sent = Blocks.read(tmp_path / "blocks.json").json()["curves"]
+    sent = Blocks.read(tmp_path / "blocks.json").to_json()["curves"]
     assert sent == {"foil": {"points": [[0, 0], [0.5, 0.1], [1, 0]]}, "hole": {"circle": {"radius": 1}}}
     (tmp_path / "foil.csv").write_text("x, y\nzero, one\n")
     with pytest.raises(BadArgument, match=r"foil\.csv holds no points"):
@@ -60,7 +60,7 @@ def test_a_file_of_blocks_may_name_files_of_points(tmp_path: Path) -> None:
         ([], "a JSON object"),
         ({"vertices": {}}, "needs blocks"),
         ({**SQUARE, "cells": 3}, "has no cells; it has vertices"),
-        ({"kind": "mesh"}, "needs its file"),
+        ({"kind": "mesh"}, "needs file"),
         ({"kind": "mesh", "file": "s-1", "format": "msh"}, "has no format"),
     ],
 )
@@ -78,7 +78,7 @@ def test_a_spec_on_blocks_has_no_grid() -> None:
         assert spec["domain"] == domain_json(domain)
         with pytest.raises(BadArgument, match="leave n out"):
             mesh_spec(monitor, 33, {"domain": domain})
-    assert MeshFile(file="s-1", corners=("te", 4)).json() == {
+    assert MeshFile(file="s-1", corners=("te", 4)).to_json() == {
         "kind": "mesh",
         "file": "s-1",
         "corners": ["te", 4],

@@ -18,6 +18,7 @@ from equimesh_client import (
     Tensor,
     Weight,
 )
+from equimesh_client.spec.domains import domain_json
 
 BIG = np.ones((60, 60))
 
@@ -85,7 +86,7 @@ def test_functions_are_sampled_on_the_box_of_the_domain(connect: Any, service: A
     assert service.seen("POST", "check") == []
     line = [[0, 0], [1, 0]]
     around = Quadrilateral(bottom=line, right=line, top=("t", "1"), left=line)
-    for domain in (around, around.json()):
+    for domain in (around, domain_json(around)):
         client.generate(np.ones((3, 2)), 8, domain=domain)
         grid = client.meshes.list(limit=1).__next__().spec()["monitor"]["u"]["grid"]
         assert (grid["x"], grid["y"]) == ([2, 3, 4], [-1, 3])

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_client import BadArgument, BlockSchwarz, Classical, LinearRobin, Optimized, Schwarz
+from equimesh_client import BadArgument, BlockSchwarz, LinearRobin, Schwarz
 from equimesh_client.spec.mesh import mesh_spec
-from equimesh_client.spec.schwarz import transmission
 
 
 def test_schwarz_as_json() -> None:
@@ -25,21 +24,18 @@ def test_schwarz_as_json() -> None:
         "compare_single_domain": False,
     }
     assert mesh_spec({}, 8, {"schwarz": {"overlap": 3}})["schwarz"] == {"overlap": 3}
-    assert Schwarz(subdomains=((24, 40), 1)).json()["subdomains"] == [[24, 40], 1]
+    assert Schwarz(subdomains=((24, 40), 1)).to_json()["subdomains"] == [[24, 40], 1]
 
 
 def test_the_iteration_between_blocks_as_json() -> None:
     schwarz = mesh_spec({}, options={"schwarz": BlockSchwarz(groups=(("in", 2), ("top",)))}, n=8)["schwarz"]
     assert schwarz == {"overlap": 4, "local_steps": 8, "max_exchanges": None, "groups": [["in", 2], ["top"]]}
-    assert BlockSchwarz().json()["groups"] is None
+    assert BlockSchwarz().to_json()["groups"] is None
     with pytest.raises(BadArgument, match="on blocks a BlockSchwarz"):
         mesh_spec({}, 8, {"schwarz": 3})  # type: ignore[typeddict-item]
 
 
-def test_transmission_by_name() -> None:
-    assert transmission("classical") == Classical()
-    assert transmission("linear_robin", 2.0) == LinearRobin(2.0)
-    assert transmission("optimized", data="local") == Optimized("local")
-    for kind, p, data in (("classical", 1.0, None), ("linear_robin", None, "local"), ("robin", None, None)):
-        with pytest.raises(BadArgument):
-            transmission(kind, p, data)
+def test_what_is_no_condition_is_refused() -> None:
+    wrong = Schwarz(transmission="classical")  # type: ignore[arg-type]
+    with pytest.raises(BadArgument, match="transmission = 'classical': give Optimized"):
+        mesh_spec({}, 8, {"schwarz": wrong})

@@ -1,0 +1,76 @@
+"""Words and defaults that pages name: those of the schema and of the solver."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from ast import literal_eval
+from pathlib import Path
+from typing import Any
+
+import equimesh as em
+from equimesh.specs import build
+from equimesh_cli.command import build_parser
+from equimesh_schema import mesh, schwarz
+from equimesh_schema.document import keys_of
+from equimesh_schema.domains import DOMAINS
+from equimesh_schema.monitors import MONITORS
+from equimesh_service.spec.mesh import read_spec
+from schema.test_defaults import ARC, DOCUMENTS
+
+REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
+
+
+def test_words_and_defaults_of_the_page_on_the_interface() -> None:
+    page = (REFERENCE / "http.md").read_text()
+    spec = page.split("## The spec")[1].split("## POST")[0]
+    shown = json.loads(re.findall(r"```json\n(.*?)```", spec, re.DOTALL)[0])
+    assert shown.keys() == {*keys_of(mesh.MeshSpec)}
+    assert build(shown) == build({"monitor": {"u": shown["monitor"]["u"]}})
+    rows = re.findall(r"^\| `schwarz\.(\w+)` \| `([^`]+)`", spec, re.MULTILINE)
+    assert {name: json.loads(default) for name, default in rows} == schwarz.Schwarz().to_json()
+    between = page.split("### Blocks")[1].split("## POST")[0]
+    rows = re.findall(r"^\| `(\w+)` \| `([^`]+)`", between, re.MULTILINE)
+    assert {name: json.loads(default) for name, default in rows} == schwarz.BlockSchwarz().to_json()
+    rows = re.findall(r"^\| (`.+?`)[^|]* \| (.+) \|$", spec, re.MULTILINE)
+    cells = {name: row for names, row in rows for name in re.findall(r"`([\w.]+)`", names)}
+    for name, words in (("boundary", mesh.BOUNDARIES), ("initial", mesh.INITIALS), ("cells", mesh.CELLS)):
+        assert re.findall(r"`(\w+)`", cells[name])[: len([*words])] == [*words], name
+    for name, words in (("ordering", schwarz.ORDERINGS), ("acceleration", schwarz.ACCELERATIONS)):
+        assert {*re.findall(r'`"(\w+)"`', cells[f"schwarz.{name}"])} >= {*words}, name
+    for kind in [*MONITORS.documents, *[kind for kind, made in DOMAINS.documents.items() if not made.HAS_BLOCKS]]:
+        part = "monitor" if kind in MONITORS.documents else "domain"
+        keys = read_spec({**DOCUMENTS[kind], **({} if part == "monitor" else {"monitor": ARC})}).canonical[part]
+        told = re.findall(r"`(\w+)` \(`?(\[.*?\]|\"?[\w.]+\"?)", cells[kind].split(" | ")[0])
+        assert {key: keys[key] for key, _ in told} == {key: json.loads(default) for key, default in told}, kind
+        plain = {key for key, value in keys.items() if isinstance(value, float | bool | str | list)}
+        assert {key for key, _ in told} == plain - {"kind", "smoothing", "monitors"}, kind
+
+
+def test_defaults_of_the_page_of_the_command_line_are_those_of_the_help() -> None:
+    rows = re.findall(r"^\| (`[^|]+`) \| ([^|]*) \|", (REFERENCE / "cli.md").read_text(), re.MULTILINE)
+    named = {flag: default.strip("`") for flags, default in rows for flag in re.findall(r"`(-[\w-]+)", flags)}
+    subparsers: Any = next(action for action in build_parser("solve")._actions if hasattr(action, "add_parser"))
+    found = 0
+    for action in subparsers.choices["solve"]._actions:
+        told = re.search(r"\(([\w.-]+)\)$", action.help or "")
+        for flag in action.option_strings:
+            if told and not flag.startswith("--no-"):
+                assert named[flag] == told[1], flag
+                found += 1
+    assert found >= 24
+
+
+def test_defaults_that_the_page_on_python_names() -> None:
+    page = (REFERENCE / "python.md").read_text()
+    found = 0
+    for name, arguments in re.findall(
+        r"`(Auto|LeastError|Target|ArcLength|Curvature|Rectangle|AnnulusSector)\(([^`]*)\)`", page
+    ):
+        for key, value in re.findall(r"(\w+)=(\([^)]*\)|[^,()]+)", arguments):
+            parameter = inspect.signature(getattr(em, name)).parameters.get(key)
+            if parameter is not None and parameter.default is not parameter.empty:
+                assert literal_eval(value) == parameter.default, (name, key)
+                found += 1
+    assert found >= 14
