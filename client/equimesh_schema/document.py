@@ -181,6 +181,14 @@ def described(text: str) -> Limits:
     return Limits(json={"description": text})
 
 
+class Shown(Limits):
+    """How a page shows a setting: its title, its bounds, which the solver checks, and the titles of its words."""
+
+    def __init__(self, title: str = "", *, words: Mapping[str, str] | None = None, **bounds: float) -> None:
+        super().__init__(json={**({"title": title} if title else {}), **bounds})
+        self.words = words or {}
+
+
 LATER = Limits()
 """Marks a key that requests leave out where it has its default, for services that do not know it."""
 

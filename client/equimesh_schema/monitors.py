@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from equimesh_schema.document import LATER, Document, Limits, by_kind, described, required_of
+from equimesh_schema.document import LATER, Document, Limits, Shown, by_kind, described, required_of
 from equimesh_schema.sources import Function, functions_of
 
 MAX_MONITORS = 8
@@ -17,11 +17,16 @@ OF_ARC_LENGTH = (
 )
 NO_U = {"u": "the norm is that of the error of interpolating u: give u, an expression or samples"}
 Norm: TypeAlias = Literal["l2", "h1"]
-ErrorNorm: TypeAlias = Annotated[Norm, described("The interpolation error to minimise: that of u, or of its gradient.")]
+ErrorNorm: TypeAlias = Annotated[
+    Norm,
+    Shown("Error to make small", words={"l2": "of u (L2)", "h1": "of its gradient (H1)"}),
+    described("The interpolation error to minimise: that of u, or of its gradient."),
+]
 Measured: TypeAlias = Annotated[Function | None, described("The function whose interpolation is measured.")]
 Smoothing: TypeAlias = Annotated[
     float,
     LATER,
+    Shown(minimum=0.0, maximum=0.25),
     described(
         "Radius over which the metric is averaged, in units of the domain's shorter extent, at most 0.25; 0 for none."
     ),
@@ -29,6 +34,7 @@ Smoothing: TypeAlias = Annotated[
 Orthogonality: TypeAlias = Annotated[
     float | None,
     LATER,
+    Shown("Largest angle", minimum=0.0, maximum=90.0),
     described(
         "Largest angle of non-orthogonality, between the normal of a face and the line of its two cell centres, in "
         "degrees, over 0 and at most 90. null for no bound."
@@ -42,6 +48,8 @@ class MonitorDocument(Document):
 
     USE: ClassVar[str]
     """When to take it, in a sentence."""
+    TITLE: ClassVar[str] = ""
+    """Its name on a page, where that is not the kind."""
     NEEDED: ClassVar[tuple[str, ...]] = ("kind", "u")
     kind: str
 
@@ -51,6 +59,7 @@ class Auto(MonitorDocument):
     """The monitor with the smallest measured interpolation error among candidates, compared on a coarse grid."""
 
     USE = "You have u: candidates are tried on a coarse grid, and the one of least error is taken. The default."
+    TITLE = "Automatic"
     JSON_NAMES: ClassVar = {"purpose": "for"}
     NEEDED = ("u",)
     REFUSED: ClassVar = {
@@ -61,7 +70,11 @@ class Auto(MonitorDocument):
     kind: Literal["auto"] = "auto"
     u: Function = None
     norm: ErrorNorm = "l2"
-    purpose: Annotated[Literal["finite_volume"] | None, LATER] = None
+    purpose: Annotated[
+        Literal["finite_volume"] | None,
+        LATER,
+        Shown("Chosen for", words={"": "interpolation of u", "finite_volume": "finite volumes: a cell-centred code"}),
+    ] = None
     """finite_volume chooses by the error of a code with cell-centred unknowns; null by the error of interpolating u."""
     orthogonality: Orthogonality = None
 
@@ -76,9 +89,9 @@ class LeastError(MonitorDocument):
     kind: Literal["least_error"] = "least_error"
     u: Function = None
     norm: ErrorNorm = "l2"
-    distortion: float = 0.5
+    distortion: Annotated[float, Shown(minimum=0.0)] = 0.5
     """Weight of the deformation of cells, positive; less for a smaller error."""
-    smoothness: float = 1.0
+    smoothness: Annotated[float, Shown(minimum=0.0)] = 1.0
     """Weight of uneven neighbours, positive; less for a smaller error."""
     rectilinear: Annotated[bool, LATER] = False
     """Keep lines straight: x depends on xi alone, y on eta alone."""
@@ -90,6 +103,7 @@ class NodalSolution(MonitorDocument):
     """The next mesh of a solver whose solution on a mesh is given: one round of adapting, without the exact u."""
 
     USE = "You solve for u: from its values at the nodes of one mesh to the next mesh."
+    TITLE = "Values at nodes"
     REFUSED: ClassVar = {"smoothing": NO_SMOOTHING}
     MISSING: ClassVar = {"u": "a round follows from values at the nodes of a mesh: give u"}
     kind: Literal["nodal_solution"] = "nodal_solution"
@@ -106,9 +120,9 @@ class ArcLength(MonitorDocument):
     USE = "Fronts and layers: small cells where u is steep, after Haynes and Howse."
     kind: Literal["arc_length"] = "arc_length"
     u: Function = None
-    a: float = 0.7
+    a: Annotated[float, Shown("Strength a", minimum=0.0, maximum=1.0)] = 0.7
     """Strength of the adaptation, in [0, 1]; 0 gives the uniform mesh."""
-    b: float = 0.05
+    b: Annotated[float, Shown("Damping b", minimum=0.0)] = 0.05
     """Damping where u is steep, not negative."""
     scaled: Annotated[bool, LATER] = True
     """Take u in units of its range on the domain, and lengths in units of the domain's size (the root of its area).
@@ -150,7 +164,10 @@ class Weight(MonitorDocument):
     rho: Function = field(kw_only=False)
     """Positive on the whole domain."""
     u: Measured = None
-    map: Literal["lines", "gradient"] = "lines"
+    map: Annotated[
+        Literal["lines", "gradient"],
+        Shown(words={"lines": "equal lengths along mesh lines", "gradient": "equal shares of area, by a gradient"}),
+    ] = "lines"
     """lines: equal metric lengths along each mesh line. gradient: equal rho times area of the cells, by a map that is
     a gradient; smoother meshes, also where rho is steep, and no subdomains."""
     smoothing: Smoothing = 0.0
@@ -185,6 +202,7 @@ class Intersection(MonitorDocument):
     """Several monitors: each length is at least that of every monitor. Interpolation is measured for the first u."""
 
     USE = "Several of the others at once: cells as small as each of them requires."
+    TITLE = "Intersection of several"
     NEEDED = ("kind",)
     kind: Literal["intersection"] = "intersection"
     monitors: Annotated[list[Member], Limits(max_length=MAX_MONITORS, json={"minItems": 2})] = field(kw_only=False)

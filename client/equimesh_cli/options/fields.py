@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import MISSING, Field, fields
-from typing import Any, Literal, get_args, get_origin
+from dataclasses import MISSING, fields
+from typing import Any
 
-from equimesh_schema.document import Words, docs_of, one_of, types_of
-from equimesh_schema.sources import SOURCES
+from equimesh_schema.document import docs_of
+from equimesh_schema.settings import Setting, setting_of
 
 FLAGS = {
     "purpose": "for",
@@ -46,15 +46,15 @@ def add_field(
     What is not given is None, or with ``has_default`` the default. ``owners`` are the kinds that have it, ``spelled``
     spells its words.
     """
-    (field,) = (one for one in fields(document) if one.name == name)
+    setting = setting_of(document, name)
+    (default,) = (one.default for one in fields(document) if one.name == name)
+    told = docs_of(document).get(name, "").replace("null", "none")
     group.add_argument(
         option or flag(name),
         dest=(option or name).lstrip("-").replace("-", "_"),
-        default=field.default if has_default else None,
-        help=f"{owners}{docs_of(document).get(name, '')}{_shown(field.default)}".replace("%", "%%").replace(
-            "null", "none"
-        ),
-        **_reading(field, types_of(document)[name], spelled),
+        default=default if has_default else None,
+        help=f"{owners}{told}{_shown(default)}".replace("%", "%%"),
+        **({"metavar": name.upper().removesuffix("HO")} if setting is None else _reading(name, setting, spelled)),
     )
 
 
@@ -62,33 +62,15 @@ def _shown(default: object) -> str:
     return "" if default is MISSING or default is None or default is False else f" ({default})"
 
 
-def _reading(field: Field[Any], annotation: Any, spelled: Callable[[str], str]) -> dict[str, Any]:
-    """How an option is read that is a field of this type."""
-    if one_of(annotation) is SOURCES:
-        return {"metavar": field.name.upper().removesuffix("HO")}
-    plain, words, marked = _parts_of(annotation)
-    if bool in plain:
-        return {"action": argparse.BooleanOptionalAction if field.default else "store_true"}
-    if words and not plain:
-        end = ("none",) if type(None) in marked and field.default is not None else ()
-        return {"type": spelled, "choices": tuple(map(spelled, (*words, *end)))}
-    if type(None) in marked and field.default is not None:
-        words = (*words, "none")
-    kind = float if float in plain else int
-    metavar = {"metavar": METAVARS[field.name]} if field.name in METAVARS else {}
-    return {"type": number_or(kind, words) if words else kind, **metavar}
-
-
-def _parts_of(annotation: Any) -> tuple[set[Any], tuple[str, ...], set[Any]]:
-    """The plain types of a type, its words, and all its parts."""
-    parts, marks = [annotation], [*getattr(annotation, "__metadata__", ())]
-    for one in parts:
-        parts += [part for part in get_args(one) if get_origin(one) is not Literal]
-        marks += getattr(one, "__metadata__", ())
-    words = [word for one in parts if get_origin(one) is Literal for word in get_args(one)]
-    listed = next((mark for mark in marks if isinstance(mark, Words)), None)
-    plain = {one for one in parts if one in (bool, float, int)}
-    return plain, tuple(listed or words), {one for one in parts if isinstance(one, type)}
+def _reading(name: str, setting: Setting, spelled: Callable[[str], str]) -> dict[str, Any]:
+    """How the option of a setting is read. None is the word ``none``, where it is not the default."""
+    words = (*setting.words, "none") if setting.takes_null and setting.default is not None else setting.words
+    if setting.plain is None:
+        return {"type": spelled, "choices": tuple(map(spelled, words))}
+    if setting.plain is bool:
+        return {"action": argparse.BooleanOptionalAction if setting.default else "store_true"}
+    metavar = {"metavar": METAVARS[name]} if name in METAVARS else {}
+    return {"type": number_or(setting.plain, words) if words else setting.plain, **metavar}
 
 
 def number_or(kind: type[float] | type[int], words: Iterable[str]) -> Callable[[str], float | str]:

@@ -16,6 +16,7 @@ from equimesh_schema.domains import DOMAINS
 from equimesh_schema.mesh import BOUNDARIES, CELLS, INITIALS, MODES
 from equimesh_schema.monitors import MONITORS
 from equimesh_schema.sequences import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, OUTRUNS, TRANSFERS
+from equimesh_schema.settings import choices
 from equimesh_service.api.resources import DomainReport, ExpressionReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.assembly.domain_mesh import blocks_of
@@ -90,12 +91,11 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "locations": list(LOCATIONS),
             "outruns": list(OUTRUNS),
         },
-        "monitors": _uses(MONITORS),
+        **choices(),
         "domains": _uses(DOMAINS),
         "modes": _uses(MODES),
         "boundaries": list(BOUNDARIES),
         "initials": list(INITIALS),
-        "transmissions": _uses(schwarz.TRANSMISSIONS),
         "interface_data": _uses(schwarz.INTERFACE_DATA),
         "orderings": _uses(schwarz.ORDERINGS),
         "accelerations": _uses(schwarz.ACCELERATIONS),

@@ -1,9 +1,10 @@
 """The workbench, the page at ``/``: its document, and the scripts and styles that this loads.
 
-They are the files of ``equimesh_service/workbench``, served under ``/workbench``. Addresses in them are relative, so
-that they work under any path of a proxy.
+They are the files of ``equimesh_service/workbench``, and ``choices.js``, the kinds and settings of the schema. They are
+served under ``/workbench``. Addresses in them are relative, so that they work under any path of a proxy.
 """
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -14,6 +15,7 @@ from importlib.resources.abc import Traversable
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
+from equimesh_schema.settings import choices as schema_choices
 from equimesh_service.problems.problem import Problem
 from equimesh_service.wire.security_headers import page_policy
 
@@ -62,7 +64,12 @@ async def workbench_file(path: str, request: Request) -> Response:
 @cache
 def workbench_files() -> Mapping[str, WorkbenchFile]:
     """The files of the workbench by their path below its folder."""
-    return dict(_walk(files("equimesh_service").joinpath("workbench"), ""))
+    head = "// The kinds and settings that /v1/capabilities lists."
+    choices = f"{head}\nexport const CHOICES = {json.dumps(schema_choices())};\n"
+    return {
+        **dict(_walk(files("equimesh_service").joinpath("workbench"), "")),
+        "choices.js": _file(choices.encode(), _TYPES[".js"]),
+    }
 
 
 def _walk(folder: Traversable, above: str) -> Iterator[tuple[str, WorkbenchFile]]:
@@ -72,8 +79,11 @@ def _walk(folder: Traversable, above: str) -> Iterator[tuple[str, WorkbenchFile]
         if entry.is_dir():
             yield from _walk(entry, f"{path}/")
         elif media_type is not None:
-            content = entry.read_bytes()
-            yield path, WorkbenchFile(content=content, media_type=media_type, etag=f'"{sha256(content).hexdigest()}"')
+            yield path, _file(entry.read_bytes(), media_type)
+
+
+def _file(content: bytes, media_type: str) -> WorkbenchFile:
+    return WorkbenchFile(content=content, media_type=media_type, etag=f'"{sha256(content).hexdigest()}"')
 
 
 def _answer(request: Request, file: WorkbenchFile) -> Response:

@@ -1,88 +1,30 @@
 // The kinds of monitors with their settings, in the words of the page.
 
 import { choiceField, flagField, numberField } from "./bound.js";
+import { CHOICES } from "./choices.js";
 
-/** The settings of monitors: how each one is shown, and its default. */
-export const SETTINGS = {
-  norm: {
-    field: choiceField,
-    label: "Error to make small",
-    fallback: "l2",
-    choices: [["l2", "of u (L2)"], ["h1", "of its gradient (H1)"]],
-  },
-  for: {
-    field: choiceField,
-    label: "Chosen for",
-    fallback: null,
-    choices: [["", "interpolation of u"], ["finite_volume", "finite volumes: a cell-centred code"]],
-  },
-  distortion: {
-    field: numberField,
-    label: "Distortion",
-    fallback: 0.5,
-    min: 0,
-    help: "Weight of deformed cells; less for a smaller error.",
-  },
-  smoothness: {
-    field: numberField,
-    label: "Smoothness",
-    fallback: 1,
-    min: 0,
-    help: "Weight of uneven neighbours; less for a smaller error.",
-  },
-  rectilinear: { field: flagField, label: "Rectilinear", fallback: false, help: "Keep all mesh lines straight." },
-  a: { field: numberField, label: "Strength a", fallback: 0.7, min: 0, max: 1, help: "0 gives the uniform mesh." },
-  b: { field: numberField, label: "Damping b", fallback: 0.05, min: 0, help: "Larger for smoother meshes." },
-  scaled: {
-    field: flagField,
-    label: "Scaled",
-    fallback: true,
-    help: "u in units of its range, lengths in units of the domain. Off is the formula of the paper.",
-  },
-  isotropic: { field: flagField, label: "Isotropic", fallback: false, help: "Small cells that are not stretched." },
-  map: {
-    field: choiceField,
-    label: "Map",
-    fallback: "lines",
-    choices: [["lines", "equal lengths along mesh lines"], ["gradient", "equal shares of area, by a gradient"]],
-  },
-  smoothing: {
-    field: numberField,
-    label: "Smoothing",
-    fallback: 0,
-    min: 0,
-    max: 0.25,
-    help: "Radius over which the metric is averaged, as a share of the domain: 0 to 0.25.",
-  },
-  orthogonality: {
-    field: numberField,
-    label: "Largest angle",
-    optional: true,
-    min: 0,
-    max: 90,
-    placeholder: "none",
-    help: "Degrees between the normal of a face and the line of its two cell centres.",
-  },
-};
+// The settings that most people change; the others of a kind are folded away.
+const COMMON = new Set(["norm", "a", "b", "map", "curvature.smoothing"]);
 
 /** The kinds: a title, the settings that most people change, the others, and the functions besides u. */
-export const KINDS = {
-  auto: { title: "Automatic", common: ["norm"], more: ["for", "orthogonality"] },
-  least_error: {
-    title: "Least error",
-    common: ["norm"],
-    more: ["distortion", "smoothness", "rectilinear", "orthogonality"],
-  },
-  arc_length: { title: "Arc length", common: ["a", "b"], more: ["scaled", "smoothing", "orthogonality"] },
-  curvature: { title: "Curvature", common: ["norm", "smoothing"], more: ["isotropic", "orthogonality"] },
-  weight: { title: "Weight", functions: ["rho"], common: ["map"], more: ["smoothing", "orthogonality"] },
-  tensor: { title: "Tensor", functions: ["m11", "m12", "m22"], common: [], more: ["smoothing", "orthogonality"] },
-  intersection: { title: "Intersection of several", common: [], more: ["smoothing", "orthogonality"] },
-  nodal_solution: { title: "Values at nodes", common: ["norm"], more: ["orthogonality"] },
-};
+export const KINDS = Object.fromEntries(CHOICES.monitors.map(({ name: kind, title, functions, settings }) => {
+  const isCommon = ({ name }) => COMMON.has(name) || COMMON.has(`${kind}.${name}`);
+  const names = (chosen) => chosen.map(({ name }) => name);
+  return [kind, {
+    title,
+    functions: functions.filter((name) => name !== "u"),
+    common: names(settings.filter(isCommon)),
+    more: names(settings.filter((one) => !isCommon(one))),
+  }];
+}));
+
+/** The settings of monitors, by their names, as the service describes them. */
+export const SETTINGS = Object.fromEntries(
+  CHOICES.monitors.flatMap(({ settings }) => settings).map((setting) => [setting.name, setting]),
+);
 
 /** The kinds that a member of an intersection can have. */
-export const MEMBER_KINDS = ["arc_length", "curvature", "weight", "tensor"];
+export const MEMBER_KINDS = CHOICES.monitors.filter(({ member }) => member).map(({ name }) => name);
 
 /** The functions that a kind needs besides u, until they are changed. */
 export const FIRST_FUNCTIONS = {
@@ -100,8 +42,13 @@ export const FIRST_FUNCTIONS = {
  * @param {string} name
  */
 export function settingField(app, path, name) {
-  const { field, label, ...options } = SETTINGS[name];
-  return field(app, label, [...path, name], options);
+  const { type, title, default: fallback, help, words, minimum, maximum } = SETTINGS[name];
+  const place = [...path, name];
+  if (type === "flag") return flagField(app, title, place, { fallback, help });
+  if (type === "word") return choiceField(app, title, place, { fallback, choices: words.map((word) => [word.name ?? "", word.title]) });
+  const bounds = Object.fromEntries(Object.entries({ min: minimum, max: maximum }).filter(([, bound]) => bound !== undefined));
+  const optional = words.some((word) => word.name === null);
+  return numberField(app, title, place, { fallback, help, optional, ...(optional ? { placeholder: "none" } : {}), ...bounds });
 }
 
 /** The kind of a monitor; one that names none is `fallback`. */

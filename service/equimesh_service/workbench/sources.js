@@ -1,7 +1,9 @@
 // The functions of a spec: where they stand in it, and which of them depend on t.
 
-// The keys of a monitor that hold a function of x and y.
-const FUNCTIONS = ["u", "rho", "m11", "m12", "m22"];
+import { CHOICES } from "./choices.js";
+
+/** The keys of monitors that hold a function of x and y. */
+export const FUNCTIONS = [...new Set(CHOICES.monitors.flatMap(({ functions }) => functions))];
 // The name t in an expression, not as a part of a longer name.
 const TIME = /(?<![\w.])t(?!\w)/;
 

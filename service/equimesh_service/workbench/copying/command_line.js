@@ -1,16 +1,14 @@
 // A spec as a command of `equimesh generate`.
 
+import { SETTINGS } from "../kinds.js";
 import { hasBlocks } from "../sides.js";
-import { sourcesOf } from "../sources.js";
+import { FUNCTIONS, sourcesOf } from "../sources.js";
 import { commonNames, isExpression, textOf } from "./functions.js";
 import { command, quoted } from "./shell.js";
 
 // Everything of a spec is quoted: a link may bring a spec of a stranger, whose command a visitor then pastes.
 
-// Settings of a monitor and of a Schwarz iteration whose option has the same name.
-const MONITOR = ["norm", "distortion", "smoothness", "map", "smoothing", "orthogonality"];
-const SHORT = ["a", "b"];
-const ENTRIES = ["rho", "m11", "m12", "m22"];
+// Settings of a Schwarz iteration whose option has the same name.
 const SCHWARZ = ["overlap", "ordering", "line_correction", "acceleration", "local_solver", "max_iterations"];
 const MESH = ["boundary", "initial", "mode", "cells", "parts", "label"];
 
@@ -59,12 +57,14 @@ function namesOf({ parameters, t }) {
 
 function monitorOf({ kind = "auto", ...settings }) {
   const words = kind === "auto" ? [] : [`--monitor ${quoted(dashed(kind))}`];
-  if (settings.for) words.push(option("for", dashed(settings.for)));
-  for (const name of ENTRIES) if (settings[name] !== undefined) words.push(option(name, isExpression(settings[name]) ? textOf(settings[name]) : fileOf(settings[name])));
-  for (const name of SHORT) if (settings[name] !== undefined) words.push(`-${name} ${quoted(settings[name])}`);
-  for (const name of MONITOR) if (settings[name] !== undefined) words.push(option(name, settings[name]));
-  for (const name of ["rectilinear", "isotropic"]) if (settings[name]) words.push(`--${name}`);
-  if (settings.scaled === false) words.push("--no-scaled");
+  for (const name of FUNCTIONS.filter((one) => one !== "u")) if (settings[name] !== undefined) words.push(option(name, isExpression(settings[name]) ? textOf(settings[name]) : fileOf(settings[name])));
+  for (const { name, type, default: usual } of Object.values(SETTINGS)) {
+    const value = settings[name];
+    if (value === undefined || value === null || (type === "flag" && value === usual)) continue;
+    if (type === "flag") words.push(`--${value ? "" : "no-"}${dashed(name)}`);
+    else if (name.length === 1) words.push(`-${name} ${quoted(value)}`);
+    else words.push(option(name, type === "word" ? dashed(value) : value));
+  }
   return words.join(" ");
 }
 

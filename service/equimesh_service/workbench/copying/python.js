@@ -1,24 +1,17 @@
 // A spec as a program in Python: for the client of a service, or for the solver alone.
 
+import { CHOICES } from "../choices.js";
 import { hasBlocks } from "../sides.js";
+import { FUNCTIONS } from "../sources.js";
 import { commonNames, textOf } from "./functions.js";
 
 // Longer values are written over several lines.
 const WIDTH = 88;
 const INDENT = "    ";
-const CLASSES = {
-  auto: "Auto",
-  least_error: "LeastError",
-  nodal_solution: "NodalSolution",
-  arc_length: "ArcLength",
-  curvature: "Curvature",
-  weight: "Weight",
-  tensor: "Tensor",
-  intersection: "Intersection",
-};
-const DOMAINS = { annulus_sector: "AnnulusSector", rectangle: "Rectangle" };
-const CONDITIONS = { optimized: "Optimized", classical: "Classical", linear_robin: "LinearRobin", nonlinear_robin: "NonlinearRobin" };
-const FUNCTIONS = ["u", "rho", "m11", "m12", "m22"];
+const MONITORS = new Set(CHOICES.monitors.map(({ name }) => name));
+const CONDITIONS = new Set(CHOICES.transmissions.map(({ name }) => name));
+// Domains whose classes take the values of a spec.
+const DOMAINS = ["annulus_sector", "rectangle"];
 // A name that Python takes as it is.
 const NAME = /^[A-Za-z_]\w*$/;
 // Options of a mesh that have the same name and the same values in a spec.
@@ -87,22 +80,24 @@ function callOf(spec, imports) {
 
 // A monitor by its class; "" for the usual one.  Its u is an argument of `generate` where `withoutU`.
 function monitorOf({ kind = "auto", monitors, ...settings }, withoutU, imports, unnamed = "auto") {
-  const name = CLASSES[kind];
-  if (!name) return literal({ kind, ...settings }, true);
+  if (!MONITORS.has(kind)) return literal({ kind, ...settings }, true);
   const { for: purpose, ...rest } = settings;
   if (withoutU) delete rest.u;
   for (const key of FUNCTIONS) if (rest[key] !== undefined) rest[key] = textOf(rest[key]);
   if (purpose) rest.purpose = purpose;
   if (kind === unnamed && unnamed === "auto" && !Object.keys(rest).length) return "";
+  const name = classOf(kind);
   if (!monitors) return call(name, rest, imports);
   imports.add(name);
   const members = monitors.map((member) => monitorOf({ kind: "arc_length", ...member }, false, imports, null));
   return `${name}(${[`[${members.join(", ")}]`, ...argumentsOf(rest)].join(", ")})`;
 }
 
+// The class of a known kind: least_error is LeastError.
+const classOf = (kind) => kind.split("_").map((word) => word[0].toUpperCase() + word.slice(1)).join("");
+
 function domainOf({ kind = "rectangle", ...values }, imports) {
-  const name = DOMAINS[kind];
-  return name ? call(name, values, imports, (value) => (Array.isArray(value) ? pair(value) : literal(value))) : literal({ kind, ...values }, true);
+  return DOMAINS.includes(kind) ? call(classOf(kind), values, imports, (value) => (Array.isArray(value) ? pair(value) : literal(value))) : literal({ kind, ...values }, true);
 }
 
 function schwarzOf({ transmission, subdomains, ...settings }, imports) {
@@ -110,8 +105,9 @@ function schwarzOf({ transmission, subdomains, ...settings }, imports) {
   if (transmission) {
     const { kind, p, ...values } = transmission;
     // A Robin condition takes its p first, and needs one.
-    const isRobin = kind.endsWith("robin");
-    parts.push(`transmission=${call(CONDITIONS[kind], isRobin ? { p: p ?? "auto" } : values, imports)}`);
+    const isRobin = String(kind).endsWith("robin");
+    if (!CONDITIONS.has(kind)) parts.push(`transmission=${literal(transmission)}`);
+    else parts.push(`transmission=${call(classOf(kind), isRobin ? { p: p ?? "auto" } : values, imports)}`);
   }
   imports.add("Schwarz");
   return `Schwarz(${[...parts, ...argumentsOf(settings)].join(", ")})`;
