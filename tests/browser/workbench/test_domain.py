@@ -10,7 +10,7 @@ from playwright.sync_api import Page, expect
 
 import equimesh as em
 from browser.workbench.panels import answered, fault_of, panel, set_number, spec_of
-from equimesh_service.spec import domains
+from equimesh_schema.domains import DOMAINS
 
 pytestmark = pytest.mark.needs("chromium")
 POINTS = [[0.0, 0.0], [1.0, 0.3], [1.5, 0.2], [3.0, 0.5], [3.5, 1.0]]
@@ -27,13 +27,13 @@ FORMULAS = [
 def test_rectangles_and_rings_by_their_numbers(page: Page) -> None:
     box = panel(page, "domain")
     kinds = box.get_by_label("Kind", exact=True)
-    assert {*kinds.locator("option").evaluate_all("all => all.map((one) => one.value)")} == {*domains.USES}
+    assert {*kinds.locator("option").evaluate_all("all => all.map((one) => one.value)")} == {*DOMAINS.documents}
     set_number(box, "x from", -1)
     answer = answered(page, lambda: box.locator(".pair").first.get_by_label("to", exact=True).fill("2.5"))
     assert answer.status == 200, answer.text()
     assert spec_of(page)["domain"] == {"x": [-1, 2.5]}
     kinds.select_option("annulus_sector")
-    expect(box.get_by_text(domains.USES["annulus_sector"])).to_be_visible()
+    expect(box.get_by_text(DOMAINS.documents["annulus_sector"].USE)).to_be_visible()
     set_number(box, "outer radius", 3)
     set_number(box, "last angle", 180)
     answer = answered(page, lambda: set_number(box, "centre x", 1))

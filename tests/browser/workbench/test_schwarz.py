@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from browser.workbench.panels import answered, fault_of, panel, set_number, spec_of
-from equimesh_service.spec import schwarz
+from equimesh_schema import schwarz
 
 pytestmark = pytest.mark.needs("chromium")
 
@@ -30,7 +30,7 @@ def test_every_setting_is_reachable_and_taken(page: Page) -> None:
     box = panel(page, "schwarz")
     box.get_by_label("Divide into subdomains").check()
     condition = box.get_by_label("Transmission condition")
-    for kind, use in schwarz.TRANSMISSION_USES.items():
+    for kind, use in [(kind, made.USE) for kind, made in schwarz.TRANSMISSIONS.documents.items()]:
         condition.select_option(kind)
         expect(box.get_by_text(use)).to_be_visible()
     assert spec_of(page)["schwarz"]["transmission"] == {"kind": "nonlinear_robin"}
