@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from equimesh.errors import SamplesError
-from equimesh.io.vtk_xml import BROKEN, VtkXml
+from equimesh.io.reading.vtk import BROKEN, VtkXml
 from equimesh.numerics.types import Array
 from equimesh.upload.limits import MAX_SECTIONS, Limits
 
@@ -41,10 +41,7 @@ def read_vtu(data: bytes, limits: Limits) -> Cloud:
             count = int(piece.attrib["NumberOfPoints"])
             total += max(count, 0)
             limits.check(total)
-            where = piece.find("Points/DataArray")
-            if where is None:
-                raise SamplesError("a piece of the vtu file has no points")
-            points.append(reader.array(where, 3 * count).reshape(count, 3))
+            points.append(reader.points(piece))
             scalars = [
                 a for a in piece.iterfind("PointData/DataArray") if a.get("NumberOfComponents", "1") in ("", "1")
             ]

@@ -16,10 +16,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.io.vtk_xml import VtkXml
+from equimesh.io.reading.vtk import VtkXml, parse_xml
 from equimesh.io.vtu import CELL_TYPES, NUMBERS
 from equimesh.io.vtu import head as head_lines
-from equimesh.io.xml_tree import parse_xml
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh_part import MeshPart
 from equimesh_cluster.part_files.contents import (

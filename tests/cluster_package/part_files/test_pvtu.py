@@ -11,7 +11,7 @@ import pytest
 
 from cluster_package.part_files.parted import ARRAYS, CUTS, DATA, parts_of, written
 from equimesh.errors import SamplesError
-from equimesh.io.vtk_xml import VtkXml
+from equimesh.io.reading.vtk import VtkXml
 from equimesh.io.write import node_groups
 from equimesh_cluster.part_files.pvtu import Piece, Pieces, RawArray, described, head_text, vtk_type, write_raw
 

@@ -12,7 +12,7 @@ import pytest
 
 from block_cases import data_of, l_shape
 from equimesh.errors import InputError
-from equimesh.io.vtk_xml import VtkXml
+from equimesh.io.reading.vtk import VtkXml
 from equimesh.io.vtm import vtm_text
 from equimesh.io.write import write_mesh
 from solver.io.files import DATA

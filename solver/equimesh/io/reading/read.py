@@ -18,8 +18,7 @@ from equimesh.io.reading.plot3d import read_plot3d
 from equimesh.io.reading.poly_mesh import read_poly_mesh
 from equimesh.io.reading.refusals import most_unpacked, refusing
 from equimesh.io.reading.su2 import read_su2
-from equimesh.io.reading.vtm import read_vtm
-from equimesh.io.reading.vtu import read_vtu
+from equimesh.io.reading.vtk import read_vtm, read_vtu
 from equimesh.io.zip_members import open_zip
 
 # The reader of each format of meshes; ``zip`` is a zip of the files of a polyMesh, of Plot3D with its map, or

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from equimesh.errors import SamplesError
-from equimesh.io.vtk_xml import VtkXml
+from equimesh.io.reading.vtk import VtkXml
 
 PACKED = base64.b64encode(struct.pack("<I3i", 12, 5, -6, 2**30)).decode()
 
