@@ -7,21 +7,17 @@ first of them. ``import equimesh`` does not import this package.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from equimesh_cluster.part_files.contents import PartData
-from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartedFormat
-from equimesh_cluster.part_files.read import PartedMesh, read_parts
-from equimesh_cluster.part_files.write import remove_parted, write_head, write_part
+from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartData, PartedFormat
+from equimesh_cluster.part_files.parted_mesh import PartedMesh, read_parts, remove_parted, write_head, write_part
 from equimesh_coupling.libraries import library
 
 if TYPE_CHECKING:
-    from equimesh_cluster.blocks import solve_blocks
     from equimesh_cluster.connection import connect
     from equimesh_cluster.errors import ClusterError, NoSchedulerError, RunCancelledError, WorkersLostError
     from equimesh_cluster.handle import Handle, PartsError
-    from equimesh_cluster.progress import Progress
     from equimesh_cluster.run import PartsRun, RunOptions, run_parts
     from equimesh_cluster.schwarz import SchwarzHandle
-    from equimesh_cluster.solving import solve
+    from equimesh_cluster.solving import Progress, solve, solve_blocks
 
 __all__ = [  # noqa: RUF022 - grouped by noun
     # One mesh in parts
@@ -53,14 +49,12 @@ __all__ = [  # noqa: RUF022 - grouped by noun
 ]
 
 _MODULES = {
-    "blocks": ("solve_blocks",),
     "connection": ("connect",),
     "errors": ("ClusterError", "NoSchedulerError", "RunCancelledError", "WorkersLostError"),
     "handle": ("Handle", "PartsError"),
-    "progress": ("Progress",),
     "run": ("PartsRun", "RunOptions", "run_parts"),
     "schwarz": ("SchwarzHandle",),
-    "solving": ("solve",),
+    "solving": ("Progress", "solve", "solve_blocks"),
 }
 """The modules that need Dask, and what they define."""
 

@@ -1,18 +1,20 @@
-"""The connection to the scheduler of a cluster."""
+"""Clients of a Dask cluster: connecting, who may use its workers, and what is sent to them."""
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import weakref
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from typing import Any
 
-from distributed import Client, Future
+from distributed import Client, Future, Semaphore
+from distributed.protocol import pickle
 
 from equimesh.errors import InputError
-from equimesh_cluster.errors import NoSchedulerError
+from equimesh_cluster.errors import NoSchedulerError, WorkersLostError
 
 # Seconds within which a scheduler answers; Dask's own default.
 CONNECT_SECONDS = 30.0
@@ -100,3 +102,75 @@ def _cause(error: BaseException) -> str:
     """The first line of an error, without a full stop."""
     text = str(error).strip() or type(error).__name__
     return text.splitlines()[0].rstrip(".")[:200]
+
+
+# One run at a time on a worker: two runs that each had half of the workers would wait for each other for ever.
+#
+# A lease is Dask's own, of a semaphore for each worker. It expires when the client that holds it is gone, which a
+# lock of Dask does not. The leases are taken in the order of the addresses, so no two runs wait for each other.
+
+# Seconds between two looks at whether the run was cancelled, and whether the worker that it waits for still exists.
+LOOK_SECONDS = 0.5
+
+
+@contextmanager
+def leases_of(client: Client, addresses: Sequence[str], check: Callable[[], None]) -> Iterator[None]:
+    """The right to run on the workers at ``addresses``, given back at the end.
+
+    ``check`` is called while it waits for another run; what it raises ends the waiting. Raises
+    :class:`~equimesh_cluster.errors.WorkersLostError` where a worker is lost meanwhile, and
+    :class:`~equimesh_cluster.errors.NoSchedulerError` where the scheduler is.
+    """
+    with ExitStack() as held:
+        try:
+            for address in sorted(set(addresses)):
+                _take(client, address, check, held)
+        except (OSError, asyncio.CancelledError, AttributeError) as error:  # a client that has closed has no scheduler
+            if isinstance(error, AttributeError) and client.status == "running":
+                raise
+            raise no_scheduler(client) from error
+        yield
+
+
+def _take(client: Client, address: str, check: Callable[[], None], held: ExitStack) -> None:
+    """Wait for the lease of one worker; ``held`` gives it back."""
+    lease = _semaphore(client, address)
+    held.callback(_stop_refreshing, client, lease)
+    while not lease.acquire(timeout=LOOK_SECONDS):
+        check()
+        if not client.nthreads(workers=[address]):
+            raise WorkersLostError(f"the worker {address} was lost", lost=(address,))
+    held.callback(_give_back, client, lease)
+
+
+def _stop_refreshing(client: Client, lease: Semaphore) -> None:
+    """Let the event loop of the client forget a lease."""
+    if client.loop is not None:
+        client.loop.add_callback(lease.refresh_callback.stop)
+
+
+def _give_back(client: Client, lease: Semaphore) -> None:
+    """Release a lease, unless the client has gone: then it expires."""
+    if client.status == "running":
+        lease.release()
+
+
+def _semaphore(client: Client, address: str) -> Semaphore:
+    """The semaphore of a worker, with one lease."""
+    return Semaphore(max_leases=1, name=f"equimesh-{address}", scheduler_rpc=client.scheduler, loop=client.loop)
+
+
+# Inputs that are sent to workers: small values inside their task, large ones as data of the cluster.
+
+# Pickled values of more bytes are not sent inside a task, which the scheduler reads.
+MAX_INLINE_BYTES = 100_000
+
+
+def sent(client: Client, value: Any) -> Any:
+    """The value itself if it is small, else a future of it. The data are gone when all tasks that need them are done.
+
+    Raises whatever cannot be pickled raises.
+    """
+    if len(pickle.dumps(value)) <= MAX_INLINE_BYTES:
+        return value
+    return client.scatter(value, hash=False)

@@ -1,32 +1,223 @@
-"""A solution that stays on the workers of a cluster."""
+"""A solution that stays on the workers of a cluster: its arrays, summaries, measures and files."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import uuid
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from distributed import Client
+import dask.array as da
+from dask.delayed import delayed
+from dask.sizeof import sizeof
+from distributed import Client, Future
 
 from equimesh.equations.problem import Problem
+from equimesh.fields.field import Field
 from equimesh.meshes.grid import Grid
-from equimesh.numerics.channel import Traffic
+from equimesh.numerics.channel import Channel, Traffic
+from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality
+from equimesh.single_domain.steps import Mode
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.status import Status
-from equimesh_cluster.arrays import array_of, own_u, own_x, own_y
 from equimesh_cluster.connection import close_after
 from equimesh_cluster.errors import ClusterError, WorkersLostError
-from equimesh_cluster.files import FileNames, write_parts
-from equimesh_cluster.measuring import measures_of
-from equimesh_cluster.parts.measures import PartMeasures
-from equimesh_cluster.parts.part_solution import PartSolution, PartStep
+from equimesh_cluster.part_files.formats import NodeValues, PartData, parted_format
+from equimesh_cluster.part_files.parted_mesh import (
+    leave_probe,
+    remove_parted,
+    require_folder,
+    require_probe,
+    write_head,
+    write_part,
+)
+from equimesh_cluster.parts.part_solution import (
+    PartMeasures,
+    PartSolution,
+    PartStep,
+    equidistribution_of_part,
+    measure_part,
+)
 from equimesh_cluster.run import PartsRun, run_at
-from equimesh_cluster.summary import Summary, summary_of, traffic_of
 from equimesh_schema import Relaxed
+
+# Dask arrays of what stays on the workers: one chunk for each part, which is a view of its rows.
+
+
+@sizeof.register(PartSolution)  # type: ignore[untyped-decorator]
+def bytes_of(part: PartSolution) -> int:
+    """The memory of a part, which Dask has to know: it would move what seems small to where it is needed."""
+    return part.mesh.x.nbytes + part.mesh.y.nbytes + part.reference.x.nbytes + part.reference.y.nbytes
+
+
+def array_of(
+    futures: Sequence[Future[PartSolution]],
+    rows: Sequence[int],
+    n_eta: int,
+    values: Callable[[PartSolution], Array],
+) -> Any:
+    """The dask array whose chunk k is ``values`` of part k, of shape ``(rows[k], n_eta)``."""
+    of_part = delayed(values, pure=False)
+    chunks = [
+        da.from_delayed(of_part(future), shape=(height, n_eta), dtype=float)
+        for future, height in zip(futures, rows, strict=True)
+    ]
+    return da.concatenate(chunks, axis=0)
+
+
+def own_x(part: PartSolution) -> Array:
+    """x at the nodes of a part: a view, not a copy."""
+    return part.mesh.x[part.mesh.own_rows]
+
+
+def own_y(part: PartSolution) -> Array:
+    """y at the nodes of a part: a view, not a copy."""
+    return part.mesh.y[part.mesh.own_rows]
+
+
+def own_u(part: PartSolution) -> Array:
+    """u at the nodes of a part. Raises :class:`ValueError` where the monitor has no u."""
+    field = part.problem.monitor.u
+    if field is None:
+        raise ValueError("the monitor has no u")
+    return field.evaluate(own_x(part), own_y(part))[0]
+
+
+# What the driver has of a solution in parts: everything but the rows.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """One part without its rows. ``first`` and ``last`` are its own rows, as numbers of the grid."""
+
+    first: int
+    last: int
+    mode: Mode
+    status: Status
+    newton_steps: int
+    residual: float
+    note: str
+    remedy: str
+    relaxed: tuple[Relaxed, ...]
+    algebraic_error: float | None
+    discretization_error: float | None
+    records: tuple[PartStep, ...]
+
+
+def summary_of(part: PartSolution) -> Summary:
+    """The summary of a part. Runs where the part is."""
+    return Summary(
+        first=part.mesh.first,
+        last=part.mesh.last,
+        mode=part.mode,
+        status=part.status,
+        newton_steps=part.newton_steps,
+        residual=part.residual,
+        note=part.note,
+        remedy=part.remedy,
+        relaxed=part.relaxed,
+        algebraic_error=part.algebraic_error,
+        discretization_error=part.discretization_error,
+        records=part.records,
+    )
+
+
+def traffic_of(summaries: Sequence[Summary]) -> dict[str, Traffic]:
+    """The messages that all parts sent, and their bytes, by the kind of the message."""
+    total: dict[str, Traffic] = defaultdict(Traffic)
+    for summary in summaries:
+        for record in summary.records:
+            for kind, sent in record.traffic.items():
+                total[kind].messages += sent.messages
+                total[kind].bytes += sent.bytes
+    return dict(total)
+
+
+# The quality and the certificate of a mesh that stays on the workers of a cluster.
+
+
+def measures_of(client: Client, run: PartsRun) -> PartMeasures:
+    """The measures of the whole mesh, from one task for each part of ``run`` where that part is.
+
+    Values of single cells are not in it. Nothing of it is left on the workers. Raises
+    :class:`~equimesh_cluster.errors.WorkersLostError` where one of them is lost.
+    """
+    found = run_at(client, _of_part, lambda number, _: (run.futures[number],), run.workers)
+    result: PartMeasures = found.futures[0].result()
+    return result
+
+
+def _of_part(channel: Channel, part: PartSolution) -> PartMeasures:
+    return measure_part(part, channel).without_cells()
+
+
+# Files of a mesh in parts: every worker writes its part, and the caller writes the head.
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileNames:
+    """The names of the arrays of a mesh in files, besides ``x`` and ``y``."""
+
+    nodes: tuple[str, ...]
+    """Names of the values at the nodes: ``u``, or nothing."""
+    cells: tuple[str, ...]
+    """Names of the values of the cells: ``Q_eq``, or nothing."""
+
+
+def write_parts(
+    client: Client,
+    futures: Sequence[Future[PartSolution]],
+    places: tuple[Grid, Sequence[int], Sequence[str]],
+    path: str | os.PathLike[str],
+    names: FileNames,
+    format: str | None,
+) -> Path:
+    """Write the parts of a mesh, then its head. Returns the path of the head.
+
+    ``places`` are the grid, the first row of every part but the first one, and the address of the worker of every part.
+    Raises :class:`~equimesh.errors.InputError` for an unknown format, and for a folder that not all workers and the
+    caller reach.
+    """
+    grid, cuts, workers = places
+    head = Path(path).absolute()
+    kind = parted_format(head, format).name
+    require_folder(head)
+    token = uuid.uuid4().hex
+    probed = run_at(client, leave_probe_of_part, lambda k, _: (str(head), f"{token}-{k}"), workers)
+    for number, machine in enumerate(client.gather(list(probed.futures))):
+        require_probe(head, f"{token}-{number}", machine)
+    remove_parted(head, format=kind)
+    run_at(client, write_file_of_part, lambda k, _: (futures[k], str(head), names, kind), workers)
+    return write_head(head, grid=grid, cuts=cuts, nodes=names.nodes, cells=names.cells, format=kind)
+
+
+def leave_probe_of_part(_: Any, path: str, token: str) -> str:
+    """Leave a file that the caller looks for. Runs on a worker."""
+    return leave_probe(path, token)
+
+
+def write_file_of_part(channel: Channel, part: PartSolution, path: str, names: FileNames, format: str) -> None:
+    """Write the file of one part. Runs where the part is; u is evaluated for some rows at a time."""
+    field = part.problem.monitor.u
+    nodes: dict[str, NodeValues] = {} if field is None else {name: _Values(field) for name in names.nodes}
+    cells = {name: equidistribution_of_part(part, channel) for name in names.cells}
+    write_part(path, part.mesh, PartData(nodes=nodes, cells=cells), format=format)
+
+
+class _Values:
+    """The values of a field, as a function of x and y."""
+
+    def __init__(self, field: Field) -> None:
+        self._field = field
+
+    def __call__(self, x: Array, y: Array) -> Array:
+        return self._field.evaluate(x, y)[0]
 
 
 class Handle:

@@ -25,13 +25,11 @@ from equimesh.single_domain.steps import Mode
 from equimesh.solving.courses import Iterating
 from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.schwarz import schwarz_reference, schwarz_start
+from equimesh_cluster.connection import sent
 from equimesh_cluster.handle import Handle
-from equimesh_cluster.inputs import sent
-from equimesh_cluster.memory import check_memory, equal_rows
 from equimesh_cluster.parts.schwarz import SchwarzPart, SchwarzPlan, iterate_part
-from equimesh_cluster.placement import require_count
 from equimesh_cluster.run import PartsRun, RunOptions, run_parts
-from equimesh_cluster.worker_facts import WorkerFacts, examine_workers
+from equimesh_cluster.workers import WorkerFacts, check_memory, equal_rows, examine_workers, require_count
 
 if TYPE_CHECKING:
     from distributed import Worker

@@ -1,41 +1,233 @@
-"""One mesh on the workers of a cluster: the coarse solution by one of them, the finer levels in parts by all."""
+"""One mesh of a grid or of blocks on the workers of a cluster."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from distributed import Client
 
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
+from equimesh.least_error.block_schwarz import BlockSchwarz
+from equimesh.least_error.steps import Descent
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.nested import nested_grids
 from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode, Step
 from equimesh.solving.announcer import Event
-from equimesh_cluster.connection import check_client, connect
+from equimesh.solving.block_solution import BlockSolution
+from equimesh.solving.blocks import count_subdomains
+from equimesh.solving.courses import approach, level_share
+from equimesh.solving.solution import SolveError
+from equimesh_cluster.connection import check_client, connect, sent
 from equimesh_cluster.handle import Handle, PartsError
-from equimesh_cluster.inputs import sent
-from equimesh_cluster.memory import check_memory
-from equimesh_cluster.parts.coarse import (
+from equimesh_cluster.parts.part_solution import PartSolution, PartStep
+from equimesh_cluster.parts.schwarz import BlocksResult, plain, solve_part_of_blocks
+from equimesh_cluster.parts.solve import (
     CoarseSolution,
     OtherGridsNeededError,
     coarse_solution,
     most_parts,
     require_metric,
+    solve_part,
 )
-from equimesh_cluster.parts.part_solution import PartSolution
-from equimesh_cluster.parts.solve import solve_part
-from equimesh_cluster.placement import place, require_count
-from equimesh_cluster.progress import Gathering, Observer, coarse_progress
 from equimesh_cluster.run import PartsRun, RunOptions, run_parts
 from equimesh_cluster.schwarz import SchwarzOptions, iterate
-from equimesh_cluster.worker_facts import WorkerFacts, examine_workers
+from equimesh_cluster.workers import WorkerFacts, check_memory, examine_workers, place, require_count
+
+# What a running solve tells its observer: one record for each sweep, from the records of all parts.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """One step of a solve on a cluster.
+
+    ``level`` counts from 0 to ``levels - 1``, the requested grid. The coarse levels are solved by one worker, so
+    ``parts`` is 1 there and nothing is sent. ``messages`` and ``bytes`` are those that all parts sent since the record
+    before. ``attempt`` is 2 or 3 after workers were lost; the parts then begin again. ``fraction`` is the share of the
+    work that is done, 0 to 1, or None where it is not known, and ``phase`` says what is being done.
+    """
+
+    level: int
+    levels: int
+    grid: Grid
+    step: int
+    residual: float
+    parts: int = 1
+    messages: int = 0
+    bytes: int = 0
+    attempt: int = 1
+    fraction: float | None = None
+    phase: str = ""
+
+
+USUAL_SWEEPS = 6
+"""Sweeps that a grid usually takes."""
+
+Observer: TypeAlias = Callable[[Progress], None]
+
+
+def coarse_progress(step: Step, levels: int) -> Progress:
+    """The record of a step on a level that one worker solves; ``levels`` are those of the whole solve."""
+    is_relaxed = not step.relaxation.is_none
+    return Progress(
+        level=step.level,
+        levels=levels,
+        grid=step.grid,
+        step=step.step,
+        residual=step.residual,
+        fraction=None if is_relaxed else _share(step.level, levels, step.step),
+        phase=f"relaxing, step {step.step}" if is_relaxed else f"sweeping the {step.grid} grid",
+    )
+
+
+def _share(level: int, levels: int, step: int) -> float:
+    """The share of all grids that is done after a sweep on one of them."""
+    return level_share(level, levels, approach(step, USUAL_SWEEPS))
+
+
+class Gathering:
+    """Collects the records of the parts, and observes one record when all parts have sent theirs."""
+
+    def __init__(self, observe: Observer | None) -> None:
+        self._observe = observe
+        self._count, self._attempt, self._done = 0, 0, 0.0
+        self._waiting: dict[int, list[PartStep]] = {}
+
+    def begin(self, count: int) -> None:
+        """Begin an attempt with ``count`` parts."""
+        self._count, self._attempt, self._waiting = count, self._attempt + 1, {}
+
+    def add(self, number: int, record: PartStep) -> None:
+        """Take the next record of part ``number``."""
+        self._waiting.setdefault(number, []).append(record)
+        while len(self._waiting) == self._count and all(self._waiting.values()):
+            self._tell([self._waiting[k].pop(0) for k in range(self._count)])
+
+    def _tell(self, records: list[PartStep]) -> None:
+        """Observe the records of all parts as one."""
+        if self._observe is None:
+            return
+        first = records[0]
+        self._done = max(self._done, _share(first.level, first.levels, first.step))
+        sent = [traffic for record in records for traffic in record.traffic.values()]
+        self._observe(
+            Progress(
+                level=first.level,
+                levels=first.levels,
+                grid=first.grid,
+                step=first.step,
+                residual=first.residual,
+                parts=self._count,
+                messages=sum(traffic.messages for traffic in sent),
+                bytes=sum(traffic.bytes for traffic in sent),
+                attempt=self._attempt,
+                fraction=self._done,
+                phase=f"sweeping the {first.grid} grid in {self._count} parts",
+            )
+        )
+
+
+# The mesh of a domain in blocks by the workers of a cluster: one block, or a group of blocks, a subdomain.
+
+
+def solve_blocks(
+    problem: BlockProblem,
+    client: Client | str,
+    schwarz: BlockSchwarz | None = None,
+    *,
+    parts: int | None = None,
+    threads: int = 1,
+    observe: Callable[[dict[str, Any]], None] | None = None,
+    cancel: threading.Event | None = None,
+) -> BlockSolution:
+    """The mesh of ``problem``, with its subdomains on ``parts`` workers; equal to that of :func:`equimesh.solve`.
+
+    ``client`` is a client of Dask, or the address of a scheduler. ``schwarz`` are the settings, by default one
+    subdomain for each block. ``parts`` is by default one for each worker, and at most one for each subdomain; the mesh
+    does not depend on it. ``threads`` share the subdomains of each part. ``observe`` is called with the numbers of
+    every step; ``cancel`` ends the solve when it is set. Workers share the work on the finest mesh, and each of them
+    holds the whole mesh.
+
+    Raises :class:`~equimesh.errors.InputError` for more parts than subdomains or threads of the workers,
+    :class:`~equimesh.solving.solution.SolveError` for a folded mesh, and the errors of :func:`equimesh_cluster.solve`.
+    """
+    if not isinstance(problem, BlockProblem):
+        raise InputError(
+            "the problem has no domain in blocks: give em.BlockProblem(...), or take equimesh_cluster.solve",
+            field="problem",
+        )
+    settings, shared = schwarz or BlockSchwarz(), thread_count(threads)
+    subdomains = count_subdomains(problem, settings)
+    own = isinstance(client, str)
+    connected = connect(client) if isinstance(client, str) else check_client(client)
+    try:
+        count = _count_of_blocks(connected, subdomains, parts)
+        found = _run(problem, connected, settings, count, shared, RunOptions(observe=_telling(observe), cancel=cancel))
+    finally:
+        if own:
+            connected.close()
+    solution = found.solution(problem)
+    if not solution.status.succeeded:
+        raise SolveError(solution.message, solution)
+    return solution
+
+
+def _count_of_blocks(client: Client, subdomains: int, parts: int | None) -> int:
+    """The number of parts, for which there are subdomains."""
+    if parts is None:
+        return min(subdomains, max(1, len(examine_workers(client))))
+    require_count(parts)
+    if parts > subdomains:
+        raise InputError(
+            f"parts = {parts}: every part needs a subdomain, and there are {subdomains}: take fewer parts, or smaller"
+            " groups of blocks",
+            field="parts",
+        )
+    return parts
+
+
+def _telling(observe: Callable[[dict[str, Any]], None] | None) -> Callable[[int, Any], None] | None:
+    if observe is None:
+        return None
+    told = observe
+    return lambda _, numbers: told(numbers)
+
+
+def _run(
+    problem: BlockProblem, client: Client, settings: BlockSchwarz, count: int, threads: int, options: RunOptions
+) -> BlocksResult:
+    """The result of the part that leads; nothing is left on the workers."""
+    shared: list[Any] = []
+
+    def arguments(number: int, _: int) -> tuple[Any, ...]:
+        if number == 0:
+            shared[:] = [sent(client, problem)]
+        return shared[0], settings, threads, options.observe is not None
+
+    run = run_parts(client, part_of_blocks, arguments, parts=count, options=options)
+    found: BlocksResult = run.futures[0].result()
+    for future in run.futures:
+        future.release()
+    return found
+
+
+def part_of_blocks(
+    channel: Any, problem: BlockProblem, settings: BlockSchwarz, threads: int, tells: bool
+) -> BlocksResult | None:
+    """One part of the solve. Runs on its worker."""
+
+    def observe(event: Any) -> None:
+        if isinstance(event, Descent):
+            channel.report(plain(event))
+
+    return solve_part_of_blocks(channel, problem, settings, threads=threads, observe=observe if tells else None)
 
 
 def solve(
@@ -54,7 +246,7 @@ def solve(
 
     ``client`` is a client of Dask, or the address of a scheduler. ``parts`` is by default one for each worker; a worker
     takes as many as it has threads. ``threads`` share the rows of each part. ``mode`` and ``allow_relaxed`` are those
-    of :func:`equimesh.solve`. ``observe`` is called with a :class:`~equimesh_cluster.progress.Progress` after each
+    of :func:`equimesh.solve`. ``observe`` is called with a :class:`~equimesh_cluster.solving.Progress` after each
     step; ``cancel`` ends the solve when it is set, with :class:`~equimesh_cluster.errors.RunCancelledError`.
 
     With ``schwarz`` the subdomains of a Schwarz iteration are on the workers, and a

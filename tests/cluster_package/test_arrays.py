@@ -6,7 +6,7 @@ import numpy as np
 from distributed import Client
 
 import equimesh as em
-from equimesh_cluster.arrays import array_of, bytes_of, own_x, own_y
+from equimesh_cluster.handle import array_of, bytes_of, own_x, own_y
 from meshes_on_workers import PROBLEM, parts_on
 
 

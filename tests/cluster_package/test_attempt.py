@@ -8,8 +8,8 @@ import pytest
 from distributed import Client
 
 from equimesh.numerics.channel import PeerLostError
-from equimesh_cluster.attempt import Attempt, Lost
-from equimesh_cluster.worker_facts import WorkerFacts, examine_workers
+from equimesh_cluster.run import Attempt, Lost
+from equimesh_cluster.workers import WorkerFacts, examine_workers
 
 
 def nothing(*_: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from distributed import Client, Future
 
-from equimesh_cluster.inputs import MAX_INLINE_BYTES, sent
+from equimesh_cluster.connection import MAX_INLINE_BYTES, sent
 
 
 def test_small_values_are_sent_with_their_task_and_large_ones_are_data_of_the_cluster(client: Client) -> None:

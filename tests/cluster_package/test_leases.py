@@ -8,7 +8,7 @@ import pytest
 from distributed import Client, LocalCluster
 
 from equimesh_cluster import NoSchedulerError, RunCancelledError, WorkersLostError
-from equimesh_cluster.leases import leases_of
+from equimesh_cluster.connection import leases_of
 
 
 def nothing() -> None:

@@ -7,7 +7,7 @@ from distributed import Client
 
 import equimesh as em
 from equimesh_cluster import ClusterError
-from equimesh_cluster.measuring import measures_of
+from equimesh_cluster.handle import measures_of
 from meshes_on_workers import PROBLEM, handle_on, parts_on
 
 

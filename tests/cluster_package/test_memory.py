@@ -10,8 +10,14 @@ import pytest
 
 import equimesh as em
 from equimesh_cluster import ClusterError
-from equimesh_cluster.memory import BYTES_A_POINT, check_memory, equal_rows, memory_of_samples, rows_of_parts
-from equimesh_cluster.worker_facts import WorkerFacts
+from equimesh_cluster.workers import (
+    BYTES_A_POINT,
+    WorkerFacts,
+    check_memory,
+    equal_rows,
+    memory_of_samples,
+    rows_of_parts,
+)
 
 GRID = em.Grid(n_xi=4098, n_eta=1024)
 PROBLEM = em.Problem(monitor=em.ArcLength(u=em.Expression("x*y")), grid=GRID)

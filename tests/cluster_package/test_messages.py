@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from equimesh.numerics.channel import PeerFailedError, PeerLostError
-from equimesh_cluster.messages import Box, Messages
+from equimesh_cluster.channel import Box, Messages
 
 
 def arrays(*values: float) -> list[Any]:

@@ -8,9 +8,8 @@ import pytest
 from distributed import Client
 
 from equimesh.numerics.channel import PeerLostError
-from equimesh_cluster.channel import Seat
-from equimesh_cluster.part_task import run_part
-from equimesh_cluster.worker_facts import examine_workers
+from equimesh_cluster.channel import Seat, run_part
+from equimesh_cluster.workers import examine_workers
 
 
 def number(channel: Any, more: int) -> int:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from equimesh import InputError
-from equimesh_cluster.placement import place
-from equimesh_cluster.worker_facts import WorkerFacts
+from equimesh_cluster.workers import WorkerFacts, place
 
 
 def worker(address: str, threads: int = 1) -> WorkerFacts:

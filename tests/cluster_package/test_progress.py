@@ -5,7 +5,7 @@ from __future__ import annotations
 from equimesh import Grid
 from equimesh.numerics.channel import Traffic
 from equimesh_cluster.parts.part_solution import PartStep
-from equimesh_cluster.progress import Gathering, Progress
+from equimesh_cluster.solving import Gathering, Progress
 
 
 def record(step: int, sent: int) -> PartStep:

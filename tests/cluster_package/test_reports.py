@@ -8,8 +8,7 @@ from typing import Any
 
 from distributed import Client
 
-from equimesh_cluster.channel import TOPIC
-from equimesh_cluster.reports import listening
+from equimesh_cluster.channel import TOPIC, listening
 
 
 def report(client: Client, run: str, value: Any) -> None:

@@ -15,8 +15,8 @@ from distributed import Client
 from dask_processes import DaskProcesses
 from equimesh import InputError
 from equimesh_cluster import PartsRun, RunCancelledError, RunOptions, WorkersLostError, run_parts
-from equimesh_cluster.messages import PLUGIN
-from equimesh_cluster.worker_facts import WorkerFacts
+from equimesh_cluster.channel import PLUGIN
+from equimesh_cluster.workers import WorkerFacts
 
 
 def around(channel: Any, rounds: int) -> float:

@@ -22,8 +22,8 @@ from equimesh.meshes import parts as parts_of_grids
 from equimesh.meshes import strips
 from equimesh.numerics.types import Array
 from equimesh_cluster import ClusterError, Progress, RunCancelledError, connect, run_parts, solve, solving
-from equimesh_cluster.messages import PLUGIN
-from equimesh_cluster.parts.coarse import coarse_solution
+from equimesh_cluster.channel import PLUGIN
+from equimesh_cluster.parts.solve import coarse_solution
 from meshes_on_workers import PROBLEM
 
 RING = em.ArcLength(u=em.Expression("tanh(12*(hypot(x, y) - 0.7))"))

@@ -6,7 +6,7 @@ from distributed import Client
 
 import equimesh as em
 from equimesh.numerics.channel import Traffic
-from equimesh_cluster.summary import summary_of, traffic_of
+from equimesh_cluster.handle import summary_of, traffic_of
 from meshes_on_workers import PROBLEM, parts_on
 
 

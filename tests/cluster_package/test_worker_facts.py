@@ -8,8 +8,8 @@ import pytest
 from distributed import Client, Status, Worker
 
 from equimesh_cluster import ClusterError
-from equimesh_cluster import worker_facts as module
-from equimesh_cluster.worker_facts import PACKAGES, check_versions, examine_scheduler, examine_workers, versions
+from equimesh_cluster import workers as module
+from equimesh_cluster.workers import PACKAGES, check_versions, examine_scheduler, examine_workers, versions
 
 
 def test_workers_say_who_they_are_and_what_they_have(client: Client) -> None:

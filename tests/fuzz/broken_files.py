@@ -27,7 +27,7 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 from equimesh.errors import InputError
-from equimesh.upload.limits import Limits
+from equimesh.upload.columns import Limits
 from equimesh.upload.samples import READERS
 from equimesh_service.assembly.domain_mesh import convert_mesh
 from equimesh_service.assembly.samples import convert

@@ -10,10 +10,8 @@ from pathlib import Path
 import meshio
 import numpy as np
 
-from equimesh.io.foam import foam_files
-from equimesh.io.gmsh import gmsh_text
-from equimesh.io.su2 import su2_text
-from equimesh.io.vtu import write_vtu
+from equimesh.io.solver_files import foam_files, gmsh_text, su2_text
+from equimesh.io.vtk import write_vtu
 from solver.io.reading.cgns_files import cgns
 from solver.io.reading.plain import small
 from solver.io.reading.test_plot3d import text, two_blocks

@@ -160,16 +160,16 @@ def _write(options: argparse.Namespace, solution: AnySolution, picture: Picture 
         files.append(str(options.output))
     if picture is not None:
         from equimesh import BlockSolution
-        from equimesh.plot import comparison, convergence, meshes
+        from equimesh.plot import convergence, meshes
 
         match picture.kind:
             case "convergence":
                 convergence.draw_convergence(solution.convergence(), picture.path)
             case "comparison":
                 if isinstance(solution, BlockSolution):
-                    comparison.draw_comparison(solution.against_initial, picture.path)
+                    meshes.draw_comparison(solution.against_initial, picture.path)
                 else:
-                    comparison.draw_comparison(solution.against_uniform, picture.path)
+                    meshes.draw_comparison(solution.against_uniform, picture.path)
             case "quality":
                 meshes.draw_quality(solution.data(), picture.path)
             case _:

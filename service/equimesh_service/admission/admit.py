@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from equimesh.specs.spec import BuiltSpec
-from equimesh.upload.limits import Limits
+from equimesh.upload.columns import Limits
 from equimesh_schema.mesh import Grid
 from equimesh_schema.schwarz import BlockSchwarz, Schwarz
 from equimesh_schema.sources import UPLOAD

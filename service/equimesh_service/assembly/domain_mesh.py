@@ -15,9 +15,8 @@ from equimesh import Blocks
 from equimesh.blocks.counts import plan_of
 from equimesh.blocks.description import Description
 from equimesh.errors import InputError
-from equimesh.io.reading.descriptions import BLOCK_MESH_DICT, description_format, read_description
 from equimesh.io.reading.plain_mesh import PlainMesh
-from equimesh.io.reading.read import FORMAT_OF, read_bytes
+from equimesh.io.reading.read import BLOCK_MESH_DICT, FORMAT_OF, description_format, read_bytes, read_description
 
 Arrays: TypeAlias = Mapping[str, Any]
 # The kind of the stored samples that are a mesh.

@@ -3,7 +3,7 @@
 import re
 
 from equimesh.errors import SamplesError
-from equimesh.io.zip_members import open_zip
+from equimesh.io.reading.bounds import open_zip
 from equimesh_service.assembly.problem import translate_errors
 from equimesh_service.assembly.samples import Upload
 from equimesh_service.problems.problem import Problem

@@ -25,9 +25,8 @@ from equimesh.domains.domain import Box
 from equimesh.errors import SamplesError
 from equimesh.fields.samples import MIN_CUBIC, checked_grid
 from equimesh.inputs import count_noun, real_array
-from equimesh.upload.limits import Limits
-from equimesh.upload.nodal import block_nodes, checked_nodes, is_nodal
-from equimesh.upload.samples import read_arrays, samples_of
+from equimesh.upload.columns import Limits
+from equimesh.upload.samples import block_nodes, checked_nodes, is_nodal, read_arrays, samples_of
 from equimesh_service.files.port import StoredFile
 from equimesh_service.spec.bounds import check_bounds
 from equimesh_service.store.rows import NewSamples, SamplesRow

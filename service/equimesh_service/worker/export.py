@@ -83,7 +83,7 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             kept = store.meshes.artifact(task.mesh_id, CONVERGENCE)
             draw_convergence(json.loads(source(CONVERGENCE).read_bytes()) if kept else NO_ITERATIONS, path)
         case ["plot", "comparison", _]:
-            from equimesh.plot.comparison import draw_comparison
+            from equimesh.plot.meshes import draw_comparison
 
             mesh, problem = load_npz(source(MESH)).mesh, _problem(task, store, files, sources)
             row = store.meshes.get(task.mesh_id)

@@ -15,9 +15,9 @@ import numpy as np
 from equimesh import Field, Grid
 from equimesh.meshes.mesh_part import MeshPart
 from equimesh.numerics.types import Array
-from equimesh_cluster.part_files.contents import NodeValues, PartData
+from equimesh_cluster.part_files.formats import NodeValues, PartData
+from equimesh_cluster.part_files.parted_mesh import write_head, write_part
 from equimesh_cluster.part_files.pvtu import Piece
-from equimesh_cluster.part_files.write import write_head, write_part
 from equimesh_service.worker.part_formats import PART_FORMATS
 
 

@@ -26,9 +26,8 @@ from equimesh.blocks.sides import side_edges, sides_of
 from equimesh.blocks.sliding import FIXED, BoundaryEdge, slide, with_lines
 from equimesh.domains.domain import Box
 from equimesh.errors import InputError
-from equimesh.io.reading.descriptions import DESCRIPTIONS, description_format, read_description
 from equimesh.io.reading.plain_mesh import PlainMesh
-from equimesh.io.reading.read import read_mesh
+from equimesh.io.reading.read import DESCRIPTIONS, description_format, read_description, read_mesh
 from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
 from equimesh.numerics.types import Array, BoolArray, IntArray
 

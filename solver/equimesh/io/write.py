@@ -1,7 +1,11 @@
-"""Mesh files in the formats that solvers read."""
+"""Writing a mesh with its data in every format."""
 
+from __future__ import annotations
+
+import math
 import os
 import zipfile
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -9,25 +13,93 @@ from typing import Any, Final
 
 import meshio
 import numpy as np
+import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.io import foam
-from equimesh.io.flat_data import cell_data, corners_of, node_groups, per_quad, point_data, side_data
+from equimesh.io import solver_files
 from equimesh.io.formats import CELLS, FORMATS, Cells, MeshFormat
-from equimesh.io.gmsh import gmsh_text
-from equimesh.io.medit import medit_text
 from equimesh.io.npz import mesh_arrays
-from equimesh.io.plot3d import neutral_map, plot3d_text
-from equimesh.io.su2 import su2_text
-from equimesh.io.vtm import vtm_text
-from equimesh.io.vts import write_vts
-from equimesh.io.vtu import write_vtu
-from equimesh.io.xdmf import with_time
+from equimesh.io.solver_files import gmsh_text, medit_text, neutral_map, plot3d_text, su2_text, with_time
+from equimesh.io.vtk import vtm_text, write_vts, write_vtu
 from equimesh.meshes.interfaces import contacts
 from equimesh.meshes.joined import at_one_place
 from equimesh.meshes.joins import Join, joins_of
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.numerics.types import IntArray
+
+# The data of a mesh as files take them: flat arrays by name, in the order of nodes and cells.
+
+# What the names of the edges of a side begin with in the field data of a vtu file of blocks.
+SIDE_DATA: Final = "sides/"
+
+
+def corners_of(data: MeshData, kind: Cells) -> npt.NDArray[np.int64]:
+    """The nodes of the cells of this ``kind``."""
+    return data.triangles() if kind == "triangle" else data.mesh.cells
+
+
+def per_quad(kind: Cells) -> int:
+    """How many cells of the file come from one quadrilateral."""
+    return 2 if kind == "triangle" else 1
+
+
+def node_groups(data: MeshData) -> npt.NDArray[np.int32]:
+    """SfePy's tag of every node: 0 inside, the number of its side, from 1, and at a corner both numbers, as 13.
+
+    A grid has 1 left, 2 right, 3 bottom, 4 top. With ten sides or more each number has as many digits as the last one.
+    """
+    groups = np.zeros(data.mesh.x.size, dtype=np.int32)
+    shift = 10 ** len(str(len(data.mesh.sides)))
+    for number, edges in enumerate(data.mesh.sides.values(), start=1):
+        nodes = np.unique(edges)
+        groups[nodes] = shift * groups[nodes] + number
+    return groups
+
+
+def side_data(data: MeshData) -> dict[str, IntArray]:
+    """The edges of the sides of blocks; a grid has ``xi`` and ``eta`` to find its own."""
+    if not isinstance(data.mesh, QuadMesh):
+        return {}
+    return {f"{SIDE_DATA}{name}": edges.astype(np.int64) for name, edges in data.mesh.sides.items()}
+
+
+def point_data(data: MeshData) -> dict[str, npt.NDArray[np.float64]]:
+    """The data at the nodes by name: u, the fields, and ``xi`` and ``eta`` of a grid."""
+    u = {} if data.u is None else {"u": data.u.ravel()}
+    found = {**u, **_flat(data.fields, len(data.mesh.node_shape))}
+    if isinstance(data.mesh, QuadMesh):
+        return found
+    xi, eta = data.computational
+    return {**found, "xi": xi.ravel(), "eta": eta.ravel()}
+
+
+def cell_data(data: MeshData, kind: Cells) -> dict[str, npt.NDArray[Any]]:
+    """The data in the cells of this ``kind`` by name: ``Q_eq``, ``subdomain`` and the cell fields."""
+    # 32 bits: legacy VTK's "long" has another size on Windows
+    values: dict[str, npt.NDArray[Any]] = {"Q_eq": data.q_eq, "subdomain": data.subdomain.astype(np.int32)}
+    flat = {name: array.ravel() for name, array in values.items()}
+    flat |= _flat(data.cell_fields, len(data.mesh.cell_shape))
+    return {name: np.repeat(array, per_quad(kind), axis=0) for name, array in flat.items()}
+
+
+def _flat(fields: Mapping[str, npt.NDArray[np.float64]], axes: int) -> dict[str, npt.NDArray[np.float64]]:
+    """Fields as rows of numbers, where the first ``axes`` are those of nodes or cells.
+
+    A vector in the plane gets a third component, since VTK has no others. Vectors of four and more components become
+    one field for each, with its number behind the name.
+    """
+    flat = {}
+    for name, values in fields.items():
+        rows = values.reshape(math.prod(values.shape[:axes]), -1)
+        if values.ndim == axes:
+            flat[name] = rows[:, 0]
+        elif rows.shape[1] in (2, 3):
+            flat[name] = np.pad(rows, ((0, 0), (0, 3 - rows.shape[1])))
+        else:
+            flat |= {f"{name}_{k}": np.ascontiguousarray(column) for k, column in enumerate(rows.T)}
+    return flat
+
 
 __all__ = ["CELLS", "FORMATS", "Cells", "MeshData", "MeshFormat", "write_mesh"]
 
@@ -82,7 +154,7 @@ def write_mesh(
         data = _merged(data)
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; make it first", field="path")
-    target = path / foam.FOLDER if case else path.parent
+    target = path / solver_files.FOLDER if case else path.parent
     target.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=target, prefix=".equimesh-") as folder:
         if case:
@@ -148,7 +220,7 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
             file.write_text(text, encoding="ascii", newline="\n")
         case "foam":
             with TemporaryDirectory(dir=file.parent) as folder:
-                _pack(file, _write_foam(Path(folder), data, kind), f"{foam.FOLDER}/")
+                _pack(file, _write_foam(Path(folder), data, kind), f"{solver_files.FOLDER}/")
         case _:
             arrays = mesh_arrays(data, corners_of(data, kind), per_quad(kind))
             if data.mesh.x.size <= MAX_POINTS_IN_MEMORY:  # NumPy writes in small pieces, which takes longer in a file
@@ -242,7 +314,7 @@ def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: st
 
 def _write_foam(folder: Path, data: MeshData, kind: Cells) -> tuple[Path, ...]:
     """The files of an OpenFOAM mesh."""
-    texts = foam.foam_files(data.mesh.points, corners_of(data, kind), data.mesh.sides, _joins(data))
+    texts = solver_files.foam_files(data.mesh.points, corners_of(data, kind), data.mesh.sides, _joins(data))
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="ascii", newline="\n")
     return tuple(folder / name for name in texts)

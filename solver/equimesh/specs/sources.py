@@ -16,8 +16,7 @@ from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.sample_arrays import HDF5_SUFFIXES
 from equimesh.specs.document import Makers, Reading, text, within
-from equimesh.upload.nodal import NEEDS_BLOCKS, BlockNodes, block_nodes, nodal_samples
-from equimesh.upload.samples import MAX_BYTES, read_samples
+from equimesh.upload.samples import MAX_BYTES, NEEDS_BLOCKS, BlockNodes, block_nodes, nodal_samples, read_samples
 from equimesh_schema import sources as schema
 
 FindSamples: TypeAlias = Callable[[str, Box], Field]

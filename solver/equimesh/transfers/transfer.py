@@ -10,6 +10,8 @@ Bounds come first: a constant stays constant, although the area differs. :func:`
 measures what is left.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -17,19 +19,124 @@ from typing import Any
 import numpy as np
 
 from equimesh.errors import SamplesError
+from equimesh.fields.mesh_map import MeshMap, through
+from equimesh.fields.nodal_field import in_cells
+from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import describe_value
 from equimesh.meshes.closed import Closed, tied_nodes
 from equimesh.meshes.joined import joined
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.types import Array
-from equimesh.transfers.averages import transfer_averages
+from equimesh.transfers.integrals import QuadCells, total
 from equimesh.transfers.mesh_values import MeshValues, mesh_values
-from equimesh.transfers.nodal import transfer_nodal
 from equimesh.transfers.one_domain import require_one_domain
 from equimesh.transfers.overlaps import Overlaps
-from equimesh.transfers.quad_cells import QuadCells
-from equimesh.transfers.spline import transfer_spline
+from equimesh.transfers.repair import giving_of, repair, share_out
+from equimesh.transfers.slopes import slopes_of_averages, slopes_of_nodes, slopes_of_quads
+
+# The conservative transfer of averages over cells.
+
+
+def transfer_averages(overlaps: Overlaps, averages: Array, bounds: tuple[float, float] | None = None) -> Array:
+    """Averages over the old cells as averages over the new ones, flat.
+
+    In each old cell the function is linear with limited slopes; the integrals over the common parts of old and new
+    cells are exact. Every new average therefore lies between the bounds of the old cells that it meets, and between
+    ``bounds``, or the least and the largest old average. Where a side is curved, the two meshes cover slightly
+    different areas, and the integral over all cells is brought to the old one within these bounds:
+    see :mod:`~equimesh.transfers.transfer`.
+    """
+    least, most = float(averages.min()), float(averages.max())
+    if bounds is not None:  # values may be beyond them by rounding
+        least, most = min(least, bounds[0]), max(most, bounds[1])
+    old = overlaps.old
+    if isinstance(old, QuadCells):
+        slopes, (lowest, highest) = slopes_of_quads(old, averages, least, most)
+    else:
+        slopes, (lowest, highest) = slopes_of_averages(old, averages, least, most)
+    low, high = overlaps.bounds(lowest, highest)
+    moved = np.clip(overlaps.integrals(averages, slopes) / overlaps.new.area, low, high)
+    aim = total(old.area, averages)
+    beyond = overlaps.beyond != 0.0
+    if beyond.any():  # at first only the cells at the curved sides change
+        share_out(moved, overlaps.new.area, np.where(beyond, low, moved), np.where(beyond, high, moved), aim)
+    share_out(moved, overlaps.new.area, low, high, aim)
+    return moved
+
+
+# The conservative transfer of values at nodes.
+
+
+def transfer_nodal(overlaps: Overlaps, values: Array, interpolated: Array) -> Array:
+    """Values at the old nodes as values at the new ones, in the shape of the nodes, with the same integral.
+
+    The integral is that of the bilinear function, the sum of the values times the weights of
+    :meth:`~equimesh.transfers.integrals.Cells.node_weights`; the consistent and the lumped mass matrix of bilinear
+    elements have the same one.
+
+    The integral over each new cell is known: from that over each old cell, and the mean slope there, over the common
+    parts of both. ``interpolated`` are values of high order at the new nodes. What they lack of the integral of a cell
+    goes to its four nodes, in proportion to their weights. Each value lies between the least and the largest value of
+    the old cells that meet the new cells around it; what is beyond is given to neighbours, see
+    :func:`~equimesh.transfers.repair.repair`. Values on a mesh that does not change stay as they are.
+    """
+    old, new = overlaps.old, overlaps.new
+    of_corners = old.at_corners(values)
+    means = np.sum(old.weights * of_corners, axis=1) / old.area
+    integrals = overlaps.integrals(means, slopes_of_nodes(old, of_corners, means))
+    low, high = overlaps.bounds(of_corners.min(axis=1), of_corners.max(axis=1))
+    lowest, highest = new.around_nodes(low, np.minimum), new.around_nodes(high, np.maximum)
+    moved = np.clip(interpolated, lowest, highest)
+    lacking = integrals - np.sum(new.weights * new.at_corners(moved), axis=1)
+    weights = new.node_weights.reshape(new.nodes)
+    moved += new.at_nodes(new.weights * (lacking / new.area)[:, None]).reshape(new.nodes) / weights
+    repair(moved, weights, lowest, highest, giving_of(new))
+    share_out(moved, weights, lowest, highest, total(old.node_weights, values.reshape(-1)))
+    return moved
+
+
+# The smooth transfer of values at nodes: bicubic splines over the grid, cubics on the edges of blocks.
+
+MAX_BEYOND = 0.25
+"""How far, as a share of a cell, the cubics go on where a curved side lies beyond the edges of the mesh."""
+
+
+def transfer_spline(mesh: Mesh | QuadMesh, fields: Mapping[str, Array], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
+    """Values at the nodes of ``mesh``, shape ``(n_xi, n_eta, ...)``, interpolated to those of ``new_mesh``, by name.
+
+    As :class:`~equimesh.fields.nodal_field.NodalField`: accurate to O(h^4), exact for linear functions; not monotone,
+    so that an under-resolved front may overshoot by a few percent, and integrals are kept to the order only.
+    """
+    if isinstance(mesh, QuadMesh):
+        return _by_cubics(mesh, fields, new_mesh)
+    places = MeshMap.of(mesh).locate(new_mesh.x, new_mesh.y)
+    rough = np.flatnonzero(~places.smooth)
+    moved = {}
+    for name, values in fields.items():
+        target = np.empty(new_mesh.x.shape + values.shape[2:])
+        for index in np.ndindex(*values.shape[2:]):
+            part = np.ascontiguousarray(values[(..., *index)])
+            (found,) = through(part).evaluate(places.s, places.t)
+            if rough.size:
+                found[rough] = in_cells(mesh, part, places, rough)[0]
+            target[(..., *index)] = found.reshape(new_mesh.x.shape)
+        moved[name] = target
+    return moved
+
+
+def _by_cubics(mesh: QuadMesh, fields: Mapping[str, Array], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
+    """The fields carried from a mesh of quadrilaterals by cubics on its edges."""
+    unrolled = Unrolled.of(mesh)
+    places, moved = unrolled.search.find(new_mesh.x, new_mesh.y, MAX_BEYOND), {}
+    for name, values in fields.items():
+        target = np.empty(new_mesh.node_shape + values.shape[1:])
+        for index in np.ndindex(*values.shape[1:]):
+            u = QuadField(mesh=mesh, values=values[(..., *index)], limited=False, unrolled=unrolled)
+            target[(..., *index)] = u.at(places)[0].reshape(new_mesh.node_shape)
+        moved[name] = target
+    return moved
 
 
 def transfer(mesh: Mesh | QuadMesh, fields: Mapping[str, Any], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:

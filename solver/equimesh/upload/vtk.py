@@ -13,7 +13,7 @@ import numpy as np
 from equimesh.errors import SamplesError
 from equimesh.io.reading.vtk import BROKEN, VtkXml
 from equimesh.numerics.types import Array
-from equimesh.upload.limits import MAX_SECTIONS, Limits
+from equimesh.upload.columns import MAX_SECTIONS, Limits
 
 Cloud: TypeAlias = tuple[Array, dict[str, Array]]
 

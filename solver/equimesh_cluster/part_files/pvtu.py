@@ -17,22 +17,24 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.io.reading.vtk import VtkXml, parse_xml
-from equimesh.io.vtu import CELL_TYPES, NUMBERS
-from equimesh.io.vtu import head as head_lines
+from equimesh.io.vtk import CELL_TYPES, NUMBERS
+from equimesh.io.vtk import head as head_lines
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh_part import MeshPart
-from equimesh_cluster.part_files.contents import (
+from equimesh_cluster.part_files.formats import (
+    PARTED_FORMATS,
     ROWS,
     NodeValues,
     PartData,
+    PartedGrid,
     blocks,
     cell_arrays,
     cell_type,
     corners,
     node_block,
+    part_reference,
     side_digits,
 )
-from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartedGrid, part_reference
 
 Blocks: TypeAlias = Callable[[], Iterator[npt.NDArray[Any]]]
 """Returns the values of an array block by block."""

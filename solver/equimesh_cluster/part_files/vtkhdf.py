@@ -13,20 +13,22 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.io.vtu import CELL_TYPES
+from equimesh.io.vtk import CELL_TYPES
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh_part import MeshPart
-from equimesh_cluster.part_files.contents import (
+from equimesh_cluster.part_files.formats import (
+    PARTED_FORMATS,
     ROWS,
     PartData,
+    PartedGrid,
     blocks,
     cell_arrays,
     cell_type,
     corners,
     node_block,
+    part_reference,
     side_digits,
 )
-from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartedGrid, part_reference
 
 # The group of all data, here and in the parts.
 ROOT = "VTKHDF"

@@ -21,8 +21,15 @@ from equimesh.errors import InputError
 from equimesh.io.sample_arrays import import_zarr
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh_part import MeshPart
-from equimesh_cluster.part_files.contents import NodeValues, PartData, cell_arrays, cell_type, node_block
-from equimesh_cluster.part_files.formats import PartedGrid, staged
+from equimesh_cluster.part_files.formats import (
+    NodeValues,
+    PartData,
+    PartedGrid,
+    cell_arrays,
+    cell_type,
+    node_block,
+    staged,
+)
 
 # Rows of a chunk. The rows at the ends of the parts, which the head writes, are fewer.
 CHUNK_ROWS = 32

@@ -1,24 +1,258 @@
-"""The solve of one part of a mesh, from the coarse solution to its rows of the finest grid."""
+"""One part of a mesh: the coarse solution of the whole, then the sweeps of the part."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
-from equimesh.domains.domain import Domain, Rectangle
+from equimesh.domains.closing import is_closed
+from equimesh.domains.domain import Domain, Rectangle, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
+from equimesh.inputs import choice
 from equimesh.meshes.folding import smallest_in_parts
+from equimesh.meshes.grid import Grid
 from equimesh.meshes.held_mesh import HeldMesh
+from equimesh.meshes.interpolation import rows_needed
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_part import MeshPart
-from equimesh.meshes.parts import Parts
-from equimesh.numerics.channel import Channel, Counted
+from equimesh.meshes.nested import nested_grids, square_grids
+from equimesh.meshes.parts import Parts, rows_held
+from equimesh.meshes.strips import strips_of
+from equimesh.monitors.auto import Auto
+from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.monitor import map_of, orthogonality_of
+from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.numerics.channel import Channel, Counted, ThreadChannels
+from equimesh.numerics.threads import thread_count
 from equimesh.single_domain.iteration import Climb
-from equimesh.single_domain.steps import Step, Steps
-from equimesh.solving.single_domain import outcome
-from equimesh_cluster.parts.coarse import CoarseSolution, OtherGridsNeededError
+from equimesh.single_domain.level import MAX_RELAXED_POINTS, Solved
+from equimesh.single_domain.steps import Mode, Step, Steps
+from equimesh.solving.options import SolveOptions
+from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_rounding
+from equimesh.solving.single_domain import outcome, solution_of
+from equimesh.solving.solution import SolveError
 from equimesh_cluster.parts.part_solution import PartSolution, PartStep
+
+# The coarse solution: the levels of the nested iteration that one process solves whole, before the parts begin.
+
+CoarseObserver: TypeAlias = Callable[[Step], None]
+
+# Points of the coarse solution, at most: it is computed by one process.
+MAX_COARSE_POINTS = 1025 * 1025
+
+
+class OtherGridsNeededError(Exception):
+    """The sweeps of the parts have no solution on these nested grids.
+
+    Begin again with the coarse solution of ``square=True``: with grids of like numbers of points in both directions.
+    Only grids of other shapes raise it, and never twice.
+    """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CoarseSolution:
+    """The solution on the finest nested grid that is solved whole, and the one on the grid below it.
+
+    It can be pickled, and sent to every part. Every attempt to compute the parts begins with it.
+    """
+
+    grids: tuple[Grid, ...]
+    """All nested grids, from coarse to fine; the last one is the requested grid."""
+    solved: tuple[Solved, ...]
+    """The last two levels that are solved."""
+    mode: Mode
+    allow_relaxed: bool
+    only_requested: bool
+    """Whether other nested grids are to be tried where sweeps have no solution of the requested equations."""
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of the coarse solution."""
+        return self.last.grid
+
+    @property
+    def last(self) -> Step:
+        """The last step on the coarse grid."""
+        return self.solved[-1].step
+
+    @property
+    def level(self) -> int:
+        """The number of the coarse grid among all nested grids."""
+        return self.last.level
+
+    @property
+    def most_parts(self) -> int:
+        """The largest number of parts into which every finer grid can be cut."""
+        return _most_parts(self.grids, self.level)
+
+    def for_part(self, number: int, count: int) -> CoarseSolution:
+        """The rows of the coarse solution that part ``number`` of ``count`` needs: fewer, to send less."""
+        own, *below = _rows_wanted(self.grids, self.level, number, count)
+        kept = [own, *below][: len(self.solved)]
+        windows = [level.mesh.window(*rows) for level, rows in zip(reversed(self.solved), kept, strict=True)]
+        fewer = [
+            Solved(replace(level.step, mesh=Mesh(window.x, window.y)), window)
+            for level, window in zip(self.solved, reversed(windows), strict=True)
+        ]
+        return replace(self, solved=tuple(fewer))
+
+
+def _rows_wanted(grids: Sequence[Grid], level: int, number: int, count: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The rows of a level that a part needs for the two finer ones, and those of the level below it for the first."""
+    coarse, finer = grids[level].n_xi, grids[level + 1 : level + 3]
+    if not finer:
+        return rows_held(grids[level].shape, count)[number], (0, grids[max(level - 1, 0)].n_xi)
+    first = rows_needed(coarse, finer[0].n_xi, rows_held(finer[0].shape, count)[number])
+    below = rows_needed(grids[level - 1].n_xi, coarse, first) if level > 0 else (0, coarse)
+    if len(finer) == 1:
+        return first, below
+    between = rows_needed(finer[0].n_xi, finer[1].n_xi, rows_held(finer[1].shape, count)[number])
+    second = rows_needed(coarse, finer[0].n_xi, between)
+    return (min(first[0], second[0]), max(first[1], second[1])), below
+
+
+def most_parts(problem: Problem, max_points: int = MAX_COARSE_POINTS) -> int:
+    """The largest number of parts that the grids of ``problem`` can be cut into, before there is a coarse solution."""
+    grids = nested_grids(problem.grid)
+    return _most_parts(grids, _coarse_level(grids, max_points))
+
+
+def _most_parts(grids: Sequence[Grid], level: int) -> int:
+    return min(len(strips_of(grid.shape)) for grid in grids[level + 1 :] or grids[-1:])
+
+
+def coarse_solution(
+    problem: Problem,
+    *,
+    mode: Mode = Mode.DISCRETIZATION,
+    allow_relaxed: bool = True,
+    threads: int | None = None,
+    observe: CoarseObserver | None = None,
+    max_points: int = MAX_COARSE_POINTS,
+    square: bool = False,
+) -> CoarseSolution:
+    """The coarse solution of ``problem``, on at most ``max_points`` points, by one process.
+
+    ``square`` takes grids of like numbers of points in both directions, after :class:`OtherGridsNeededError`. Raises
+    :class:`~equimesh.errors.InputError` for a monitor that has no metric, with what to take instead, and
+    :class:`~equimesh.solving.solution.SolveError` where the coarse grid has no solution, or only a relaxed one and
+    ``allow_relaxed`` is false.
+    """
+    require_metric(problem)
+    options = SolveOptions(choice(Mode, mode, "mode"), allow_relaxed, thread_count(threads), None)
+    with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
+        squares, grids = square_grids(problem.grid), nested_grids(problem.grid)
+        found = None
+        if not square:
+            found = _solved(problem, grids, options, max_points, observe, only_requested=squares != grids)
+        if found is None:
+            found = _solved(problem, squares, options, max_points, observe, only_requested=False)
+        if found is None:
+            raise AssertionError("the last nested grids always have some solution")
+        last, here = found.last, problem.on_grid(found.grid)
+        if last.failed or not (last.is_exact or allow_relaxed) or last.strength == 0.0:
+            solution = solution_of(last, here, options)
+            raise SolveError(solution.message, solution)
+    return found
+
+
+def _solved(
+    problem: Problem,
+    grids: list[Grid],
+    options: SolveOptions,
+    max_points: int,
+    observe: CoarseObserver | None,
+    *,
+    only_requested: bool,
+) -> CoarseSolution | None:
+    """The levels up to the coarse grid; ``None`` as :meth:`~equimesh.single_domain.iteration.Climb.by_sweeps`."""
+    level = _coarse_level(grids, max_points)
+    here = problem.on_grid(grids[level])
+    _require_uniform(here)
+    if is_lost_in_rounding(problem):
+        solution = solution_lost_in_rounding(here, None, options.mode)
+        raise SolveError(solution.message, solution)
+    climb = Climb(problem, options.mode, options.threads, grids)
+    steps = climb.by_sweeps(only_requested=only_requested, end=level + 1)
+    last: Step | None = None
+    while True:
+        try:
+            last = next(steps)
+        except StopIteration as end:
+            if end.value is None:
+                return None
+            last = end.value
+            break
+        if observe is not None:
+            observe(last.snapshot())
+    solved = climb.solved if not last.failed else [Solved.of(last)]
+    return CoarseSolution(
+        grids=tuple(grids),
+        solved=tuple(solved),
+        mode=options.mode,
+        allow_relaxed=options.allow_relaxed,
+        only_requested=only_requested,
+    )
+
+
+def _coarse_level(grids: list[Grid], max_points: int) -> int:
+    """The finest grid of at most ``max_points`` points that is coarser than the requested one.
+
+    The requested grid itself where it is so coarse that relaxed equations may be solved on it.
+    """
+    if grids[-1].points <= min(MAX_RELAXED_POINTS, max_points):
+        return len(grids) - 1
+    return max([level for level, grid in enumerate(grids[:-1]) if grid.points <= max_points], default=0)
+
+
+def require_metric(problem: Problem) -> None:
+    """Refuse monitors whose meshes are not those of equations along mesh lines, with what to take instead.
+
+    Raises :class:`~equimesh.errors.InputError`.
+    """
+    monitor, field = problem.monitor, "monitor"
+    if isinstance(monitor, Auto | LeastError | NodalSolution):
+        kind = {Auto: "auto", LeastError: "least_error", NodalSolution: "nodal_solution"}[type(monitor)]
+        raise InputError(
+            f"{kind} has no metric, and is not solved in parts: take Curvature(u=...), whose meshes have a small"
+            " interpolation error, or ArcLength(u=...)",
+            field=field,
+        )
+    require_no_seam(problem)
+    if map_of(monitor) != "lines":
+        raise InputError("a gradient map is not solved in parts: take map = 'lines'", field="monitor.map")
+    if orthogonality_of(monitor) is not None:
+        raise InputError(
+            "a bound of the angles is not kept in parts: solve a grid of at most 1025 x 1025 points with the bound, and"
+            " take monitor.weakened(...) with the strength that its certificate names",
+            field="monitor.orthogonality",
+        )
+
+
+def require_no_seam(problem: Problem) -> None:
+    """Refuse closed lines; raises :class:`~equimesh.errors.InputError`."""
+    if is_closed(problem.domain):
+        raise InputError(
+            "the lines of this domain are closed, and parts end at sides: solve it as a whole, with"
+            " equimesh.solve, or take a domain without closed lines",
+            field="domain",
+        )
+
+
+def _require_uniform(problem: Problem) -> None:
+    """Refuse a coarse grid with too few points for the curved sides of the domain."""
+    if type(problem.domain) is not Rectangle and map_mesh(Mesh.uniform(problem.grid), problem.domain).is_folded:
+        raise InputError(
+            f"the uniform mesh of {problem.grid} points has an inverted cell on this domain: its sides curve too much"
+            " for so few points; add grid points",
+            field="grid",
+        )
+
 
 # Nodes that are mapped to the domain at a time: what a map needs in between stays small.
 MAX_MAPPED_NODES = 262_144
@@ -41,7 +275,7 @@ def solve_part(
     ``observe`` is called after every sweep.
 
     Raises :class:`~equimesh.errors.InputError` for more parts than :attr:`CoarseSolution.most_parts`,
-    :class:`~equimesh_cluster.parts.coarse.OtherGridsNeededError`, and :class:`~equimesh.numerics.channel.PeerError`.
+    :class:`~equimesh_cluster.parts.solve.OtherGridsNeededError`, and :class:`~equimesh.numerics.channel.PeerError`.
     """
     if channel.count > coarse.most_parts:
         raise InputError(
@@ -125,3 +359,24 @@ def _part_of(mesh: HeldMesh, parts: Parts) -> MeshPart:
     rows = mesh.window(first, min(last + 1, mesh.grid.n_xi))
     number, count = parts.channel.number, parts.channel.count
     return MeshPart(grid=mesh.grid, number=number, count=count, first=first, last=last, x=rows.x, y=rows.y)
+
+
+# A solve in parts whose parts are threads of this process: the same code as on many machines.
+
+
+def solve_in_threads(problem: Problem, count: int, coarse: CoarseSolution) -> list[PartSolution]:
+    """The ``count`` parts of the solution of ``problem``, from its coarse solution, each on a thread of its own.
+
+    Raises the error of a part that failed.
+    """
+
+    def work(start: CoarseSolution, channel: Channel) -> PartSolution:
+        return solve_part(problem, start.for_part(channel.number, count), channel)
+
+    try:
+        return ThreadChannels(count).run(partial(work, coarse))
+    except OtherGridsNeededError:
+        square = coarse_solution(
+            problem, mode=coarse.mode, allow_relaxed=coarse.allow_relaxed, max_points=coarse.grid.points, square=True
+        )
+        return ThreadChannels(count).run(partial(work, square))

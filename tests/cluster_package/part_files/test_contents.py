@@ -9,7 +9,7 @@ from cluster_package.part_files.parted import CUTS, DATA, N_ETA, parts_of
 from equimesh.errors import InputError
 from equimesh.io.write import node_groups
 from equimesh_cluster import PartData
-from equimesh_cluster.part_files.contents import BLOCK_NUMBERS, blocks, corners, node_block, side_digits
+from equimesh_cluster.part_files.formats import BLOCK_NUMBERS, blocks, corners, node_block, side_digits
 
 
 def test_names_and_shapes_are_checked() -> None:

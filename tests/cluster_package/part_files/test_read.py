@@ -38,7 +38,7 @@ def test_what_was_written_is_read(tmp_path: Path, name: str, cuts: tuple[int, ..
 
 def test_blocks_are_parts_of_the_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = read_parts(written(tmp_path, "pvtu", CUTS[1]))
-    monkeypatch.setattr("equimesh_cluster.part_files.read.READ_NUMBERS", 10 * DATA.mesh.grid.n_eta)
+    monkeypatch.setattr("equimesh_cluster.part_files.parted_mesh.READ_NUMBERS", 10 * DATA.mesh.grid.n_eta)
     firsts = [first for first, _ in mesh.blocks("x")]
     assert firsts == [*range(0, N_XI, 10)]
 

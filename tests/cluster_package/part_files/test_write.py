@@ -14,7 +14,7 @@ from cluster_package.part_files.parted import ARRAYS, CUTS, DATA, data_of, parts
 from equimesh.errors import InputError
 from equimesh.meshes.mesh_part import cut
 from equimesh_cluster import PARTED_FORMATS, PartData, read_parts, remove_parted, write_head, write_part
-from equimesh_cluster.part_files.write import leave_probe, require_probe
+from equimesh_cluster.part_files.parted_mesh import leave_probe, require_probe
 
 
 @pytest.mark.parametrize("name", [name for name, kind in PARTED_FORMATS.items() if kind.part_suffix])

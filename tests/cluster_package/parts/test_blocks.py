@@ -9,7 +9,7 @@ import equimesh as em
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.solving.announcer import Event
 from equimesh.testing.geometries import obstacle
-from equimesh_cluster.parts.blocks import BlocksResult, plain, solve_part_of_blocks
+from equimesh_cluster.parts.schwarz import BlocksResult, plain, solve_part_of_blocks
 
 FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
 DOMAIN = obstacle(1200)

@@ -7,8 +7,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.numerics.channel import ALONE
-from equimesh_cluster.parts.coarse import OtherGridsNeededError, coarse_solution
-from equimesh_cluster.parts.solve import solve_part
+from equimesh_cluster.parts.solve import OtherGridsNeededError, coarse_solution, solve_part
 
 
 def test_the_coarse_grid_is_the_finest_one_below_the_limit() -> None:

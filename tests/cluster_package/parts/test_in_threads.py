@@ -6,8 +6,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh_cluster.parts.coarse import coarse_solution
-from equimesh_cluster.parts.in_threads import solve_in_threads
+from equimesh_cluster.parts.solve import coarse_solution, solve_in_threads
 
 
 def test_more_parts_than_the_grids_have_strips_are_refused() -> None:

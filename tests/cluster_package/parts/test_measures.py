@@ -21,8 +21,7 @@ from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, SAMPLING
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
-from equimesh_cluster.parts.measures import PartMeasures, equidistribution_of_part, measure_part
-from equimesh_cluster.parts.part_solution import PartSolution
+from equimesh_cluster.parts.part_solution import PartMeasures, PartSolution, equidistribution_of_part, measure_part
 from equimesh_schema import Relaxed
 
 __all__ = ["low_strips"]

@@ -15,8 +15,7 @@ from cluster_package.parts.whole import COARSE_POINTS, in_parts, low_strips, req
 from equimesh.fields import tiles
 from equimesh.meshes.strips import cuts_of, nodes_across, strips_of
 from equimesh.numerics.channel import ALONE, Channel
-from equimesh_cluster.parts.coarse import coarse_solution
-from equimesh_cluster.parts.solve import solve_part
+from equimesh_cluster.parts.solve import coarse_solution, solve_part
 
 __all__ = ["low_strips"]
 

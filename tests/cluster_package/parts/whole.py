@@ -10,10 +10,8 @@ import pytest
 import equimesh as em
 from equimesh.meshes import parts, strips
 from equimesh.numerics.channel import ThreadChannels
-from equimesh_cluster.parts.coarse import coarse_solution
-from equimesh_cluster.parts.in_threads import solve_in_threads
 from equimesh_cluster.parts.part_solution import PartSolution
-from equimesh_cluster.parts.solve import solve_part
+from equimesh_cluster.parts.solve import coarse_solution, solve_in_threads, solve_part
 
 # Of the coarse solution, in place of a million.
 COARSE_POINTS = 65 * 65

@@ -11,7 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
-from equimesh_cluster.part_files.read import read_parts
+from equimesh_cluster.part_files.parted_mesh import read_parts
 from equimesh_service import Settings
 from equimesh_service.worker.part_formats import HEADED, PART_FORMATS
 from service.conftest import SLOW, small

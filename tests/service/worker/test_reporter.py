@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import equimesh
-from equimesh_cluster.progress import Progress
+from equimesh_cluster.solving import Progress
 from equimesh_service.errors import AttemptLostError
 from equimesh_service.worker.reporter import Reporter
 

@@ -13,7 +13,7 @@ import equimesh as em
 from equimesh.blocks.blocks import Blocks
 from equimesh.blocks.sliding import FIXED, FREE
 from equimesh.io.reading.plain_mesh import PlainMesh
-from equimesh.io.su2 import su2_text
+from equimesh.io.solver_files import su2_text
 from equimesh.testing import geometries
 from solver.blocks import documents
 

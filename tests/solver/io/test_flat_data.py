@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from block_cases import data_of, l_shape
-from equimesh.io.flat_data import cell_data, corners_of, node_groups, per_quad, point_data, side_data
+from equimesh.io.write import cell_data, corners_of, node_groups, per_quad, point_data, side_data
 from solver.io.files import DATA
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from equimesh.io.foam import foam_files, plane_faces
+from equimesh.io.solver_files import foam_files, plane_faces
 from equimesh.io.write import Cells, write_mesh
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.joins import joins_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.io.integer_rows import integer_rows
+from equimesh.io.solver_files import integer_rows
 
 
 def test_every_row_has_its_numbers_in_the_form() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from block_cases import data_of, in_blocks, l_shape
-from equimesh.io.plot3d import neutral_map, plot3d_text
+from equimesh.io.solver_files import neutral_map, plot3d_text
 from equimesh.io.write import write_mesh
 from equimesh.meshes.interfaces import contacts
 from solver.io.files import DATA

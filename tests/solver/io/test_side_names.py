@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from equimesh.io.side_names import quoted, words
+from equimesh.io.solver_files import quoted, words
 
 
 def test_words_are_kept_and_others_made_to_words() -> None:

@@ -13,7 +13,7 @@ import pytest
 from block_cases import data_of, l_shape
 from equimesh.errors import InputError
 from equimesh.io.reading.vtk import VtkXml
-from equimesh.io.vtm import vtm_text
+from equimesh.io.vtk import vtm_text
 from equimesh.io.write import write_mesh
 from solver.io.files import DATA
 

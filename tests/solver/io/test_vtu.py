@@ -9,7 +9,7 @@ import meshio
 import numpy as np
 import pytest
 
-from equimesh.io.vtu import write_vtu
+from equimesh.io.vtk import write_vtu
 from equimesh.io.write import Cells
 from equimesh.upload.samples import read_samples
 from solver.io.files import CELL_COUNT, DATA, KINDS, N_ETA, N_XI, check_mesh, written
@@ -32,7 +32,7 @@ def test_vtu(tmp_path: Path, kind: Cells) -> None:
 def test_vtu_in_pieces(tmp_path: Path, kind: Cells, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file is the same however many pieces it is written in, and whatever the last one's size."""
     whole = written(tmp_path, "vtu", kind).read_bytes()
-    monkeypatch.setattr("equimesh.io.vtu.PIECE", 33)
+    monkeypatch.setattr("equimesh.io.vtk.PIECE", 33)
     assert written(tmp_path, "vtu", kind).read_bytes() == whole
     values = {f"<{n}>": np.arange(n, dtype=">f8") for n in range(1, 9)}
     for name, array in values.items():

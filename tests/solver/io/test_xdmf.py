@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from equimesh.io.xdmf import with_time
+from equimesh.io.solver_files import with_time
 
 TEXT = '<Xdmf Version="3.0"><Domain><Grid Name="Grid"><Geometry/><Topology/></Grid></Domain></Xdmf>'
 

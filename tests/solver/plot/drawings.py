@@ -12,10 +12,10 @@ import numpy as np
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.plot.comparison import draw_comparison
 from equimesh.plot.convergence import draw_convergence, draw_histories
 from equimesh.plot.meshes import (
     SUBDOMAIN_COLOURS,
+    draw_comparison,
     draw_decomposition,
     draw_mesh,
     draw_quality,

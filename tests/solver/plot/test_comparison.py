@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.plot.comparison import DECADES, MIN_DECADES, _scale, draw_comparison, words
+from equimesh.plot.meshes import DECADES, MIN_DECADES, _scale, draw_comparison, words
 from solver.plot.drawings import compared, texts
 
 matplotlib = pytest.importorskip("matplotlib")

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from equimesh import Expression, Grid, LeastError, Problem, solve
-from equimesh.plot.convergence import draw_convergence
-from equimesh.plot.descent import draw_descent
+from equimesh.plot.convergence import draw_convergence, draw_descent
 from solver.plot.drawings import texts
 
 

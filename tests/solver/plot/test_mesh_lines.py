@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equimesh.meshes.grid import Grid
-from equimesh.plot.mesh_lines import SHARED_OWNER, MeshLines
+from equimesh.plot.figure import SHARED_OWNER, MeshLines
 from equimesh.plot.meshes import (
     MAX_LINES,
 )

@@ -12,7 +12,7 @@ import pytest
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.plot.mesh_lines import MeshLines
+from equimesh.plot.figure import MeshLines
 from equimesh.plot.meshes import (
     MAX_LINES,
     OVERLAP_COLOUR,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.testing.taylor import wrong_by
+from equimesh.testing.functions import wrong_by
 
 X = np.linspace(-1.0, 1.0, 41)
 

@@ -12,7 +12,7 @@ import pytest
 import equimesh as em
 from equimesh.equations.mesh_equations import NodalState
 from equimesh.schwarz.conditions import Functional
-from equimesh.testing import check_transmission, transmission
+from equimesh.testing import check_transmission, checks
 
 
 @pytest.mark.parametrize(
@@ -81,13 +81,13 @@ def test_broken_promises_are_refused(condition: em.TransmissionCondition, senten
 
 
 def test_a_condition_that_does_not_converge_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transmission, "MAX_ITERATIONS", 9)
+    monkeypatch.setattr(checks, "MAX_ITERATIONS", 9)
     with pytest.raises(AssertionError, match="does not converge: after 9 iterations the mesh still moves by"):
         check_transmission(em.Classical())
 
 
 def test_a_limit_that_is_another_mesh_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transmission, "LIMIT", 1e-17)
+    monkeypatch.setattr(checks, "LIMIT", 1e-17)
     monkeypatch.setattr(em.Iteration, "meets", lambda record, tolerance: record.change < 1e-3)  # stops early
     with pytest.raises(AssertionError, match="the limit differs from the single-domain mesh by"):
         check_transmission(em.Classical())

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.transfers.averages import transfer_averages
 from equimesh.transfers.integrals import cells_of, total
 from equimesh.transfers.overlaps import Overlaps
+from equimesh.transfers.transfer import transfer_averages
 from solver.fields.bent_meshes import smooth_mesh
 from solver.transfers.cases import averages, fronts
 
@@ -40,7 +40,7 @@ def test_integral_and_bounds_hold_for_anything(seed: int) -> None:
 
 
 def test_the_integral_is_kept_by_the_parts_and_not_only_by_sharing_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("equimesh.transfers.averages.share_out", lambda *_: None)
+    monkeypatch.setattr("equimesh.transfers.transfer.share_out", lambda *_: None)
     overlaps = Overlaps.of(*fronts())
     values = np.random.default_rng(9).uniform(0.0, 1.0, overlaps.old.area.size)
     moved = transfer_averages(overlaps, values)

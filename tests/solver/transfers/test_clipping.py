@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.transfers.clipping import MAX_CORNERS, clip_cell, clip_half_plane, moments
+from equimesh.transfers.overlaps import MAX_CORNERS, clip_cell, clip_half_plane, moments
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 DIAMOND = np.array([[0.5, -0.25], [1.25, 0.5], [0.5, 1.25], [-0.25, 0.5]])

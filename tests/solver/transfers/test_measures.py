@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.transfers.measures import measures_of
+from equimesh.transfers.integrals import measures_of
 
 
 def test_a_trapezium() -> None:

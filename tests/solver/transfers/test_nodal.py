@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.transfers.nodal import transfer_nodal
 from equimesh.transfers.overlaps import Overlaps
-from equimesh.transfers.spline import transfer_spline
+from equimesh.transfers.transfer import transfer_nodal, transfer_spline
 from solver.fields.bent_meshes import smooth_mesh
 from solver.transfers.cases import fronts
 
@@ -46,7 +45,7 @@ def test_integral_and_bounds_hold_for_anything(seed: int) -> None:
 
 
 def test_the_integral_is_kept_by_the_parts_and_not_only_by_sharing_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("equimesh.transfers.nodal.share_out", lambda *_: None)
+    monkeypatch.setattr("equimesh.transfers.transfer.share_out", lambda *_: None)
     old, new = fronts()
     values = WAVY.evaluate(old.x, old.y)[0]
     assert em.integral(new, moved_values(old, values, new)) == pytest.approx(em.integral(old, values), rel=1e-13)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.transfers.integrals import cells_of
-from equimesh.transfers.quad_cells import QuadCells, untied
+from equimesh.transfers.integrals import QuadCells, cells_of, untied
 from solver.fields.bent_meshes import smooth_mesh
 from solver.meshes.quad_cases import disc, strip
 

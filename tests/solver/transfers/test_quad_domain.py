@@ -8,8 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.meshes.quad_links import links_of
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.transfers.one_domain import require_one_domain
-from equimesh.transfers.quad_domain import boundary_of, in_loops, require_valid_quads
+from equimesh.transfers.one_domain import boundary_of, in_loops, require_one_domain, require_valid_quads
 from solver.meshes.quad_cases import bent, corner, disc, ring, strip, turned
 
 

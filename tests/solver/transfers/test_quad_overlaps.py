@@ -7,8 +7,7 @@ import pytest
 
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.unrolled import Unrolled
-from equimesh.transfers.overlaps import Overlaps
-from equimesh.transfers.quad_overlaps import centroids_of, corners_from, longer
+from equimesh.transfers.overlaps import Overlaps, centroids_of, corners_from, longer
 from solver.fields.bent_meshes import smooth_mesh
 from solver.meshes.quad_cases import bent, corner, disc, ring, strip, turned
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.transfers.quad_cells import QuadCells
-from equimesh.transfers.quad_repair import give_around, nodes_around
-from equimesh.transfers.repair import giving_of, repair
+from equimesh.transfers.integrals import QuadCells
+from equimesh.transfers.repair import give_around, giving_of, nodes_around, repair
 from solver.meshes.quad_cases import disc
 
 

@@ -7,10 +7,8 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.transfers.integrals import cells_of
-from equimesh.transfers.quad_cells import QuadCells
-from equimesh.transfers.quad_slopes import continue_quads, edge_to, slopes_of_quads
-from equimesh.transfers.slopes import slopes_of_averages
+from equimesh.transfers.integrals import QuadCells, cells_of
+from equimesh.transfers.slopes import continue_quads, edge_to, slopes_of_averages, slopes_of_quads
 from solver.fields.bent_meshes import smooth_mesh
 from solver.meshes.quad_cases import bent, corner, disc, strip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.transfers.spline import transfer_spline
+from equimesh.transfers.transfer import transfer_spline
 from solver.fields.bent_meshes import smooth_mesh
 
 

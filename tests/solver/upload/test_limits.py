@@ -12,7 +12,7 @@ import pytest
 
 from equimesh.errors import SamplesError
 from equimesh.upload import samples
-from equimesh.upload.limits import MAX_OTHER_LINES, MAX_SECTIONS, Limits
+from equimesh.upload.columns import MAX_OTHER_LINES, MAX_SECTIONS, Limits
 from equimesh.upload.samples import read_arrays
 
 MOST = 1000

@@ -1,25 +1,79 @@
-"""A mesh of quadrilaterals from a file, by the suffix of its name or by the name of a format."""
+"""Meshes, and descriptions of domains, from files by their suffix."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.io.reading import poly_mesh
-from equimesh.io.reading.cgns import read_cgns
+from equimesh.io.reading import foam
+from equimesh.io.reading.block_mesh_dict import read_block_mesh_dict
+from equimesh.io.reading.bounds import most_unpacked, open_zip, refusing
+from equimesh.io.reading.foam import read_poly_mesh
 from equimesh.io.reading.msh import read_msh
 from equimesh.io.reading.plain_mesh import PlainMesh
-from equimesh.io.reading.plot3d import read_plot3d
-from equimesh.io.reading.poly_mesh import read_poly_mesh
-from equimesh.io.reading.refusals import most_unpacked, refusing
+from equimesh.io.reading.structured import read_cgns, read_plot3d
 from equimesh.io.reading.su2 import read_su2
 from equimesh.io.reading.vtk import read_vtm, read_vtu
-from equimesh.io.zip_members import open_zip
+
+# Descriptions of blocks from files: their JSON, and OpenFOAM's blockMeshDict.
+
+# The members and entries of a JSON, at most; a description of a million points of curves has two million.
+MAX_VALUES: Final = 3_000_000
+# The name of the file, and of the format, of OpenFOAM.
+BLOCK_MESH_DICT: Final = "blockMeshDict"
+
+
+def _read_json(text: str) -> dict[str, Any]:
+    """The object of a JSON text."""
+    if text.count(",") + text.count(":") > MAX_VALUES:
+        raise InputError(f"the JSON has more than {MAX_VALUES} values: no description needs them", field="file")
+    try:
+        document = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"line {error.lineno}: {error.msg}: this is no JSON", field="file") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"the JSON cannot be read: {str(error)[:200]}", field="file") from error
+    if not isinstance(document, dict):
+        raise InputError("the JSON is no object: a description has vertices, blocks and sides", field="file")
+    return document
+
+
+# The reader of each format of descriptions.
+DESCRIPTIONS: Final[dict[str, Callable[[str], dict[str, Any]]]] = {
+    "json": _read_json,
+    BLOCK_MESH_DICT: read_block_mesh_dict,
+}
+
+
+def description_format(path: str | os.PathLike[str]) -> str | None:
+    """The format of a description by the name of its file, ``None`` for other files.
+
+    A folder with ``system/blockMeshDict`` and without a mesh is none: name the file.
+    """
+    name = Path(path).name
+    return "json" if name.lower().endswith(".json") else BLOCK_MESH_DICT if name.startswith(BLOCK_MESH_DICT) else None
+
+
+def read_description(path: str | os.PathLike[str], format: str) -> dict[str, Any]:
+    """The description in a file, as the object of its JSON; ``format`` is a name of ``DESCRIPTIONS``.
+
+    Raises :class:`~equimesh.errors.InputError` for a file that cannot be read, with the line.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{Path(path).name} cannot be read: {error.strerror}", field="path") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{Path(path).name} is no text in UTF-8", field="path") from error
+    with refusing(format):
+        return DESCRIPTIONS[format](text)
+
 
 # The reader of each format of meshes; ``zip`` is a zip of the files of a polyMesh, of Plot3D with its map, or
 # of a vtm with its grids.
@@ -63,7 +117,7 @@ def read_mesh(path: str | os.PathLike[str], format: str | None = None) -> PlainM
         )
         if folder is None:
             raise InputError(f"the folder {source.name} has no constant/polyMesh with a file 'faces'", field="path")
-        files = {name: (folder / name).read_bytes() for name in poly_mesh.FILES if (folder / name).is_file()}
+        files = {name: (folder / name).read_bytes() for name in foam.FILES if (folder / name).is_file()}
         return _read(lambda: read_poly_mesh(files), "polyMesh")
     found = format or (VTM[1:] if source.suffix.lower() == VTM else FORMAT_OF.get(source.suffix.lower()))
     if found is None:
@@ -112,7 +166,7 @@ def _packed(data: bytes) -> PlainMesh:
         for member in members.names:
             name = Path(member)
             is_grid = name.suffix.lower() == VTS
-            if not (is_grid or name.name in poly_mesh.FILES or name.suffix.lower() in (*PLOT3D, MAP, VTM)):
+            if not (is_grid or name.name in foam.FILES or name.suffix.lower() in (*PLOT3D, MAP, VTM)):
                 continue
             kind = name.suffix.lower() or name.name
             if kind in files and not is_grid:

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from equimesh.errors import InputError
+from equimesh.io.reading.bounds import floats, integers, line_of
 from equimesh.io.reading.plain_mesh import PlainMesh, refuse_cell
-from equimesh.io.reading.text_numbers import floats, integers, line_of
 from equimesh.numerics.types import Array, IntArray
 
 # VTK's numbers of the element types, which SU2 uses: those that are read, ...

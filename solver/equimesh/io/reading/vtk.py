@@ -21,9 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError, SamplesError
+from equimesh.io.reading.bounds import MAX_EXPANDED, most_unpacked
 from equimesh.io.reading.plain_mesh import PlainMesh, check_side_count, refuse_cell
-from equimesh.io.reading.plot3d import joined
-from equimesh.io.reading.refusals import MAX_EXPANDED, most_unpacked
+from equimesh.io.reading.structured import joined
 from equimesh.numerics.types import Array, IntArray
 
 # The tree of a file: no document type, no entities, nothing from elsewhere.

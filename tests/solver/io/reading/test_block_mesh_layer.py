@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from equimesh.errors import InputError
-from equimesh.io.reading.block_mesh_layer import Hex, block_entry, layer_of, vertex_of
-from equimesh.io.reading.foam_dictionary import Word
+from equimesh.io.reading.block_mesh_dict import Hex, block_entry, layer_of, vertex_of
+from equimesh.io.reading.foam import Word
 
 CUBE = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [0, 0, 1], [2, 0, 1], [2, 1, 1], [0, 1, 1]], dtype=float)
 NAMES = [*"abcdefgh"]

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from equimesh.errors import InputError
-from equimesh.io.reading.block_mesh_layer import Hex, Layer, layer_of
-from equimesh.io.reading.block_mesh_lines import edge_entries, sides_and_joins
-from equimesh.io.reading.foam_dictionary import parse
+from equimesh.io.reading.block_mesh_dict import Hex, Layer, edge_entries, layer_of, sides_and_joins
+from equimesh.io.reading.foam import parse
 
 
 def layer() -> Layer:

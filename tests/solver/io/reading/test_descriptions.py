@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from equimesh.errors import InputError
-from equimesh.io.reading.descriptions import description_format, read_description
+from equimesh.io.reading.read import description_format, read_description
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import tracemalloc
 import pytest
 
 from equimesh.errors import InputError
-from equimesh.io.reading.foam_dictionary import Entries, Items, Word, list_of, numbers_of, one_word, parse, text_of
+from equimesh.io.reading.foam import Entries, Items, Word, list_of, numbers_of, one_word, parse, text_of
 
 TEXT = """// a comment
 scale 0.5; /* two

@@ -8,8 +8,8 @@ import meshio
 import numpy as np
 import pytest
 
-from equimesh.io.gmsh import gmsh_text
 from equimesh.io.reading.read import read_bytes, read_mesh
+from equimesh.io.solver_files import gmsh_text
 from solver.io.reading.plain import refusal, same, small
 
 # One cell of four nodes that the file numbers 10, 11, 21, 20, its lower edge on the curve 1 of two groups, as Gmsh 4

@@ -11,9 +11,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from equimesh.errors import InputError
-from equimesh.io.reading import plot3d
-from equimesh.io.reading.plot3d import joined, read_plot3d
+from equimesh.io.reading import structured
 from equimesh.io.reading.read import read_bytes
+from equimesh.io.reading.structured import joined, read_plot3d
 from equimesh.numerics.types import Array
 from solver.io.reading.plain import refusal, small
 
@@ -163,7 +163,7 @@ def test_places_are_joined_over_a_short_distance_alone() -> None:
     steps = np.tile([near] * 6 + [far], 30)
     line = np.cumsum(steps)
     places = np.column_stack([np.cos(0.7) * line, np.sin(0.7) * line])
-    one, other = plot3d._at_same_place(places, 1.0)
+    one, other = structured._at_same_place(places, 1.0)
     graph = coo_array((np.ones(len(one)), (one, other)), shape=(len(line), len(line)))
     number, group = connected_components(graph, directed=False)
     np.testing.assert_array_equal(np.diff(group) == 0, steps[1:] == near)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from equimesh.errors import InputError
-from equimesh.io.foam import foam_files
-from equimesh.io.reading.poly_mesh import read_poly_mesh
+from equimesh.io.reading.foam import read_poly_mesh
 from equimesh.io.reading.read import read_bytes, read_mesh
+from equimesh.io.solver_files import foam_files
 from solver.io.reading.plain import refusal, same, small
 
 

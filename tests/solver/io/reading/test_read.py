@@ -9,11 +9,9 @@ import pytest
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.errors import InputError
-from equimesh.io.foam import foam_files
-from equimesh.io.gmsh import gmsh_text
 from equimesh.io.reading.read import READERS, read_bytes, read_mesh
-from equimesh.io.su2 import su2_text
-from equimesh.io.vtu import write_vtu
+from equimesh.io.solver_files import foam_files, gmsh_text, su2_text
+from equimesh.io.vtk import write_vtu
 from equimesh.io.write import write_mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.testing import GEOMETRIES
@@ -95,6 +93,6 @@ def test_a_zip_has_one_mesh_of_bounded_size(monkeypatch: pytest.MonkeyPatch) -> 
     packed = zipped({"points": "", "polyMesh/points": ""})
     with pytest.raises(InputError, match="the zip has two files 'points'"):
         read_bytes(packed, "zip")
-    monkeypatch.setattr("equimesh.io.reading.refusals.MAX_EXPANDED", 100)
+    monkeypatch.setattr("equimesh.io.reading.bounds.MAX_EXPANDED", 100)
     with pytest.raises(InputError, match="the zip file unpacks to more than the bytes allowed"):
         read_bytes(zipped({"points": "0" * 60, "faces": "0" * 60}), "zip")

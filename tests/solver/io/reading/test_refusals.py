@@ -16,11 +16,9 @@ import pytest
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.errors import InputError
-from equimesh.io.gmsh import gmsh_text
-from equimesh.io.reading.descriptions import read_description
-from equimesh.io.reading.read import read_bytes
-from equimesh.io.reading.refusals import MAX_MESSAGE, refusing
-from equimesh.io.su2 import su2_text
+from equimesh.io.reading.bounds import MAX_MESSAGE, refusing
+from equimesh.io.reading.read import read_bytes, read_description
+from equimesh.io.solver_files import gmsh_text, su2_text
 from solver.io.reading.plain import small
 from solver.io.reading.test_poly_mesh import files as poly_mesh_files
 

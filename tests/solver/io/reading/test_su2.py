@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from equimesh.io.reading.read import read_bytes
-from equimesh.io.su2 import su2_text
+from equimesh.io.solver_files import su2_text
 from solver.io.reading.plain import refusal, same, small
 
 SHORT = """% comment

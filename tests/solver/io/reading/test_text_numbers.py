@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from equimesh.errors import InputError
-from equimesh.io.reading.text_numbers import floats, integers, line_of
+from equimesh.io.reading.bounds import floats, integers, line_of
 
 
 def test_numbers_are_read_to_the_last_bit() -> None:

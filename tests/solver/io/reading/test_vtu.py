@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from equimesh.io.reading.read import read_bytes, read_mesh
-from equimesh.io.vtu import write_vtu
+from equimesh.io.vtk import write_vtu
 from solver.io.reading.plain import refusal, small
 
 

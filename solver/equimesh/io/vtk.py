@@ -1,12 +1,11 @@
-"""VTK XML files of unstructured grids, their arrays as base64 within the text.
+"""Files of VTK in XML: unstructured grids, structured grids, and heads of several blocks."""
 
-Written piece by piece, so that a file of any size takes little memory.
-"""
+from __future__ import annotations
 
 import binascii
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, BinaryIO, Final, TypeAlias
 from xml.sax.saxutils import quoteattr
@@ -15,6 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.numerics.compiled import compiled
+
+# VTK XML files of unstructured grids, their arrays as base64 within the text.
+#
+# Written piece by piece, so that a file of any size takes little memory.
 
 Array: TypeAlias = npt.NDArray[Any]
 Bytes: TypeAlias = npt.NDArray[np.uint8]
@@ -113,3 +116,47 @@ def encode(data: Bytes, pairs: Pairs, text: Pairs) -> None:
         a, b, c = data[3 * k], data[3 * k + 1], data[3 * k + 2]
         text[2 * k] = pairs[(a << 4) | (b >> 4)]
         text[2 * k + 1] = pairs[((b & 15) << 8) | c]
+
+
+# VTK XML files of structured grids: the nodes in rows, without a list of cells.
+
+
+def write_vts(
+    path: str | os.PathLike[str],
+    x: npt.NDArray[np.float64],
+    y: npt.NDArray[np.float64],
+    *,
+    point_data: Mapping[str, Array],
+    cell_data: Mapping[str, Array],
+) -> None:
+    """Write the nodes ``x``, ``y`` of shape ``(n_xi, n_eta)``, in the plane z = 0, with their data.
+
+    ``point_data`` have the shape of ``x``, ``cell_data`` one less in both directions, and three components may follow.
+    VTK's index i runs along xi, its j along eta: left is i = 0, right the last i, bottom j = 0, top the last j. In VTK
+    i runs fastest, so node ``(i, j)`` is the point ``i + n_xi j`` of the file. Raises ``OSError`` where the file
+    cannot be written.
+    """
+    extent = f"0 {x.shape[0] - 1} 0 {x.shape[1] - 1} 0 0"
+    points = in_space(np.column_stack([_in_rows(x), _in_rows(y)]))
+    with open(path, "wb") as file:
+        file.write(f'{head("StructuredGrid")}<StructuredGrid WholeExtent="{extent}">\n'.encode())
+        file.write(f'<Piece Extent="{extent}">\n'.encode())
+        write_section(file, "Points", {"Points": points})
+        write_section(file, "PointData", {name: _in_rows(values) for name, values in point_data.items()})
+        write_section(file, "CellData", {name: _in_rows(values) for name, values in cell_data.items()})
+        file.write(b"</Piece>\n</StructuredGrid>\n</VTKFile>\n")
+
+
+def _in_rows(values: Array) -> Array:
+    """The values with the index along xi fastest."""
+    return np.ascontiguousarray(values.swapaxes(0, 1)).reshape(-1, *values.shape[2:])
+
+
+def vtm_text(blocks: Sequence[tuple[str, str]]) -> str:
+    """The head: each block has a name, and the name of a ``vts`` file in the same folder."""
+    rows = [
+        f"  <DataSet index={quoteattr(str(number))} name={quoteattr(name)} file={quoteattr(file)}/>"
+        for number, (name, file) in enumerate(blocks)
+    ]
+    lines = ['<?xml version="1.0"?>', '<VTKFile type="vtkMultiBlockDataSet" version="1.0">', "<vtkMultiBlockDataSet>"]
+    return "\n".join([*lines, *rows, "</vtkMultiBlockDataSet>", "</VTKFile>"]) + "\n"
