@@ -46,12 +46,14 @@ from equimesh.quality.measures import PER_CELL
 from equimesh.upload.samples import READERS
 from equimesh_cli.command import build_parser
 from equimesh_cli.exits import Exit
+from equimesh_cli.options.fields import flag as flag_of
 from equimesh_client import Client
 from equimesh_client.spec.mesh import DEFAULTS
 from equimesh_cluster.part_files.formats import PARTED_FORMATS
 from equimesh_schema import schwarz as schwarz_schema
-from equimesh_schema.document import keys_of
+from equimesh_schema.document import keys_of, types_of
 from equimesh_schema.mesh import MeshSpec
+from equimesh_schema.monitors import MONITORS
 from equimesh_service import Settings, running
 from equimesh_service.api.app import create_app
 from equimesh_service.problems.kinds import KINDS
@@ -256,7 +258,9 @@ def test_every_flag_is_documented_and_exists() -> None:
     )
     known = {"--version"}.union(*(flags(name) for name in commands))
     told = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
-    assert {flag for flag in known if flag not in told} == set()
+    settings = {flag_of(name) for kind in MONITORS.documents.values() for name in types_of(kind)}
+    settings |= {flag.replace("--", "--no-") for flag in settings}
+    assert {flag for flag in known - settings if flag not in told} == set()
     assert {flag for flag in told if flag.startswith("--") and flag not in known} == set()
 
 
