@@ -1,5 +1,6 @@
 """What is requested and what is answered, described once for solver, service, client and command line."""
 
+from equimesh_schema import monitors
 from equimesh_schema.certificate import (
     Aim,
     Candidate,
@@ -11,36 +12,21 @@ from equimesh_schema.certificate import (
 )
 from equimesh_schema.domains import AnnulusSector, MeshFile, Quadrilateral, Rectangle
 from equimesh_schema.mesh import Target
-from equimesh_schema.monitors import (
-    ArcLength,
-    Auto,
-    Curvature,
-    Intersection,
-    LeastError,
-    NodalSolution,
-    Tensor,
-    Weight,
-)
+from equimesh_schema.monitors import *  # noqa: F403
 from equimesh_schema.schwarz import BlockSchwarz, Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 
 __all__ = [
     "Aim",
     "AnnulusSector",
-    "ArcLength",
-    "Auto",
     "BlockSchwarz",
     "Candidate",
     "Certificate",
     "Classical",
-    "Curvature",
     "Estimate",
     "FaceAngles",
     "InterpolationGain",
-    "Intersection",
-    "LeastError",
     "LinearRobin",
     "MeshFile",
-    "NodalSolution",
     "NonlinearRobin",
     "Optimized",
     "Quadrilateral",
@@ -48,6 +34,5 @@ __all__ = [
     "Relaxed",
     "Schwarz",
     "Target",
-    "Tensor",
-    "Weight",
 ]
+__all__ += monitors.__all__

@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 from equimesh_schema.document import LATER, Document, Limits, Shown, by_kind, described, required_of
 from equimesh_schema.sources import Function, functions_of
 
+__all__ = ["ArcLength", "Auto", "Curvature", "Intersection", "LeastError", "NodalSolution", "Tensor", "Weight"]
 MAX_MONITORS = 8
 NO_SMOOTHING = (
     "smoothing averages a metric, and this monitor minimises the interpolation error itself: leave it out, or name a"

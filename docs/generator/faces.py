@@ -51,7 +51,8 @@ class Name:
 
 def groups(face: str) -> list[tuple[str, list[str]]]:
     """The headings and names of ``__all__`` of a package, in its order; one heading is empty where it has none."""
-    path = Path(str(importlib.import_module(face).__file__))
+    module = importlib.import_module(face)
+    path = Path(str(module.__file__))
     source = path.read_text(encoding="utf-8")
     (assigned,) = (
         node.value
@@ -66,8 +67,10 @@ def groups(face: str) -> list[tuple[str, list[str]]]:
         elif word.startswith('"'):
             found[-1][1].append(word.strip('",'))
     names = list(ast.literal_eval(assigned))
+    added = [name for name in module.__all__ if name not in names]  # the list of another module
     if [name for _, group in found for name in group] != names:
         found = [("", names)]  # __all__ is written on one line
+    found[-1][1].extend(added)
     return [(heading, group) for heading, group in found if group]
 
 

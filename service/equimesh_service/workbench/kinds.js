@@ -77,7 +77,7 @@ export function asKind(monitor, kind, unnamed = "auto") {
   const kept = [...common, ...more].filter((name) => monitor[name] !== undefined);
   const settings = Object.fromEntries(kept.map((name) => [name, monitor[name]]));
   if (kind === "intersection") return { ...named, monitors: firstMembers(monitor, u), ...settings };
-  const given = functions.map((name) => [name, monitor[name] ?? { expression: FIRST_FUNCTIONS[name] }]);
+  const given = functions.map((name) => [name, monitor[name] ?? { expression: FIRST_FUNCTIONS[name] ?? "1" }]);
   return { ...named, ...Object.fromEntries(given), ...(u === undefined ? {} : { u }), ...settings };
 }
 

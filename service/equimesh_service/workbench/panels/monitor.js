@@ -53,7 +53,7 @@ function rebuilt(app, box, key, build) {
 // The functions and settings of a monitor that is no intersection.
 function plain(app, path, kind) {
   const { functions = [], common, more } = KINDS[kind] ?? { common: [], more: [] };
-  const sources = functions.map((name) => sourceField(app, LABELS[name], [...path, name], { help: HELP[name] }));
+  const sources = functions.map((name) => sourceField(app, LABELS[name] ?? `${name}(x, y)`, [...path, name], { help: HELP[name] }));
   // The field above the mesh is for rho here, so u has a field of its own.
   if (functions.length) sources.push(sourceField(app, "u(x, y), if you like", [...path, "u"], { help: HELP.u, optional: true }));
   const hint = kind === "nodal_solution" && element("p", { class: "hint" },
@@ -102,7 +102,7 @@ function memberBox(app, member, k, list, put) {
   }, "Remove");
   const u = needsU || member.u !== undefined ? sourceField(app, LABELS.u, [...path, "u"], { help: HELP.u }) : null;
   const { functions = [], common, more } = KINDS[kind];
-  const sources = functions.map((name) => sourceField(app, LABELS[name], [...path, name], { help: HELP[name] }));
+  const sources = functions.map((name) => sourceField(app, LABELS[name] ?? `${name}(x, y)`, [...path, name], { help: HELP[name] }));
   // A bound of the angles belongs to the whole mesh.
   const rest = [...common, ...more].filter((name) => name !== "orthogonality" && name !== "map");
   return element("fieldset", {}, element("legend", {}, `Monitor ${k + 1}`), kinds, u, sources, fields(app, path, rest), remove);
