@@ -40,7 +40,6 @@ def _compile_once(paths: list[str]) -> None:
     All processes of the run keep what they compile, also where the environment says otherwise: there are hundreds.
     """
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    os.environ["EQUIMESH_WARM_UP"] = "none"  # some fifty services start, each of which would warm up for seconds
     warm_up = [sys.executable, "-c", "from equimesh_service.worker.warmth import warm_up; warm_up()"]
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:cacheprovider", *paths]
     silent = subprocess.DEVNULL

@@ -97,6 +97,7 @@ def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(
             ENGINE="dask",
             SCHEDULER=cluster.scheduler,
             LEASE="3",
+            WARM_UP="all",  # the workers of the cluster are killed while they start, too
         ) as service,
     ):
         cluster.start_scheduler()
