@@ -19,9 +19,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import equimesh as em
-from equimesh.meshes import MeshPart, cut
 from equimesh.numerics.types import Array
-from equimesh_cluster import PARTED_FORMATS, PartData, read_parts, write_head, write_part
+from equimesh_cluster import PARTED_FORMATS, MeshPart, PartData, cut, read_parts, write_head, write_part
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ first of them. ``import equimesh`` does not import this package.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from equimesh_cluster.mesh_part import MeshPart, cut
 from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartData, PartedFormat
 from equimesh_cluster.part_files.parted_mesh import PartedMesh, read_parts, remove_parted, write_head, write_part
 from equimesh_coupling.libraries import library
@@ -26,7 +27,9 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Handle",
     "Progress",
     "SchwarzHandle",
-    # Files of a mesh in parts
+    # Parts and their files
+    "MeshPart",
+    "cut",
     "PARTED_FORMATS",
     "PartData",
     "PartedFormat",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import equimesh
-from equimesh.meshes.mesh_part import cut
+from equimesh_cluster.mesh_part import cut
 from equimesh_service import Settings
 from equimesh_service.files.address import files_address
 from equimesh_service.spec.mesh import read_spec

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from equimesh.io.write import node_groups
-from equimesh.meshes import cut
-from equimesh_cluster import PARTED_FORMATS, PartData, write_head, write_part
+from equimesh_cluster import PARTED_FORMATS, PartData, cut, write_head, write_part
 from solver.io.files import adapted
 from solvers.environment import python_of_consumers
 

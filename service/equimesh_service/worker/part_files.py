@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from equimesh import Field, Grid
-from equimesh.meshes.mesh_part import MeshPart
 from equimesh.numerics.types import Array
+from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.part_files.formats import NodeValues, PartData
 from equimesh_cluster.part_files.parted_mesh import write_head, write_part
 from equimesh_cluster.part_files.pvtu import Piece

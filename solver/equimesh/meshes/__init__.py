@@ -1,6 +1,13 @@
 """Grids and node coordinates: geometry only, no monitor and no status."""
 
-from equimesh.meshes.mesh_part import MeshPart, cut
+from typing import NoReturn
+
 from equimesh.meshes.nested import halved, prolong
 
-__all__ = ["MeshPart", "cut", "halved", "prolong"]
+__all__ = ["halved", "prolong"]
+
+
+def __getattr__(name: str) -> NoReturn:
+    if name in ("MeshPart", "cut"):
+        raise ImportError(f"equimesh.meshes.{name} is equimesh_cluster.{name} now")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

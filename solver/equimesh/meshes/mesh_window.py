@@ -1,7 +1,9 @@
-"""The rows of a mesh that one process holds, and the cells among them that it measures.
+"""The rows of a mesh that are here, and the cells among them that are measured here.
 
-A process measures rows of cells of its own. It also holds the rows of nodes around the next row of cells on either
-side, since some measures compare a cell with its neighbours. The whole mesh is the case of one process.
+Rows of cells are measured where they are. The rows of nodes around the next row of cells on either side are here, too,
+since some measures compare a cell with its neighbours. All rows of a mesh are the usual case. Where others hold the
+rest, the rows join and add up what is found in all of them: everybody asks them for the same numbers in the same order.
+Measures do not know who holds the others.
 """
 
 from __future__ import annotations
@@ -16,7 +18,6 @@ import numpy as np
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_part import MeshPart
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh.numerics.gather import joined, summed
@@ -24,11 +25,11 @@ from equimesh.numerics.types import Array, IntArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WindowRows:
-    """The rows of a grid of ``shape`` nodes that a process holds.
+class Rows:
+    """The rows of a grid of ``shape`` nodes that are here.
 
-    Its own cells are those of the rows ``first`` to ``last - 1``. The first row of nodes that it holds is ``begin``.
-    The ``channel`` leads to the processes that hold the others.
+    The own cells are those of the rows ``first`` to ``last - 1``. The first row of nodes that is here is ``begin``.
+    The ``channel`` leads to the holders of the other rows.
     """
 
     shape: tuple[int, int]
@@ -38,7 +39,7 @@ class WindowRows:
     channel: Channel = field(default=ALONE, repr=False)
 
     @classmethod
-    def whole(cls, shape: tuple[int, int]) -> WindowRows:
+    def whole(cls, shape: tuple[int, int]) -> Rows:
         """All rows."""
         return cls(shape=shape, begin=0, first=0, last=shape[0] - 1)
 
@@ -62,48 +63,46 @@ class WindowRows:
         found = ((max(one, self.first), min(two, self.last)) for one, two in pairwise(ends))
         return tuple((one, two) for one, two in found if one < two)
 
+    @property
+    def are_all(self) -> bool:
+        """Whether all rows of the grid are here."""
+        return self.channel.count == 1
+
+    def joined(self, found: Array) -> Array:
+        """What was found in all rows of the grid, along the first axis in the order of the rows."""
+        return joined(self.channel, found)
+
+    def summed(self, found: Array) -> Array:
+        """The sum over all rows of the grid, from what was ``found`` here."""
+        return summed(self.channel, found)
+
     def total(self, strips: Array) -> Array:
         """The sum of the numbers of all strips of the grid, from those of the own strips, shape ``(strips, …)``."""
-        return np.asarray(joined(self.channel, strips).sum(axis=0))
+        return np.asarray(self.joined(strips).sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class MeshWindow:
-    """Nodes ``x`` and ``y`` of the held ``rows``, C-contiguous, of shape ``(held rows, n_eta)``."""
+    """Nodes ``x`` and ``y`` of the ``rows`` that are here, C-contiguous, of shape ``(rows, n_eta)``."""
 
     x: Array
     y: Array
-    rows: WindowRows
+    rows: Rows
 
     @classmethod
     def of(cls, mesh: Mesh | MeshWindow) -> MeshWindow:
-        """The same mesh; a whole one as held by one process."""
+        """The same mesh; all rows of a whole one."""
         if isinstance(mesh, MeshWindow):
             return mesh
         x, y = (np.ascontiguousarray(q, dtype=float) for q in (mesh.x, mesh.y))
-        return cls(x, y, WindowRows.whole((x.shape[0], x.shape[1])))
+        return cls(x, y, Rows.whole((x.shape[0], x.shape[1])))
 
     @classmethod
-    def uniform(cls, rows: WindowRows, count: int) -> MeshWindow:
-        """The uniform mesh of the unit square, of which ``count`` rows are held."""
+    def uniform(cls, rows: Rows, count: int) -> MeshWindow:
+        """The uniform mesh of the unit square, of which ``count`` rows are here."""
         s, t = (np.linspace(0.0, 1.0, n) for n in rows.shape)
         x, y = np.meshgrid(s[rows.begin : rows.begin + count], t, indexing="ij")
         return cls(x, y, rows)
-
-    @classmethod
-    def of_part(cls, part: MeshPart, channel: Channel) -> MeshWindow:
-        """The rows that part ``channel.number`` of a mesh needs; all parts call this, and get rows of each other."""
-        first, last = part.cell_rows
-        before, after = channel.number - 1, channel.number + 1
-        if before >= 0 and last > first:
-            channel.send(before, "window", [part.x[1], part.y[1]])
-        if after < channel.count and not part.is_last:
-            channel.send(after, "window", [part.x[part.last - 1 - first], part.y[part.last - 1 - first]])
-        below = channel.receive(before, "window") if before >= 0 else (part.x[:0], part.y[:0])
-        above = channel.receive(after, "window") if last < part.grid.n_xi - 1 else (part.x[:0], part.y[:0])
-        x, y = (np.vstack(rows) for rows in zip(below, (part.x, part.y), above, strict=True))
-        begin = first - (before >= 0)
-        return cls(x, y, WindowRows(shape=part.grid.shape, begin=begin, first=first, last=last, channel=channel))
 
     @property
     def grid(self) -> Grid:
@@ -112,10 +111,10 @@ class MeshWindow:
 
     @property
     def min_jacobian(self) -> float:
-        """As :attr:`~equimesh.meshes.mesh.Mesh.min_jacobian`, of the whole mesh; all processes have to ask."""
+        """As :attr:`~equimesh.meshes.mesh.Mesh.min_jacobian`, of the whole mesh."""
         rows = self.rows
         here = [smallest_jacobian(*self.nodes(rows.first, rows.last))] if rows.first < rows.last else []
-        return float(joined(rows.channel, np.array(here)).min() * (rows.cells[0] * rows.cells[1]))
+        return float(rows.joined(np.array(here)).min() * (rows.cells[0] * rows.cells[1]))
 
     def nodes(self, first: int, last: int) -> tuple[Array, Array]:
         """x and y around the rows ``first`` to ``last - 1`` of cells, counted from the first row of the grid."""
@@ -129,7 +128,7 @@ class MeshWindow:
 
 @dataclass(frozen=True, eq=False)
 class WindowCells:
-    """Some own cells of a process: their ``numbers`` in the whole grid, increasing, and where each strip ends.
+    """Some own cells: their ``numbers`` in the whole grid, increasing, and where each strip ends.
 
     Strip ``k`` has the places from ``ends[k]`` to before ``ends[k + 1]``. ``columns`` are the cells of a row.
     """
@@ -137,10 +136,10 @@ class WindowCells:
     numbers: IntArray
     ends: IntArray
     columns: int
-    rows: WindowRows
+    rows: Rows
 
     @classmethod
-    def of(cls, rows: WindowRows, numbers: IntArray | None = None) -> WindowCells:
+    def of(cls, rows: Rows, numbers: IntArray | None = None) -> WindowCells:
         """All own cells, or those with these ``numbers``."""
         columns = rows.cells[1]
         ends = np.array([rows.first, *(last for _, last in rows.strips)]) * columns
@@ -154,11 +153,11 @@ class WindowCells:
         return WindowCells(numbers, times * self.ends, times * self.columns, self.rows)
 
     def count(self) -> int:
-        """The number of such cells of all processes."""
-        return int(summed(self.rows.channel, np.array([float(self.numbers.size)]))[0])
+        """The number of such cells in all rows of the grid."""
+        return int(self.rows.summed(np.array([float(self.numbers.size)]))[0])
 
     def total(self, values: Array) -> Array:
-        """The sums of ``values``, shape ``(k, cells)``, over such cells of all processes; shape ``(k,)``."""
+        """The sums of ``values``, shape ``(k, cells)``, over such cells in all rows; shape ``(k,)``."""
         spans = pairwise(self.ends)
         strips = np.array([[row[one:two].sum() for row in values] for one, two in spans])
         return self.rows.total(strips.reshape(-1, len(values)))

@@ -16,9 +16,8 @@ from equimesh.meshes.cell_edges import CellEdges
 from equimesh.meshes.closed import OPEN, Closed
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import MeshWindow, WindowCells, WindowRows
+from equimesh.meshes.mesh_window import MeshWindow, Rows, WindowCells
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_maps import (
     gather_cells,
@@ -74,13 +73,13 @@ class CellMap(NamedTuple):
 class Cells(ABC):
     """Bilinear cells in rows and columns, numbered as in :class:`~equimesh.meshes.mesh.Mesh`.
 
-    A process that holds some rows of a mesh has some cells of its own. Numbers are those of the whole mesh.
+    Own cells are those of the rows that are here. Numbers are those of the whole mesh.
     """
 
     @property
     @abstractmethod
-    def rows(self) -> WindowRows:
-        """The rows of the mesh that this process holds."""
+    def rows(self) -> Rows:
+        """The rows of the mesh that are here."""
 
     @property
     @abstractmethod
@@ -112,7 +111,7 @@ class Cells(ABC):
         return self.rows.own
 
     def blocks(self, points: CellPoints) -> Iterator[slice]:
-        """All own cells, in pieces of about ``BLOCK_POINTS`` points that are the same for any number of processes."""
+        """All own cells, in pieces of about ``BLOCK_POINTS`` points that are the same for any number of holders."""
         for first, last in self.rows.strips:
             yield from pieces(first * self.shape[1], last * self.shape[1], points)
 
@@ -146,12 +145,12 @@ class UniformCells(Cells):
 
     grid: Grid
     domain: Domain
-    window: WindowRows | None = None
+    window: Rows | None = None
 
     @property
-    def rows(self) -> WindowRows:
-        """The rows of the mesh that this process holds: all of them, unless others are given."""
-        return self.window or WindowRows.whole(self.grid.shape)
+    def rows(self) -> Rows:
+        """The rows of the mesh that are here: all of them, unless others are given."""
+        return self.window or Rows.whole(self.grid.shape)
 
     @property
     def all_valid(self) -> bool:
@@ -230,7 +229,7 @@ class MeshCells(Cells):
 class BilinearCells(MeshCells):
     """All cells of a grid of nodes, numbered as in :class:`~equimesh.meshes.mesh.Mesh`.
 
-    Cells on both sides of the seam of ``closed`` lines are neighbours; one process holds such a mesh.
+    Cells on both sides of the seam of ``closed`` lines are neighbours; all rows of such a mesh are here.
     """
 
     mesh: Mesh | MeshWindow
@@ -239,12 +238,12 @@ class BilinearCells(MeshCells):
 
     @cached_property
     def window(self) -> MeshWindow:
-        """The rows of nodes that this process holds."""
+        """The nodes of the rows that are here."""
         return MeshWindow.of(self.mesh)
 
     @property
-    def rows(self) -> WindowRows:
-        """The rows of the mesh that this process holds."""
+    def rows(self) -> Rows:
+        """The rows of the mesh that are here."""
         return self.window.rows
 
     @property
@@ -332,7 +331,7 @@ class BilinearCells(MeshCells):
         return area, valid, measure_cells(x, y, area, valid)
 
     def _of_all(self) -> tuple[float, float]:
-        """The smallest determinant and the area of the whole mesh, from all processes.
+        """The smallest determinant and the area of the whole mesh.
 
         A cached property of Python 3.11 has one lock for all objects: parts that are threads would wait for each other.
         """
@@ -340,7 +339,7 @@ class BilinearCells(MeshCells):
             columns = self.shape[1]
             spans = (self.places(slice(first * columns, last * columns)) for first, last in self.rows.strips)
             here = np.array([(self._measured[2], self.area[span].sum()) for span in spans]).reshape(-1, 2)
-            found = joined(self.rows.channel, here)
+            found = self.rows.joined(here)
             self._found.append((float(found[:, 0].min()), float(found[:, 1].sum())))
         return self._found[0]
 
@@ -348,7 +347,7 @@ class BilinearCells(MeshCells):
 # The cells of a mesh of blocks as bilinear quadrilaterals: one row of cells after the other, in one column.
 
 AnyMesh: TypeAlias = Mesh | MeshWindow | QuadMesh
-"""A grid of nodes, the rows of one that a process holds, or a mesh of blocks."""
+"""A grid of nodes, some rows of one, or a mesh of blocks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,9 +360,9 @@ class QuadCells(MeshCells):
     mesh: QuadMesh
 
     @cached_property
-    def rows(self) -> WindowRows:
+    def rows(self) -> Rows:
         """One column with all cells."""
-        return WindowRows.whole((len(self.mesh.cells) + 1, 2))
+        return Rows.whole((len(self.mesh.cells) + 1, 2))
 
     @cached_property
     def nodes(self) -> tuple[Array, Array]:

@@ -13,7 +13,6 @@ from equimesh.domains.cut_off import cut_off, most_cut_off
 from equimesh.domains.domain import Domain, Rectangle
 from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.gather import summed
 from equimesh.numerics.types import Array
 
 ROUNDING = 1e-6
@@ -44,18 +43,18 @@ class CutOff:
 
 
 def measure_cut_off(domain: Domain, reference: MeshWindow) -> CutOff:
-    """The cut-off of a mesh by its nodes on the reference square; all processes that hold rows have to call it."""
+    """The cut-off of a mesh by its nodes on the reference square."""
     if isinstance(domain, Rectangle):
         return CutOff(share=0.0, initial=0.0)
     rows = reference.rows
     uniform = MeshWindow.uniform(rows, len(reference.x))
     here = [_of_window(domain, one) if rows.first < rows.last else 0.0 for one in (reference, uniform)]
-    share, initial = summed(rows.channel, np.array(here)) / domain.area
+    share, initial = rows.summed(np.array(here)) / domain.area
     return CutOff(share=float(share), initial=float(initial))
 
 
 def _of_window(domain: Domain, reference: MeshWindow) -> float:
-    """The area that the own rows of a process cut off; a seam is no side."""
+    """The area that the own rows cut off; a seam is no side."""
     rows, (closed_xi, closed_eta) = reference.rows, closed_of(domain)
     nodes, lines = np.stack(reference.nodes(rows.first, rows.last)), list[Array]()
     if not closed_eta:

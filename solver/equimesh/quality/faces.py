@@ -20,7 +20,6 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import AnyMesh, QuadCells
 
@@ -59,10 +58,10 @@ FOLDED = Faces(non_orthogonality=math.nan, mean_non_orthogonality=math.nan, skew
 
 
 def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
-    """The measures of the faces of ``mesh``; of the whole one also where a process holds some of its rows.
+    """The measures of the faces of ``mesh``; of the whole one.
 
     Interfaces between blocks are faces as all others, and so are the sides of a periodic join, which are one. So are
-    the seams of a grid with ``closed`` lines, which one process holds.
+    the seams of a grid with ``closed`` lines, whose rows are all here.
     """
     if isinstance(mesh, QuadMesh):
         return _of_blocks(mesh)
@@ -70,7 +69,7 @@ def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
     if any(closed):
         return _of_closed(window, closed)
     strips = np.array([_strip(window, first, last) for first, last in window.rows.strips]).reshape(-1, 5)
-    found = joined(window.rows.channel, strips)
+    found = window.rows.joined(strips)
     if not found[:, 4].all():
         return FOLDED
     return _faces(found[:, 0].min(), found[:, 1].sum(), found[:, 2].sum(), found[:, 3].max())

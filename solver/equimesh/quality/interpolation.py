@@ -12,10 +12,8 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import WindowCells, WindowRows
+from equimesh.meshes.mesh_window import Rows, WindowCells
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.channel import Channel
-from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_maps import gather_values
 from equimesh.quality.cells import AnyMesh, BilinearCells, CellPoints, Cells, MeshCells, QuadCells, cells_of, pieces
@@ -190,7 +188,7 @@ def norms_of(tally: ErrorTally) -> Norms:
     """The norms from the errors at the inner points of a rule; those at its edge points are added here."""
     tally.add_edges()
     cells, values, chosen = tally.cells, tally.values, tally.chosen
-    extremes = Extremes.of(cells.rows.channel, values, tally.range, _peak(tally))
+    extremes = Extremes.of(cells.rows, values, tally.range, _peak(tally))
     allowed = noise(cells, extremes.size)
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
 
@@ -212,18 +210,18 @@ def _peak(tally: ErrorTally) -> LargestError:
 
 
 class Extremes(NamedTuple):
-    """Extremes of u over all processes: its largest size at a corner, its variation, and the largest error."""
+    """Extremes of u on the whole mesh: its largest size at a corner, its variation, and the largest error."""
 
     size: float
     variation: float
     peak: LargestError
 
     @classmethod
-    def of(cls, channel: Channel, values: Array, ends: tuple[float, float], peak: LargestError) -> Extremes:
+    def of(cls, rows: Rows, values: Array, ends: tuple[float, float], peak: LargestError) -> Extremes:
         """From the ``values`` at the corners of the own cells, the ``ends`` of the values there and at other points,
         and the largest error in the own cells."""
         size = float(np.abs(values).max(initial=0.0))
-        found = joined(channel, np.array([[size, *ends, *peak]]))
+        found = rows.joined(np.array([[size, *ends, *peak]]))
         low, high = np.fmin.reduce(found[:, 1]), np.fmax.reduce(found[:, 2])
         worst = found[found[:, 3].argmax(), 3:]
         return cls(float(found[:, 0].max()), float(high - low), LargestError(*map(float, worst)))
@@ -237,7 +235,7 @@ def noise(cells: Cells, size: float) -> tuple[float, float]:
     return of_values, 10.0 * of_values * finest
 
 
-def sample(rows: WindowRows) -> IntArray | None:
+def sample(rows: Rows) -> IntArray | None:
     """Numbers of the own cells in the sample: a lattice with the same share of every row and column.
 
     Cells of blocks, which count as one column, are :func:`~equimesh.quality.resolution.scattered`.
@@ -281,7 +279,7 @@ def quadratic_gain(cells: Cells, other: Cells, u: Field, size: float) -> float:
     Both meshes are valid and have the same number of cells. The nodes of a cell lie at 0, 1/2 and 1 along s and t, and
     its bilinear map places them. On more than 511 cells both errors are estimated from scattered cells, the same of
     both meshes: to some percent where u is smooth, to some tens where a thin front meets few of them. It is 1 where
-    both errors are rounding of values of at most ``size``. Where processes share the mesh, all of them call this.
+    both errors are rounding of values of at most ``size``.
     """
     chosen, one_of = WindowCells.of(cells.rows), cells.count // MEASURED_CELLS
     if one_of > 1:
@@ -331,7 +329,7 @@ def probe_errors(mesh: AnyMesh, u: Field) -> tuple[LargestError, float]:
 
     The range is the largest value at the probes and the nodes minus the smallest one. The place is that of the probe.
     Every cell has as many probes, in other places of each. Values that are not finite
-    have no part in it. Where a process holds some rows of a mesh, the result is that of all processes.
+    have no part in it.
     """
     cells = cells_of(mesh)
     with np.errstate(all="ignore"):
@@ -339,7 +337,7 @@ def probe_errors(mesh: AnyMesh, u: Field) -> tuple[LargestError, float]:
             extremes = [*_of_blocks(cells, u)]
         else:
             extremes = [found for first, last in cells.rows.strips for found in _of_strip(cells, first, last, u)]
-        found = joined(cells.rows.channel, np.array(extremes).reshape(-1, 5))
+        found = cells.rows.joined(np.array(extremes).reshape(-1, 5))
         variation = float(np.fmax.reduce(found[:, 1]) - np.fmin.reduce(found[:, 0]))
     return LargestError(*map(float, found[found[:, 2].argmax(), 2:])), variation
 

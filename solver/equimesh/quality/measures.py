@@ -79,7 +79,7 @@ class Measure:
 
         Their shape is ``(n_xi - 1, n_eta - 1)``, or ``(m,)`` on a mesh of blocks.
 
-        Where a process holds some rows of a mesh, they are those of its own cells, and all processes have to ask.
+        Where some rows of a mesh are measured, they are those of the own cells.
         """
         return self.compute()
 
@@ -177,8 +177,7 @@ def measure_all(
     """As :func:`measure`, in ``threads`` if there are many cells.
 
     u is interpolated on cells of this ``kind``; ``nodal`` is u at the nodes where that is known. Without ``uniform``
-    the errors are compared with those on the uniform mesh of ``domain``, which must be valid. Where a process holds
-    some rows of a mesh, all processes call this, and get the quality of the whole mesh.
+    the errors are compared with those on the uniform mesh of ``domain``, which must be valid.
     """
     with np.errstate(all="ignore"):
         cells, u, tally = cells_of(mesh, closed_of(domain)), monitor.u, None
@@ -211,7 +210,7 @@ def measure_quality(
 
 
 def window_image(window: MeshWindow, domain: Domain) -> MeshWindow:
-    """The rows of the uniform mesh of ``domain`` that belong to the rows of a mesh that a process holds."""
+    """The rows of the uniform mesh of ``domain`` that belong to those of a mesh."""
     uniform = MeshWindow.uniform(window.rows, window.x.shape[0])
     mapped = map_mesh(Mesh(uniform.x, uniform.y), domain)
     return MeshWindow(mapped.x, mapped.y, window.rows)
@@ -276,7 +275,7 @@ def equidistribution(mesh: AnyMesh, monitor: Monitor, *, gauss: int | None = Non
     over the bilinear quadrilateral K of the monitor's exact metric (Huang and Russell, chapter 4; Haynes and
     Howse, Table 1, prints the maximum). Positive, of mean 1; all are 1 exactly when M is equidistributed.
     Folded cells are infinite and left out of the sum. ``gauss`` and ``threads`` as in :func:`measure`. With some rows
-    of a mesh, all processes call this, and each gets the values of its own cells.
+    of a mesh the values are those of the own cells.
     """
     with np.errstate(all="ignore"):
         cells = cells_of(mesh)

@@ -14,10 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from equimesh.fields.field import Field
-from equimesh.meshes.mesh_window import WindowCells, WindowRows
-from equimesh.numerics.channel import Channel
+from equimesh.meshes.mesh_window import Rows, WindowCells
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.gather import joined, summed
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import CellPoints, Cells
@@ -122,7 +120,7 @@ def missed_gradients(corners: Array, values: Array, rim: Array, mean: Array, mis
         missed[k] = (total_x * total_x + total_y * total_y) / area
 
 
-# Which cells to look at more closely, chosen among those of all processes.
+# Which cells to look at more closely, chosen among those of the whole mesh.
 #
 # Numbers are compared by their bits, and only whole numbers are added. So the choice does not depend on how the cells
 # are shared out.
@@ -133,49 +131,49 @@ generators* (OOPSLA 2014)."""
 DIGIT_BITS = 8
 """Bits of a number that are compared at a time."""
 MAX_SENT = 4096
-"""So many values of all processes are sent to all and compared as they are; by one process, any number."""
+"""So many values of all rows are joined and compared as they are; any number where all rows are here."""
 COARSE_BITS = 47
 """Bits that a rough comparison leaves out: the last of the 52 that are stored of a number's digits."""
 
 
-def largest_of(values: Array, count: int, rows: WindowRows) -> IntArray:
-    """The places of those of the ``count`` largest ``values`` of all processes that are here; increasing.
+def largest_of(values: Array, count: int, rows: Rows) -> IntArray:
+    """The places of those of the ``count`` largest ``values`` of all rows that are here; increasing.
 
     Of equal values the first ones are taken. NaN counts as larger than any number. No value is negative.
     """
     keys = np.abs(values).view(np.uint64)
     chosen, candidates, left = np.zeros(values.size, dtype=np.bool_), np.arange(values.size), count
-    of_all = int(summed(rows.channel, np.array([float(values.size)]))[0])
-    most, shift = MAX_SENT if rows.channel.count > 1 else of_all, 64
+    of_all = int(rows.summed(np.array([float(values.size)]))[0])
+    most, shift = of_all if rows.are_all else MAX_SENT, 64
     while of_all > most and shift > 0:
         shift -= DIGIT_BITS
         digits = ((keys[candidates] >> np.uint64(shift)) & np.uint64((1 << DIGIT_BITS) - 1)).astype(np.int64)
-        found = summed(rows.channel, np.bincount(digits, minlength=1 << DIGIT_BITS).astype(float))
+        found = rows.summed(np.bincount(digits, minlength=1 << DIGIT_BITS).astype(float))
         at_least = np.append(np.cumsum(found[::-1])[::-1], 0.0)
         last = int(np.flatnonzero(at_least >= left)[-1])  # the digit of the smallest value that is taken
         chosen[candidates[digits > last]] = True
         left, of_all = left - int(at_least[last + 1]), int(found[last])
         candidates = candidates[digits == last]
     if of_all <= most:
-        sent = joined(rows.channel, keys[candidates].view(np.float64)).view(np.uint64)
+        sent = rows.joined(keys[candidates].view(np.float64)).view(np.uint64)
         smallest = np.partition(sent, of_all - left)[of_all - left]
         chosen[candidates[keys[candidates] > smallest]] = True
         left -= int(np.count_nonzero(sent > smallest))
         candidates = candidates[keys[candidates] == smallest]
-    parts = joined(rows.channel, np.array([[float(rows.first), float(candidates.size)]]))
+    parts = rows.joined(np.array([[float(rows.first), float(candidates.size)]]))
     before = int(parts[parts[:, 0] < rows.first, 1].sum())
     chosen[candidates[: max(0, left - before)]] = True
     return np.flatnonzero(chosen)
 
 
-def all_but_the_smallest(values: Array, allowed: float, channel: Channel) -> BoolArray:
-    """Which ``values`` are left when the smallest of all processes are taken away, of a sum of about ``allowed``.
+def all_but_the_smallest(values: Array, allowed: float, rows: Rows) -> BoolArray:
+    """Which ``values`` are left when the smallest of all rows are taken away, of a sum of about ``allowed``.
 
     Values that differ by 3 % or less may count as equal. NaN is taken away. No value is negative.
     """
     keys = (np.abs(values).view(np.uint64) >> np.uint64(COARSE_BITS)).astype(np.int64)
     found, counts = np.unique(keys, return_counts=True)
-    every = joined(channel, np.column_stack([found, counts]).astype(float))
+    every = rows.joined(np.column_stack([found, counts]).astype(float))
     kinds, where = np.unique(every[:, 0].astype(np.uint64), return_inverse=True)
     middles = ((kinds << np.uint64(COARSE_BITS)) + np.uint64(1 << (COARSE_BITS - 1))).view(np.float64)
     middles[kinds == 0], middles[np.isnan(middles)] = 0.0, np.inf  # zeros, and those beyond the largest number
@@ -231,7 +229,7 @@ MAX_PIECES = 20_000
 class Integrals:
     """Integrals of the squared errors of u (first) and of its gradient (second), and whether they are ``resolved``.
 
-    They are those over so many ``cells``, of all processes.
+    They are those over so many ``cells`` of the whole mesh.
     """
 
     squares: tuple[float, float]
@@ -246,17 +244,17 @@ def resolved_integrals(
     u: Field,
     noise: tuple[float, float],
 ) -> Integrals:
-    """The sums over the ``cells`` of all processes, of the ``first`` rule where a second one agrees.
+    """The sums over the ``cells`` of the whole mesh, of the ``first`` rule where a second one agrees.
 
     Often the two agree on the values and not on the gradients: then the first sum is still that of the ``first`` rule.
 
     ``pieces`` gives the own cells at some positions. ``first`` of shape ``(2, n)`` are the integrals over each own cell
     by the first rule. Integrals of at most ``noise`` are rounding, and are not refined.
     """
-    totals, count, channel = cells.total(first), cells.count(), cells.rows.channel
+    totals, count = cells.total(first), cells.count()
     chosen, weights = _checked(cells, count, first, totals)
     second = pieces(chosen).errors(u)
-    tried = summed(channel, np.concatenate([first[:, chosen], second]) @ weights)
+    tried = cells.rows.summed(np.concatenate([first[:, chosen], second]) @ weights)
     before, after, missed = tried[:2], tried[2:4], MISSED_WEIGHT * float(tried[4])
     small = (np.maximum(totals, after) <= noise, bool(max(totals[1], after[1], missed) <= noise[1]))
     agree = (np.abs(after - before) <= MAX_DIFFERENCES * np.maximum(after, before)) | small[0]
@@ -264,7 +262,7 @@ def resolved_integrals(
     if agree.all() or not np.isfinite(totals).all():
         return Integrals((float(totals[0]), float(totals[1])), (True, True), count)
     every = pieces(np.arange(cells.numbers.size))
-    found = _Refinement(u, np.asarray(noise), channel).of(every, first, count)
+    found = _Refinement(u, np.asarray(noise), cells.rows).of(every, first, count)
     if not agree[0]:
         return found
     return Integrals((float(totals[0]), found.squares[1]), (True, found.resolved[1]), count)
@@ -273,7 +271,7 @@ def resolved_integrals(
 def _checked(cells: WindowCells, count: int, first: Array, totals: Array) -> tuple[IntArray, Array]:
     """Positions of the cells on which the second rule is tried, and how many cells each stands for.
 
-    ``count`` is the number of ``cells`` of all processes.
+    ``count`` is the number of ``cells`` of the whole mesh.
     """
     if count <= MIN_CHECKED_CELLS:
         return np.arange(cells.numbers.size), np.ones(cells.numbers.size)
@@ -283,7 +281,7 @@ def _checked(cells: WindowCells, count: int, first: Array, totals: Array) -> tup
     largest = largest_of(share, wanted, cells.rows)
     sampled[largest] = False
     rest = np.flatnonzero(sampled)
-    in_sample = float(summed(cells.rows.channel, np.array([float(rest.size)]))[0])
+    in_sample = float(cells.rows.summed(np.array([float(rest.size)]))[0])
     weights = np.ones(largest.size + rest.size)
     weights[largest.size :] = (count - wanted) / max(in_sample, 1.0)
     return np.concatenate([largest, rest]), weights
@@ -311,16 +309,16 @@ def _lattice_of(numbers: IntArray, columns: int) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class _Refinement:
-    """The division of pieces: of those of all processes by one rule, each process those of its own cells."""
+    """The division of pieces of the own cells, by one rule for the whole mesh."""
 
     u: Field
     noise: Array
-    channel: Channel
+    rows: Rows
 
     def of(self, pieces: Pieces, first: Array, count: int) -> Integrals:
         """The integrals from pieces that are divided where the last division has changed the result most.
 
-        The pieces are cells at first, ``count`` of them in all processes.
+        The pieces are cells at first, ``count`` of them in the whole mesh.
         """
         errors = pieces.errors(self.u)
         sums, differences = errors[:2], np.abs(errors[:2] - first)
@@ -348,10 +346,10 @@ class _Refinement:
         return Integrals((float(totals[0]), float(totals[1])), (bool(resolved[0]), bool(resolved[1])), count)
 
     def _sum(self, numbers: Array) -> Array:
-        return summed(self.channel, numbers)
+        return self.rows.summed(numbers)
 
     def _total(self, kept: Array, sums: Array, kept_differences: Array, differences: Array) -> tuple[Array, Array]:
-        """The integrals and the doubt about them, of all processes."""
+        """The integrals over the whole mesh, and the doubt about them."""
         found = self._sum(np.concatenate([kept + sums.sum(axis=1), kept_differences + differences.sum(axis=1)]))
         return found[:2], found[2:]
 
@@ -360,7 +358,7 @@ class _Refinement:
         divided = np.zeros(differences.shape[1], dtype=np.bool_)
         for difference, total, before in zip(differences, totals, kept, strict=True):
             allowed = max(0.5 * MAX_LEFT_DIFFERENCE * total - before, 0.0)
-            divided |= all_but_the_smallest(difference, allowed, self.channel)
+            divided |= all_but_the_smallest(difference, allowed, self.rows)
         return divided
 
 

@@ -1,6 +1,6 @@
 """One pass over all cells of a mesh: what it measures of every cell, and what is left of that in statistics.
 
-Each process looks at its own cells. The statistics of the strips of all processes give those of the mesh.
+The own cells are looked at. The statistics of all strips give those of the mesh.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import numpy as np
 
 from equimesh.monitors.monitor import Monitor, OfDerivatives
 from equimesh.numerics.compiled import vectorised
-from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_maps import locate, shapes, shares_and_alignments
 from equimesh.quality.cells import CellPoints, MeshCells
@@ -102,7 +101,7 @@ class Survey:
         q_eq = np.empty(own.stop - own.start) if kept is None else kept[0]
         parts = np.empty((len(blocks), len(ROWS), 4))
         shares = np.empty(len(blocks))
-        known = cells.all_valid  # from all processes, before the threads need it
+        known = cells.all_valid  # before the threads need it
 
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
@@ -127,14 +126,14 @@ class Survey:
 
 
 def _of_strips(cells: MeshCells, blocks: list[slice], parts: Array, shares: Array) -> tuple[Array, float]:
-    """The statistics of all strips, of shape ``(strips, 7, 4)``, and the sum of all shares; from all processes."""
+    """The statistics of all strips, of shape ``(strips, 7, 4)``, and the sum of all shares."""
     starts = {first * cells.shape[1] for first, _ in cells.rows.strips}
     at = [k for k, block in enumerate(blocks) if block.start in starts]
     strips = np.empty((len(at), len(ROWS), 4))
     for column, reduced in enumerate((np.maximum, np.minimum, np.add, np.add)):
         strips[:, :, column] = reduced.reduceat(parts[:, :, column], at, axis=0)
     sums = np.add.reduceat(shares, at)
-    found = joined(cells.rows.channel, np.column_stack([sums, strips.reshape(len(at), -1)]))
+    found = cells.rows.joined(np.column_stack([sums, strips.reshape(len(at), -1)]))
     return found[:, 1:].reshape(-1, len(ROWS), 4), float(found[:, 0].sum())
 
 

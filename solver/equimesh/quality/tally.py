@@ -176,7 +176,7 @@ class ErrorRule:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorTally:
-    """Sums over own cells of a process, all of them or some, that grow while blocks of cells are added.
+    """Sums over own cells, all of them or some, that grow while blocks of cells are added.
 
     ``chosen`` are these cells, ``sampled`` is whether they are some only. ``values`` of shape ``(4, n)`` are u at the
     corners, ``sums`` of shape ``(4, n)`` the integrals of :func:`~equimesh.quality.tally.add_errors`,

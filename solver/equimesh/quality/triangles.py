@@ -90,7 +90,7 @@ def _norms(cells: MeshCells, u: Field) -> Norms:
     triangles = halves(Pieces.of(cells, chosen.numbers, values), through)
     sums, largest, ends = _leanly(triangles, u)
     ends = min(ends[0], float(values.min(initial=math.inf))), max(ends[1], float(values.max(initial=-math.inf)))
-    extremes = Extremes.of(cells.rows.channel, values, ends, _peak(triangles, largest))
+    extremes = Extremes.of(cells.rows, values, ends, _peak(triangles, largest))
     allowed = noise(cells, extremes.size)
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
     found = resolved_integrals(triangles.some, chosen.repeated(2), sums, u, squares)

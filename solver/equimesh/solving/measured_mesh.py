@@ -1,7 +1,6 @@
 """Measurements of a mesh after its solve: its quality, and the numbers of its certificate.
 
-The mesh may be whole, or one of the parts that processes hold: then all of them ask for the same measures in the same
-order, and get those of the whole mesh.
+All rows of the mesh may be here, or some: the measures are those of the whole mesh.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +36,7 @@ def _unknown() -> Array | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredMesh:
-    """The rows of a mesh that a process holds: ``mesh`` on the domain, ``reference`` on the reference square.
+    """The rows of a mesh that are here: ``mesh`` on the domain, ``reference`` on the reference square.
 
     ``u`` gives its values at the nodes of these rows, or ``None`` where they are not to be kept.
     """

@@ -14,7 +14,6 @@ from equimesh.fields.samples import GridSamples
 from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
-from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Pair
 from equimesh.quality.cells import Cells, UniformCells, cells_of
 from equimesh.quality.cut_off import CutOff, measure_cut_off
@@ -58,10 +57,7 @@ def warnings(
     meshes: tuple[MeshWindow, MeshWindow],
     errors: InterpolationErrors | None,
 ) -> Iterator[str]:
-    """Sentences to read before using a mesh. ``meshes`` are that of the domain and that of the reference square.
-
-    Where a process holds some rows of them, all processes call this, and get the sentences about the whole mesh.
-    """
+    """Sentences to read before using a mesh. ``meshes`` are that of the domain and that of the reference square."""
     if status is Status.RELAXED:
         what = ", ".join(map(str, relaxed))
         yield f"The mesh solves relaxed equations, not the requested ones: {what}."
@@ -268,7 +264,7 @@ def _is_uniform(reference: MeshWindow) -> bool:
             _largest_move(reference.nodes(first, last), (s[first : last + 1], t), (-first) % step, step)
             for first, last in rows.strips
         ]
-        found = joined(rows.channel, np.array(moves).reshape(-1, 2)).max(axis=0)
+        found = rows.joined(np.array(moves).reshape(-1, 2)).max(axis=0)
         if max(found[0] * rows.cells[0], found[1] * rows.cells[1]) >= MAX_UNIFORM_MOVE:
             return False
     return True

@@ -13,7 +13,6 @@ from equimesh.meshes.closed import padded
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.numerics.compiled import vectorised
-from equimesh.numerics.gather import joined
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 from equimesh.sweeps.kernels import Nodes
@@ -66,8 +65,8 @@ def deviation(
 
     Infinite where a length is not a number. ``mesh`` is one of the reference square. ``u`` is
     :meth:`~equimesh.equations.metric.ReferenceMetric.u` at the nodes where that is known. The ``threads`` share the
-    rows. Where a process holds some rows of a mesh, all processes call this, and get the number of the whole mesh; they
-    hold one row of nodes before their own ones. The result does not depend on the number of threads or processes.
+    rows. Where some rows of a mesh are here, so is the row of nodes before the own ones, and the number is that of the
+    whole mesh. The result does not depend on the number of threads, nor on where rows are.
     """
     if is_closed(metric.domain):
         return closed_deviation(metric, boundary, mesh if isinstance(mesh, Mesh) else Mesh(mesh.x, mesh.y))
@@ -94,7 +93,7 @@ def deviation(
         of_lines = line_extremes(rows.channel, lines)
         xi, check = (0.0, 0.0) if of_lines is None else _largest_of_lines(of_lines[:, 1:-1], rows.shape[0] - 1)
         here = [xi, found[:, 0].max(initial=0.0), found[:, 1].sum() + check]
-        every = joined(rows.channel, np.array([here]))
+        every = rows.joined(np.array([here]))
     if not math.isfinite(float(every[:, 2].sum())):
         return math.inf
     return max(sides, float(every[:, :2].max()))
@@ -111,13 +110,13 @@ def _side_nodes(window: MeshWindow) -> SideNodes:
     """The sides of the whole mesh, also where others hold some of its rows."""
     rows = window.rows
     x, y = window.nodes(rows.first, rows.last)
-    if rows.channel.count == 1:
+    if rows.are_all:
         return SideNodes.of(x, y)
     on_left, on_right = rows.first == 0, rows.first < rows.last == rows.cells[0]
     own = slice(0, rows.last - rows.first + on_right)
     sides = y[np.array([0] * on_left + [-1] * on_right, dtype=np.int64)]
-    along_xi = joined(rows.channel, x[own][:, [0, -1]])
-    return SideNodes(joined(rows.channel, sides), np.ascontiguousarray(along_xi.T))
+    along_xi = rows.joined(x[own][:, [0, -1]])
+    return SideNodes(rows.joined(sides), np.ascontiguousarray(along_xi.T))
 
 
 @vectorised

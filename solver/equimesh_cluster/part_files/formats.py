@@ -21,8 +21,8 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError
 from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh_part import MeshPart
 from equimesh.numerics.types import Array
+from equimesh_cluster.mesh_part import MeshPart
 
 # Values at the nodes and cells of a part of a mesh, written in blocks.
 

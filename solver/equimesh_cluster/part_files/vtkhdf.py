@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from equimesh.io.vtk import CELL_TYPES
 from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh_part import MeshPart
+from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.part_files.formats import (
     PARTED_FORMATS,
     ROWS,

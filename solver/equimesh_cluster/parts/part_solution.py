@@ -9,8 +9,7 @@ import numpy as np
 from equimesh.equations.problem import Problem, understood
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.held_mesh import HeldMesh
-from equimesh.meshes.mesh_part import MeshPart
-from equimesh.meshes.mesh_window import MeshWindow, WindowRows
+from equimesh.meshes.mesh_window import MeshWindow, Rows
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality, equidistribution
@@ -18,6 +17,7 @@ from equimesh.single_domain.steps import Mode
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.measured_mesh import MeasuredMesh
 from equimesh.solving.status import Status
+from equimesh_cluster.mesh_part import MeshPart, window_of
 from equimesh_schema import Relaxed
 
 
@@ -96,7 +96,7 @@ def measure_part(part: PartSolution, channel: Channel) -> PartMeasures:
     It needs about 40 bytes for each point of the part, besides the part itself.
     """
     with np.errstate(all="ignore"):  # as in a solve: values that are not finite are detected where they matter
-        mesh = MeshWindow.of_part(part.mesh, channel)
+        mesh = window_of(part.mesh, channel)
         measured = MeasuredMesh(
             problem=part.problem,
             mesh=mesh,
@@ -126,12 +126,12 @@ def equidistribution_of_part(part: PartSolution, channel: Channel) -> Array:
 
     It needs about 35 bytes for each point of the part, besides the part itself, and less time than all measures.
     """
-    mesh = MeshWindow.of_part(part.mesh, channel)
+    mesh = window_of(part.mesh, channel)
     return equidistribution(mesh, part.problem.monitor, threads=part.threads)
 
 
 def reference_window(part: MeshPart, reference: HeldMesh, channel: Channel) -> MeshWindow:
     """The rows of the mesh of the reference square that a part holds, with those of its own cells."""
     first, last = part.cell_rows
-    rows = WindowRows(shape=part.grid.shape, begin=reference.begin, first=first, last=last, channel=channel)
+    rows = Rows(shape=part.grid.shape, begin=reference.begin, first=first, last=last, channel=channel)
     return MeshWindow(reference.x, reference.y, rows)

@@ -18,7 +18,6 @@ from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_part import MeshPart
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.channel import Channel, Traffic
@@ -38,6 +37,7 @@ from equimesh.solving.closed import require_open
 from equimesh.solving.estimates import safe_discretization_error
 from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.schwarz_ending import ending_of
+from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.parts.part_solution import PartSolution
 
 

@@ -19,7 +19,6 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.interpolation import rows_needed
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_part import MeshPart
 from equimesh.meshes.nested import nested_grids, square_grids
 from equimesh.meshes.parts import Parts, rows_held
 from equimesh.meshes.strips import strips_of
@@ -36,6 +35,7 @@ from equimesh.solving.options import SolveOptions
 from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_rounding
 from equimesh.solving.single_domain import outcome, solution_of
 from equimesh.solving.solution import SolveError
+from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.parts.part_solution import PartSolution, PartStep
 
 # The coarse solution: the levels of the nested iteration that one process solves whole, before the parts begin.

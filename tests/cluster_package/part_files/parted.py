@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from equimesh.meshes.mesh_part import MeshPart, cut
 from equimesh_cluster import PARTED_FORMATS, PartData, write_head, write_part
+from equimesh_cluster.mesh_part import MeshPart, cut
 from solver.io.files import adapted
 
 # More rows than a chunk of a zarr group has, and a number that no chunk divides.

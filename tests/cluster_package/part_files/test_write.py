@@ -12,8 +12,8 @@ import pytest
 import equimesh as em
 from cluster_package.part_files.parted import ARRAYS, CUTS, DATA, data_of, parts_of, written
 from equimesh.errors import InputError
-from equimesh.meshes.mesh_part import cut
 from equimesh_cluster import PARTED_FORMATS, PartData, read_parts, remove_parted, write_head, write_part
+from equimesh_cluster.mesh_part import cut
 from equimesh_cluster.part_files.parted_mesh import leave_probe, require_probe
 
 

@@ -14,13 +14,13 @@ from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError
 from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_part import cut
-from equimesh.meshes.mesh_window import WindowRows
+from equimesh.meshes.mesh_window import Rows
 from equimesh.numerics.channel import Channel, Counted, ThreadChannels
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, SAMPLING
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
+from equimesh_cluster.mesh_part import cut
 from equimesh_cluster.parts.part_solution import PartMeasures, PartSolution, equidistribution_of_part, measure_part
 from equimesh_schema import Relaxed
 
@@ -63,7 +63,7 @@ def held(mesh: Mesh, begin: int, end: int) -> HeldMesh:
 
 def between_strips(shape: tuple[int, int], count: int) -> list[int]:
     """The first rows of all parts but the first one."""
-    firsts = [first for first, _ in WindowRows.whole(shape).strips]
+    firsts = [first for first, _ in Rows.whole(shape).strips]
     return [firsts[k * len(firsts) // count] for k in range(1, count)]
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 import equimesh as em
 from equimesh.meshes.held_mesh import HeldMesh
-from equimesh.meshes.mesh_part import cut
 from equimesh.solving.status import Status
+from equimesh_cluster.mesh_part import cut
 from equimesh_cluster.parts.part_solution import PartSolution
 
 

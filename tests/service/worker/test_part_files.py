@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh
-from equimesh.meshes.mesh_part import cut
+from equimesh_cluster.mesh_part import cut
 from equimesh_cluster.part_files.parted_mesh import read_parts
 from equimesh_service.worker.part_files import PartsLayout, convert_part_file, write_head_file, write_part_file
 from equimesh_service.worker.part_formats import HEADED, PART_FORMATS, WRITTEN

@@ -8,7 +8,7 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import MeshWindow, WindowRows
+from equimesh.meshes.mesh_window import MeshWindow, Rows
 from equimesh.quality.cut_off import CutOff, measure_block_cut_off, measure_cut_off
 from equimesh.solving.least_error import is_no_worse
 from equimesh.testing.geometries import l_shape, ring
@@ -35,7 +35,7 @@ def test_parts_of_rows_add_up_and_straight_domains_have_none() -> None:
     mesh = bunched(25, 0.8)
     whole = measure_cut_off(em.AnnulusSector(), MeshWindow.of(mesh)).share
     parts = [
-        MeshWindow(mesh.x[a : b + 1], mesh.y[a : b + 1], WindowRows(shape=(25, 25), begin=a, first=a, last=b))
+        MeshWindow(mesh.x[a : b + 1], mesh.y[a : b + 1], Rows(shape=(25, 25), begin=a, first=a, last=b))
         for a, b in ((0, 9), (9, 24))
     ]
     assert sum(measure_cut_off(em.AnnulusSector(), part).share for part in parts) == pytest.approx(whole, rel=1e-12)

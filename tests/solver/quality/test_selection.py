@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.meshes.mesh_window import WindowRows
+from equimesh.meshes.mesh_window import Rows
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.quality import resolution
 from equimesh.quality.resolution import all_but_the_smallest, largest_of
 
 VALUES = np.abs(np.random.default_rng(3).standard_normal(1000)) * 10.0 ** np.random.default_rng(4).integers(-9, 9, 1000)
+
+
+def alone(count: int, channel: Channel) -> Rows:
+    """Rows of so many cells, of which those of every process begin at 0."""
+    return Rows(shape=(count + 1, 2), begin=0, first=0, last=count, channel=channel)
 
 
 def in_parts(values: np.ndarray, cuts: list[int], count: int) -> np.ndarray:
@@ -19,7 +24,7 @@ def in_parts(values: np.ndarray, cuts: list[int], count: int) -> np.ndarray:
 
     def work(channel: Channel) -> np.ndarray:
         k = channel.number
-        rows = WindowRows(shape=(values.size + 1, 2), begin=ends[k], first=ends[k], last=ends[k + 1], channel=channel)
+        rows = Rows(shape=(values.size + 1, 2), begin=ends[k], first=ends[k], last=ends[k + 1], channel=channel)
         return ends[k] + largest_of(pieces[k], count, rows)
 
     return np.concatenate(ThreadChannels(len(pieces)).run(work))
@@ -50,7 +55,7 @@ def test_the_values_that_are_taken_away_have_about_the_allowed_sum(parts: int) -
         allowed = share * VALUES.sum()
 
         def work(channel: Channel, allowed: float = allowed) -> np.ndarray:
-            return all_but_the_smallest(pieces[channel.number], allowed, channel)
+            return all_but_the_smallest(pieces[channel.number], allowed, alone(VALUES.size, channel))
 
         kept = np.concatenate(ThreadChannels(parts).run(work))
         assert VALUES[~kept].sum() <= 1.02 * allowed
@@ -60,9 +65,7 @@ def test_the_values_that_are_taken_away_have_about_the_allowed_sum(parts: int) -
 
 def test_nothing_is_left_of_what_is_allowed_and_nan_never() -> None:
     def of(values: list[float], allowed: float) -> list[bool]:
-        return (
-            ThreadChannels(1).run(lambda channel: all_but_the_smallest(np.array(values), allowed, channel))[0].tolist()
-        )
+        return all_but_the_smallest(np.array(values), allowed, Rows.whole((len(values) + 1, 2))).tolist()
 
     assert of([1.0, 2.0, 0.0], 3.5) == [False, False, False]
     assert of([1.0, 2.0, 0.0], 0.0) == [True, True, False]

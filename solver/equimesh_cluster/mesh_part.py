@@ -1,4 +1,4 @@
-"""Consecutive rows of a mesh: what one of several processes holds of it."""
+"""Consecutive rows of a mesh: what one of several processes holds of it, and what it needs to measure its cells."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
+
 from equimesh.errors import InputError
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_window import MeshWindow, Rows
+from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.cuts import quads_of
 
@@ -82,3 +86,18 @@ def cut(mesh: Mesh, cuts: Sequence[int]) -> list[MeshPart]:
         )
         for number, (first, last) in enumerate(pairwise(firsts))
     ]
+
+
+def window_of(part: MeshPart, channel: Channel) -> MeshWindow:
+    """The rows that part ``channel.number`` of a mesh needs; all parts call this, and get rows of each other."""
+    first, last = part.cell_rows
+    before, after = channel.number - 1, channel.number + 1
+    if before >= 0 and last > first:
+        channel.send(before, "window", [part.x[1], part.y[1]])
+    if after < channel.count and not part.is_last:
+        channel.send(after, "window", [part.x[part.last - 1 - first], part.y[part.last - 1 - first]])
+    below = channel.receive(before, "window") if before >= 0 else (part.x[:0], part.y[:0])
+    above = channel.receive(after, "window") if last < part.grid.n_xi - 1 else (part.x[:0], part.y[:0])
+    x, y = (np.vstack(rows) for rows in zip(below, (part.x, part.y), above, strict=True))
+    begin = first - (before >= 0)
+    return MeshWindow(x, y, Rows(shape=part.grid.shape, begin=begin, first=first, last=last, channel=channel))
