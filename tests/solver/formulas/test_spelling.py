@@ -200,9 +200,10 @@ def test_a_formula_means_the_same_however_it_is_typed(tree: Tree, choices: int) 
     """It may be refused where it is not clear; then it is refused as any other."""
     chance, typed = random.Random(choices), list[str]()
     tokens = [token for token in write(tree) if token]
-    for token in tokens:
+    for before, token, after in zip(["", *tokens], tokens, [*tokens[1:], ""], strict=False):
         other = chance.choice(HUMAN.get(token, [f"np.{token}"] if token in ("sin", "sqrt", "where", "pi") else [token]))
-        typed.append(chance.choice([token, other]))
+        joins = other.strip() == "" and before[-1:].isdigit() and after[:1].isdigit()  # ``2*2`` is not ``22``
+        typed.append(token if joins else chance.choice([token, other]))
     text, plain = chance.choice(["", " "]).join(typed), " ".join(tokens)
     if refusal(text) is None:
         found, meant = (Expression(each, parameters={"k": 0.75}, t=0.3) for each in (text, plain))
