@@ -5,10 +5,12 @@ from __future__ import annotations
 import atexit
 import faulthandler
 import os
+import signal
 import subprocess
 import sys
 import time
 from collections import Counter
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -34,20 +36,31 @@ def pytest_configure(config: pytest.Config) -> None:
             _compile_once(config.args)
 
 
+# What the first mesh of blocks needs, which is compiled next to the rest.
+FIRST_BLOCKS = """
+import equimesh as em
+from equimesh_service.worker import warmth
+
+warmth._warm_up_blocks(em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9)), em.Expression("tanh(8*(x + y/2 - 0.75))"))
+"""
+
+
 def _compile_once(paths: list[str]) -> None:
-    """Compile the kernels, and meanwhile, on another processor, as many of the tests as there is time for.
+    """Compile the kernels in two processes, of which the second one then compiles tests while there is time.
 
     All processes of the run keep what they compile, also where the environment says otherwise: there are hundreds.
     """
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     warm_up = [sys.executable, "-c", "from equimesh_service.worker.warmth import warm_up; warm_up()"]
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:cacheprovider", *paths]
+    second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$@"', sys.executable, FIRST_BLOCKS, *collect]
     silent = subprocess.DEVNULL
-    with subprocess.Popen(collect, stdin=silent, stdout=silent, stderr=silent) as collecting:
+    with subprocess.Popen(second, stdin=silent, stdout=silent, stderr=silent, start_new_session=True) as compiling:
         try:
             subprocess.run(warm_up, check=True)
         finally:
-            collecting.kill()
+            with suppress(ProcessLookupError):
+                os.killpg(compiling.pid, signal.SIGKILL)
 
 
 @pytest.hookimpl(optionalhook=True)
