@@ -20,12 +20,7 @@ PARTS = {
     "cli": ROOT / "client" / "equimesh_cli",
 }
 # Parts whose modules are all named by the tests of their folder, but for these, with the reason.
-UNNAMED: dict[str, dict[str, str]] = {
-    "cluster_package": {},
-    "solver": {
-        "schwarz/holding/port.py": "an interface; test_in_one_process.py and test_on_channel.py test both of it",
-    },
-}
+UNNAMED: dict[str, dict[str, str]] = {"cluster_package": {}, "solver": {}}
 
 
 def test_every_folder_of_tests_stands_where_its_package_stands() -> None:

@@ -18,7 +18,6 @@ from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import require_lines
 from equimesh.numerics.channel import Traffic
-from equimesh.schwarz.holding.kept import Kept
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
@@ -27,6 +26,7 @@ from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.schwarz import schwarz_reference, schwarz_start
 from equimesh_cluster.connection import sent
 from equimesh_cluster.handle import Handle
+from equimesh_cluster.parts.kept import Kept
 from equimesh_cluster.parts.schwarz import SchwarzPart, SchwarzPlan, iterate_part
 from equimesh_cluster.run import PartsRun, RunOptions, run_parts
 from equimesh_cluster.workers import WorkerFacts, check_memory, equal_rows, examine_workers, require_count

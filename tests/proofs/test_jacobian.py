@@ -11,7 +11,7 @@ import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.schwarz.functionals import CornerLink, InterfaceData, Link, SubdomainProblem
-from equimesh.schwarz.holding.in_one_process import InOneProcess
+from equimesh.schwarz.merged_mesh import InOneProcess
 from equimesh.schwarz.optimized import OptimizedSubdomains
 
 STEPS = (1e-3, 5e-4, 2.5e-4)

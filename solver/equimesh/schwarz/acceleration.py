@@ -15,8 +15,8 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import dissection
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, Pair
-from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.line_corrections import CorrectionResult
+from equimesh.schwarz.merged_mesh import Holding
 from equimesh.schwarz.settings import Acceleration, Schwarz
 from equimesh.schwarz.subdomains import MergedSolutions, Subdomains
 

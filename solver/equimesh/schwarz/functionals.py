@@ -18,7 +18,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import Classical, PairOfFunctionals
 from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, Subdomain, SubdomainWindow
-from equimesh.schwarz.holding.port import Holding, Place
+from equimesh.schwarz.merged_mesh import Holding, Place
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.subdomains import MAX_LOCAL_STEPS, Outcome, SubdomainSweeps
 from equimesh.sweeps.sides import Frame

@@ -26,10 +26,8 @@ from equimesh.schwarz.acceleration import AccelerationResult, accelerator
 from equimesh.schwarz.conditions import Classical, Optimized, label
 from equimesh.schwarz.decomposition import Decomposition, Ordering, SubdomainWindow, turns
 from equimesh.schwarz.functionals import FunctionalSubdomains
-from equimesh.schwarz.holding.in_one_process import InOneProcess
-from equimesh.schwarz.holding.places import common, points, rim
-from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.line_corrections import CorrectionResult, LineCorrections
+from equimesh.schwarz.merged_mesh import Holding, InOneProcess, common, points, rim
 from equimesh.schwarz.optimized import OptimizedSubdomains
 from equimesh.schwarz.records import Iteration, IterationNumbers, SubdomainRecord, estimate_error
 from equimesh.schwarz.settings import Schwarz
@@ -352,7 +350,9 @@ class SchwarzRun:
         self.reads = windows_that_read(holding.decomposition, settings)
         self.subdomains = subdomains_of(problem, holding, settings, enough=self.enough, threads=threads)
         self.subdomains.restart(start)
-        self.corrections = LineCorrections(problem, threads, holding) if settings.line_corrections else None
+        self.corrections = (
+            LineCorrections(problem, threads, holding.line_sweep(problem)) if settings.line_corrections else None
+        )
         self.accelerator = accelerator(settings, holding, self._all_subdomains, rounding, threads)
         self.rescue, self.stalls = Rescue(problem, holding), Stalls(settings, rounding)
 

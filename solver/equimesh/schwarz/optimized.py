@@ -19,8 +19,8 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.conditions import LineData, Optimized
 from equimesh.schwarz.decomposition import ENDS, SubdomainWindow
-from equimesh.schwarz.holding.port import Holding, Place
 from equimesh.schwarz.line_corrections import LineSums, line_sums
+from equimesh.schwarz.merged_mesh import Holding, Place
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.subdomains import MAX_LOCAL_STEPS, Outcome, SubdomainSweeps
 from equimesh.sweeps.line_sums import cell_metrics

@@ -16,7 +16,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.decomposition import SubdomainWindow
-from equimesh.schwarz.holding.port import Place
+from equimesh.schwarz.merged_mesh import Place
 from equimesh.schwarz.records import SubdomainRecord
 from equimesh.sweeps.sides import Frame
 from equimesh.sweeps.sweep import Sweep, memory_needed, take_midpoints

@@ -21,8 +21,8 @@ from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
 from equimesh.schwarz.decomposition import Ordering
-from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.iteration import schwarz_iterations, subdomains_of
+from equimesh.schwarz.merged_mesh import InOneProcess
 from equimesh.schwarz.settings import LocalSolver, Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.solve import solve

@@ -23,9 +23,6 @@ from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.schwarz.decomposition import SubdomainWindow
-from equimesh.schwarz.holding.kept import Kept, keep, resumed
-from equimesh.schwarz.holding.on_channel import GHOSTS, OnChannel, holder
-from equimesh.schwarz.holding.rows import cuts_of_rows, rows_of
 from equimesh.schwarz.iteration import iterations_on
 from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
@@ -38,6 +35,8 @@ from equimesh.solving.estimates import safe_discretization_error
 from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.schwarz_ending import ending_of
 from equimesh_cluster.mesh_part import MeshPart
+from equimesh_cluster.parts.holding import GHOSTS, OnChannel, cuts_of_rows, holder, rows_of
+from equimesh_cluster.parts.kept import Kept, keep, resumed
 from equimesh_cluster.parts.part_solution import PartSolution
 
 

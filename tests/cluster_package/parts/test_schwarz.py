@@ -12,8 +12,8 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.numerics.channel import Channel, ThreadChannels
-from equimesh.schwarz.holding.kept import Kept
 from equimesh.schwarz.records import Iteration, IterationNumbers
+from equimesh_cluster.parts.kept import Kept
 from equimesh_cluster.parts.schwarz import SchwarzPart, SchwarzPlan, iterate_part
 from solver.schwarz.bent import bent
 

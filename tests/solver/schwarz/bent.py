@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
-from equimesh.schwarz.holding.in_one_process import InOneProcess
+from equimesh.schwarz.merged_mesh import InOneProcess
 from equimesh.schwarz.optimized import OptimizedSubdomains
 from equimesh.single_domain import iteration as single_domain
 

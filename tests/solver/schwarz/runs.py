@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.holding.in_one_process import InOneProcess
+from equimesh.schwarz.merged_mesh import InOneProcess
 
 PAPER = problem("paper", 24, 20)
 WHOLE = InOneProcess(em.Decomposition(grid=PAPER.grid))

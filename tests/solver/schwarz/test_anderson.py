@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.schwarz.acceleration import Anderson
-from equimesh.schwarz.holding.in_one_process import InOneProcess
+from equimesh.schwarz.merged_mesh import InOneProcess
 
 UNIFORM = em.Mesh.uniform(em.Grid(n_xi=6, n_eta=5))
 BUMP = np.sin(np.pi * UNIFORM.x) * np.sin(np.pi * UNIFORM.y)

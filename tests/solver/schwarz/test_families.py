@@ -6,8 +6,8 @@ import pytest
 
 import equimesh as em
 from equimesh.schwarz.functionals import FunctionalSubdomains
-from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.iteration import subdomains_of
+from equimesh.schwarz.merged_mesh import InOneProcess
 from equimesh.schwarz.optimized import OptimizedSubdomains
 from equimesh.schwarz.subdomains import Subdomains
 from solver.schwarz.runs import PAPER

@@ -11,7 +11,7 @@ import equimesh as em
 from cases import problem
 from equimesh.schwarz.acceleration import Raspen, Slope
 from equimesh.schwarz.functionals import FunctionalSubdomains
-from equimesh.schwarz.holding.in_one_process import InOneProcess
+from equimesh.schwarz.merged_mesh import InOneProcess
 from equimesh.schwarz.subdomains import Subdomains
 from solver.schwarz.bent import bent, yielding_subdomains
 

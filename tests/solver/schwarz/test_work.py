@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import equimesh as em
-from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.iteration import subdomains_of, traffic, work
+from equimesh.schwarz.merged_mesh import InOneProcess
 from equimesh.schwarz.records import SubdomainRecord
 from solver.schwarz.runs import PAPER
 

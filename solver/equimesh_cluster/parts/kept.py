@@ -5,6 +5,8 @@ where they outlive the part. After a loss the parts of the next attempt look for
 processes that are left have all windows.
 """
 
+from __future__ import annotations
+
 import threading
 from collections.abc import Sequence
 
@@ -13,7 +15,7 @@ import numpy as np
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array
-from equimesh.schwarz.holding.on_channel import OnChannel
+from equimesh_cluster.parts.holding import OnChannel
 
 # Iterates of which copies are kept: one part may be one iteration ahead of another.
 KEPT_ITERATES = 2

@@ -12,9 +12,9 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.numerics.channel import Channel, ThreadChannels
-from equimesh.schwarz.holding.on_channel import OnChannel, holder
 from equimesh.schwarz.iteration import iterations_on, schwarz_iterations
 from equimesh.schwarz.records import Iteration, IterationNumbers
+from equimesh_cluster.parts.holding import OnChannel, holder
 from solver.schwarz.bent import bent
 
 CASE = problem("tanh20", 25, 17)

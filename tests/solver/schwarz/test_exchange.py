@@ -8,8 +8,8 @@ import equimesh as em
 from cases import problem
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.functionals import Exchange, SubdomainProblem
-from equimesh.schwarz.holding.in_one_process import InOneProcess
-from equimesh.schwarz.holding.on_channel import OnChannel
+from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh_cluster.parts.holding import OnChannel
 from solver.schwarz.bent import bent
 
 CASE = problem("paper", 18, 15)

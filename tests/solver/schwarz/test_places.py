@@ -6,7 +6,7 @@ import numpy as np
 
 import equimesh as em
 from equimesh.schwarz.decomposition import SubdomainWindow
-from equimesh.schwarz.holding.places import common, moved, points, rim
+from equimesh.schwarz.merged_mesh import common, moved, points, rim
 
 BLOCKS = em.Decomposition(grid=em.Grid(n_xi=20, n_eta=14), subdomains=(3, 2), overlap=3)
 

@@ -6,8 +6,8 @@ import numpy as np
 
 import equimesh as em
 from equimesh.numerics.channel import Channel, ThreadChannels
-from equimesh.schwarz.holding.kept import Kept, keep, resumed
-from equimesh.schwarz.holding.on_channel import OnChannel
+from equimesh_cluster.parts.holding import OnChannel
+from equimesh_cluster.parts.kept import Kept, keep, resumed
 
 STRIPS = em.Decomposition(grid=em.Grid(n_xi=20, n_eta=6), subdomains=(5, 1), overlap=2)
 

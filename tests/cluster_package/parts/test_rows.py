@@ -7,8 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.numerics.channel import Channel, ThreadChannels
-from equimesh.schwarz.holding.on_channel import OnChannel
-from equimesh.schwarz.holding.rows import cuts_of_rows, rows_of
+from equimesh_cluster.parts.holding import OnChannel, cuts_of_rows, rows_of
 
 GRID = em.Grid(n_xi=20, n_eta=13)
 

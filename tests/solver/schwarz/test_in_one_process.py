@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.schwarz.decomposition import SubdomainWindow
-from equimesh.schwarz.holding.in_one_process import InOneProcess, chain
+from equimesh.schwarz.merged_mesh import InOneProcess, chain
 
 GRID = em.Grid(n_xi=14, n_eta=11)
 BLOCKS = em.Decomposition(grid=GRID, subdomains=(3, 2), overlap=2)

@@ -9,9 +9,8 @@ import equimesh as em
 from cases import problem
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.channel import Channel, ThreadChannels
-from equimesh.schwarz.holding.on_channel import OnChannel
-from equimesh.schwarz.line_corrections import HeldSweep
 from equimesh.sweeps.sweep import Sweep, memory_needed
+from equimesh_cluster.parts.holding import HeldSweep, OnChannel
 from solver.schwarz.bent import bent
 
 SECTOR = em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0))

@@ -10,11 +10,11 @@ from cases import problem
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz import line_corrections
 from equimesh.schwarz.decomposition import SubdomainWindow
-from equimesh.schwarz.holding.in_one_process import InOneProcess
-from equimesh.schwarz.holding.on_channel import OnChannel
 from equimesh.schwarz.line_corrections import WholeLineSums, interfaces, line_sums
+from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh_cluster.parts.holding import OnChannel
 from solver.schwarz.bent import bent
-from solver.schwarz.lines.test_segments import edge_lengths
+from solver.schwarz.test_segments import edge_lengths
 
 SHAPE = (23, 17)
 

@@ -1,9 +1,6 @@
-"""The subdomains that one of several processes holds, and the merged mesh in their windows.
+"""The subdomains that one of several processes holds: the merged mesh in their windows, its lines, its rows."""
 
-Processes exchange messages through a :class:`~equimesh.numerics.channel.Channel`. Each holds consecutive subdomains. A
-merged mesh is, for each of them, the nodes of its window with one grid line beyond every interface. Its arrays have the
-shape ``(1, nodes)``: the windows one after the other. Nodes that subdomains share are held by each of them.
-"""
+from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -11,22 +8,34 @@ from functools import partial
 import numpy as np
 
 from equimesh.domains.domain import Domain, map_mesh
+from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.meshes.folding import largest_difference, smallest_jacobian
+from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.parts import Parts, with_halos
 from equimesh.numerics.channel import Channel, Counted
-from equimesh.numerics.types import Array
-from equimesh.schwarz.decomposition import Decomposition, SubdomainWindow
-from equimesh.schwarz.holding.in_one_process import chain, product
-from equimesh.schwarz.holding.places import common, moved, rim
-from equimesh.schwarz.holding.port import Numbers, Place, WholeWork
+from equimesh.numerics.types import Array, Pair
+from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, SubdomainWindow
+from equimesh.schwarz.line_corrections import HeldLineSums
+from equimesh.schwarz.merged_mesh import Numbers, Place, WholeWork, chain, common, moved, product, rim
+from equimesh.sweeps.line_sums import cell_metrics
+from equimesh.sweeps.sides import SideNodes, Sides
+from equimesh.sweeps.sweep import Correction, Sweep, memory_needed
+
+# The subdomains that one of several processes holds, and the merged mesh in their windows.
+#
+# Processes exchange messages through a :class:`~equimesh.numerics.channel.Channel`. Each holds consecutive
+# subdomains. A merged mesh is, for each of them, the nodes of its window with one grid line beyond every interface.
+# Its arrays have the shape ``(1, nodes)``: the windows one after the other. Nodes that subdomains share are held by
+# each of them.
 
 # Grid lines beyond every interface that a process holds of a merged mesh.
 GHOSTS = 1
 
 
 class OnChannel:
-    """The subdomains of one process; see :class:`~equimesh.schwarz.holding.port.Holding`."""
+    """The subdomains of one process; see :class:`~equimesh.schwarz.merged_mesh.Holding`."""
 
     is_whole = False
 
@@ -251,6 +260,10 @@ class OnChannel:
         """The data that one subdomain sends another, at the receiver."""
         return self.move(self._holders[sender], self._holders[to], data, kind)
 
+    def line_sweep(self, problem: Problem) -> HeldSweep:
+        """Corrections of all lines in the windows."""
+        return HeldSweep(problem, self)
+
     def _nodes(
         self, sender: int, to: int, state: Mesh | None, window: SubdomainWindow, place: Place, kind: str
     ) -> Sequence[Array] | None:
@@ -303,3 +316,127 @@ def _arrays(states: Mapping[int, Mesh], k: int) -> Sequence[Array]:
 def holder(k: int, subdomains: int, processes: int) -> int:
     """The process that holds a subdomain: each holds as many consecutive ones as the others, or one more."""
     return k * processes // subdomains
+
+
+# Line corrections of a merged mesh whose windows several processes hold.
+#
+# Every subdomain corrects its part of all grid lines. From its neighbours it gets the sums of the metric lengths
+# beyond, how far the moving sides of the grid push the ends of each line, and afterwards the nodes beyond its
+# interfaces.
+
+
+class HeldSweep:
+    """Corrections of all grid lines, as :class:`~equimesh.sweeps.sweep.Sweep`, in the windows that are held here."""
+
+    def __init__(self, problem: Problem, holding: OnChannel) -> None:
+        self._problem, self._holding = problem, holding
+        self._sums = HeldLineSums(problem, holding, holding.patches)
+        windows = {k: holding.patches[k] for k in holding.numbers}
+        # The windows are corrected one after the other, in the same memory.
+        memory = np.empty(max(memory_needed(window.shape) for window in windows.values()))
+        points = problem.grid.shape
+        self._sweeps, self._sides = dict[int, Sweep](), dict[int, Sides]()
+        for k, window in windows.items():
+            frame = window.frame(points)
+            self._sweeps[k] = Sweep(problem.metric, problem.boundary, Parts.of(window.shape), memory, frame)
+            self._sides[k] = Sides(problem.metric, problem.boundary, window.shape, frame)
+        self._moved = Mesh(np.empty((1, holding.size)), np.empty((1, holding.size)))
+        self.smallest_jacobian = np.nan
+        """The smallest corner Jacobian of the moved nodes, not scaled by the spacing; NaN where one is not finite."""
+
+    def correct(self, x: Array, y: Array) -> Correction:
+        """One correction of a merged mesh."""
+        mesh, holding = Mesh(x, y), self._holding
+        self._sums.read(mesh)
+        rests = {k: self._rest(k) for k in holding.numbers}
+        pushes = self._pushes(mesh, rests)
+        found = {}
+        for k, sweep in self._sweeps.items():
+            view, moved = holding.view(mesh, k), holding.view(self._moved, k)
+            correction = sweep.correct(view.x, view.y, rests[k], pushes[k])
+            moved.x[:], moved.y[:] = sweep.new_x, sweep.new_y
+            window = holding.patches[k]
+            here = window.local(window.covered)
+            smallest = smallest_jacobian(moved.x[here].copy(), moved.y[here].copy())
+            found[k] = [correction.deviation, correction.move, -float(smallest)]
+        holding.fill_ghosts(self._moved, "corrections")
+        deviation, move, smallest = np.max(holding.every(found), axis=0).tolist()
+        self.smallest_jacobian = -smallest
+        return Correction(deviation, move)
+
+    def swap(self, x: Array, y: Array) -> Pair:
+        """The moved nodes; ``x`` and ``y`` are the memory for the next ones."""
+        moved, self._moved = self._moved, Mesh(x, y)
+        return moved.x, moved.y
+
+    def _rest(self, k: int) -> Pair:
+        """The sums beyond a window at both ends of its xi-lines and of its eta-lines."""
+        window = self._holding.patches[k]
+        found = np.zeros((2, window.shape[1])), np.zeros((2, window.shape[0]))
+        for (axis, end), is_open in window.open.items():
+            if is_open:
+                found[axis][end] = self._sums.beyond(window, axis, end)
+        return found
+
+    def _pushes(self, mesh: Mesh, rests: dict[int, Pair]) -> dict[int, Pair]:
+        """What the sides of the grid add to both ends of the lines of every window that ends at an interface."""
+        holding = self._holding
+        found, moves = dict[int, Pair](), dict[int, Pair]()
+        for k in holding.numbers:
+            view, shape = holding.view(mesh, k), holding.patches[k].shape
+            *_, along_eta, along_xi = self._sides[k].moves(SideNodes.of(view.x, view.y), rest=rests[k])
+            moves[k] = along_eta.copy(), along_xi.copy()
+            found[k] = np.zeros((2, shape[1])), np.zeros((2, shape[0]))
+        for axis in AXES:
+            for end in ENDS:
+
+                def first(k: int, axis: int = axis, end: int = end) -> Array:
+                    return self._push(holding.view(mesh, k), moves[k][axis][end], axis, end)
+
+                passed = holding.along_lines(axis, end, first, lambda _, received: received, "pushes")
+                for k, push in passed.items():
+                    if holding.patches[k].open[axis, end]:
+                        found[k][axis][end] = push
+        return found
+
+    def _push(self, mesh: Mesh, moves: Array, axis: int, end: int) -> Array:
+        """``-2 P`` at a side of the grid, or ``-2 Q``, for the lines that end there; its nodes move by ``moves``."""
+        place = slice(-2, None) if end else slice(0, 2)
+        x, y = (np.ascontiguousarray(q[place] if axis == 0 else q[:, place]) for q in (mesh.x, mesh.y))
+        cells = np.empty((3, x.shape[0] - 1, x.shape[1] - 1))
+        cell_metrics(self._problem.metric, x, y, cells)
+        cells = cells.reshape(3, -1)
+        m11, m12, m22 = 0.5 * (cells[:, 1:] + cells[:, :-1])
+        gx, gy = (np.diff(q, axis=axis).ravel()[1:-1] for q in (x, y))
+        along = m12 * gx + m22 * gy if axis == 0 else m11 * gx + m12 * gy
+        push = np.zeros(moves.size)
+        push[1:-1] = -2.0 * along * moves[1:-1]
+        return push
+
+
+def cuts_of_rows(holding: OnChannel) -> list[int]:
+    """The first row of every part, and the number of rows: of strips those that their part owns, else near equal."""
+    n_xi, count = holding.decomposition.grid.n_xi, holding.channel.count
+    if holding.decomposition.subdomains[1] > 1:
+        return [n_xi * part // count for part in range(count + 1)]
+    firsts = [holding.decomposition.parts[holding.held_by(part)[0]].spans[0].owned_first for part in range(count)]
+    return [*firsts, n_xi]
+
+
+def rows_of(holding: OnChannel, mesh: Mesh) -> HeldMesh:
+    """The rows of this part of a merged mesh, and one more each way."""
+    grid, cuts = holding.decomposition.grid, cuts_of_rows(holding)
+    spans = with_halos(cuts)
+    begin, end = spans[holding.channel.number]
+    x, y = np.empty((2, end - begin, grid.n_eta))
+    for k, window in enumerate(holding.patches):
+        state = holding.view(mesh, k) if k in holding.numbers else None
+        for part, span in enumerate(spans):
+            place = common(window.part.owned, (slice(*span), slice(0, grid.n_eta)))
+            if place is None:
+                continue
+            nodes = holding.move(holding.holder_of(k), part, holding.cut_from(state, window, place), "rows")
+            if nodes is not None:
+                local = moved(place, (begin, 0))
+                x[local], y[local] = nodes
+    return HeldMesh(grid, begin, x, y)
