@@ -34,15 +34,11 @@ from equimesh_client.errors import (
     Unauthorized,
 )
 from equimesh_client.mesh import AsyncMesh, Mesh
-from equimesh_client.records.convergence import Convergence
-from equimesh_client.records.parts import FileOfParts, PartRecord, Parts
-from equimesh_client.records.quality import Measure, Quality
-from equimesh_client.records.sequences import SequenceRecord
-from equimesh_client.records.state import Progress
+from equimesh_client.records.measures import Convergence, Measure, Quality
+from equimesh_client.records.resources import FileOfParts, PartRecord, Parts, Progress, SequenceRecord
 from equimesh_client.sequence import AsyncSequence, Sequence
 from equimesh_client.spec.domains import Blocks
-from equimesh_client.spec.fields import Field
-from equimesh_client.spec.motion import Motion
+from equimesh_client.spec.fields import Field, Motion
 from equimesh_client.spec.sources import SampleFile, StoredSamples, Upload
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.part_downloads import PartArrays

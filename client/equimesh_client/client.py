@@ -15,8 +15,7 @@ from equimesh_client.operation import Awaiting, Blocking, operation
 from equimesh_client.progress_bar import Watch
 from equimesh_client.sequence import AsyncSequences, Sequences
 from equimesh_client.spec.domains import Domain, domain_json
-from equimesh_client.spec.mesh import MeshOptions, complete_options
-from equimesh_client.spec.request import GenerateArguments, request_of_spec
+from equimesh_client.spec.request import GenerateArguments, MeshOptions, complete_options, request_of_spec
 from equimesh_client.spec.sources import StoredSamples, read_mesh_file
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve

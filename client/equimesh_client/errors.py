@@ -28,7 +28,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from equimesh_client.records.state import MeshState
+from equimesh_client.records.resources import MeshState
 from equimesh_coupling.errors import EquimeshError
 
 # One root for all packages: it also catches what a mesh raises on its way to another library.

@@ -9,11 +9,8 @@ from typing import Any, Generic, TypeVar, cast
 from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.operation import Awaiting, Blocking, finish, operation
 from equimesh_client.progress_bar import Watch
-from equimesh_client.records.convergence import Convergence
-from equimesh_client.records.parts import Parts
-from equimesh_client.records.quality import Quality
-from equimesh_client.records.state import MeshState
-from equimesh_client.records.tables import Array, IntArray
+from equimesh_client.records.measures import Array, Convergence, IntArray, Quality
+from equimesh_client.records.resources import MeshState, Parts
 from equimesh_client.wire import flows, part_downloads, protocol
 from equimesh_client.wire.archives import unpack_foam, unpack_xdmf
 from equimesh_client.wire.arrays import MeshArrays, arrays_of

@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
-from equimesh_client.records.state import progress_of
+from equimesh_client.records.resources import progress_of
 
 # The form of the bar, and that where nobody knows how much work is ahead.
 KNOWN = "{percentage:3.0f}% |{bar:10}| {elapsed} {desc}"

@@ -9,11 +9,9 @@ import numpy.typing as npt
 
 from equimesh_client.mesh import AsyncMesh, M, Mesh
 from equimesh_client.operation import Awaiting, Blocking, operation
-from equimesh_client.records.sequences import SequenceRecord
-from equimesh_client.spec.fields import Field
-from equimesh_client.spec.mesh import MeshOptions, complete_options
-from equimesh_client.spec.motion import Motion
-from equimesh_client.spec.request import GenerateArguments
+from equimesh_client.records.resources import SequenceRecord
+from equimesh_client.spec.fields import Field, Motion
+from equimesh_client.spec.request import GenerateArguments, MeshOptions, complete_options
 from equimesh_client.wire import protocol, steps
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.pages import SequencePages

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
-from equimesh_schema.codec import Answer, Json, Number
+from equimesh_schema.document import Answer, Json, Number
 
 NAMES = {
     "a": "a of the arc length",

@@ -11,7 +11,7 @@ import pytest
 
 from client.conftest import connect, fault, service
 from equimesh_cli import main
-from equimesh_cli.checks.findings import Finding
+from equimesh_cli.checks.installation import Finding
 from equimesh_cli.commands import doctor
 from equimesh_service import Settings
 from equimesh_service.store.migration import upgrade

@@ -12,7 +12,7 @@ from typing import Any
 import equimesh as em
 from equimesh.specs import build
 from equimesh_cli.command import build_parser
-from equimesh_cli.options.fields import flag as flag_of
+from equimesh_cli.options.monitors import flag as flag_of
 from equimesh_schema import mesh, schwarz
 from equimesh_schema.document import keys_of, types_of
 from equimesh_schema.domains import DOMAINS

@@ -46,9 +46,9 @@ from equimesh.quality.measures import PER_CELL
 from equimesh.upload.samples import READERS
 from equimesh_cli.command import build_parser
 from equimesh_cli.exits import Exit
-from equimesh_cli.options.fields import flag as flag_of
+from equimesh_cli.options.monitors import flag as flag_of
 from equimesh_client import Client
-from equimesh_client.spec.mesh import DEFAULTS
+from equimesh_client.spec.request import DEFAULTS
 from equimesh_cluster.part_files.formats import PARTED_FORMATS
 from equimesh_schema import schwarz as schwarz_schema
 from equimesh_schema.document import keys_of, types_of
@@ -56,7 +56,7 @@ from equimesh_schema.mesh import MeshSpec
 from equimesh_schema.monitors import MONITORS
 from equimesh_service import Settings, running
 from equimesh_service.api.app import create_app
-from equimesh_service.problems.kinds import KINDS
+from equimesh_service.problems.problem import KINDS
 
 ROOT = Path(__file__).parents[2]
 PAGES = {

@@ -28,8 +28,8 @@ import pytest
 import yaml
 from sqlalchemy import make_url
 
-from equimesh_cli.checks import machine
-from equimesh_cli.checks.findings import Level
+from equimesh_cli.checks import installation
+from equimesh_cli.checks.installation import Level
 from equimesh_service.settings import SERVICE_MIB, Settings
 from generator.places import relinked
 from programs import postgresql_program
@@ -254,9 +254,9 @@ def test_compose_gives_its_workers_the_memory_that_they_may_take(monkeypatch: py
     assert settings.most_memory + int(scratch) == mebibytes(limits["memory"])
     (processors,) = re.findall(r":-(\d+)\}", limits["cpus"])
     assert int(processors) == settings.workers
-    monkeypatch.setattr(machine, "allowed_memory", lambda: mebibytes(limits["memory"]) * machine.MIB)
+    monkeypatch.setattr(installation, "allowed_memory", lambda: mebibytes(limits["memory"]) * installation.MIB)
     monkeypatch.setattr(os, "sysconf", {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 1 << 24}.__getitem__)
-    assert machine.memory(settings).level is Level.OK
+    assert installation.memory(settings).level is Level.OK
     page = (ROOT / "docs/how-to/deploy.md").read_text()
     names = re.findall(r"^EQUIMESH_(WORKERS)=(\d+)$", page, re.MULTILINE)
     larger = Settings(memory_limit=settings.memory_limit, **{name.lower(): number for name, number in names})

@@ -13,7 +13,7 @@ from equimesh.io.write import CELLS
 from equimesh.monitors.auto import PURPOSES
 from equimesh.monitors.curvature import NORMS
 from equimesh.specs import build
-from equimesh_client.spec.monitors import monitor_json
+from equimesh_client.spec.request import monitor_json
 from equimesh_schema import domains, mesh, monitors, schwarz
 from equimesh_schema.document import Words, keys_of
 from equimesh_service.spec.mesh import read_spec

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from equimesh_cli.checks.findings import Finding, failed, ok, warning
+from equimesh_cli.checks.installation import Finding, failed, ok, warning
 
 if TYPE_CHECKING:
     from equimesh_service.settings import Settings

@@ -6,9 +6,9 @@ import json
 from typing import Any
 
 from equimesh_cli.exits import Exit
-from equimesh_cli.options.address import DEFAULT_URL, add_url
 from equimesh_cli.options.mesh import parameter
 from equimesh_cli.options.monitors import domain, domain_file
+from equimesh_cli.options.service import DEFAULT_URL, add_url
 from equimesh_cli.parser import add_command
 
 EXAMPLES = """\

@@ -13,7 +13,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Exit, NotInstalled
-from equimesh_cli.options.settings import add_settings, explicit_settings, merged_settings
+from equimesh_cli.options.service import add_settings, explicit_settings, merged_settings
 from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:

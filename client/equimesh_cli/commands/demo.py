@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Exit, NotInstalled, Refused
-from equimesh_cli.options.settings import start_error
+from equimesh_cli.options.service import start_error
 from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:

@@ -8,12 +8,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.checks import cluster, installation, machine, reach, storage
-from equimesh_cli.checks.findings import Finding, Level, failed
+from equimesh_cli.checks import installation, reach, storage
+from equimesh_cli.checks.installation import Finding, Level, failed
 from equimesh_cli.exits import Exit, NotInstalled, Refused
-from equimesh_cli.options.address import add_url
-from equimesh_cli.options.database import cause
-from equimesh_cli.options.settings import add_settings, explicit_settings, merged_settings
+from equimesh_cli.options.service import add_settings, add_url, cause, explicit_settings, merged_settings
 from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
@@ -43,14 +41,14 @@ HERE: dict[str, Callable[[Settings], Finding | None]] = {
     "settings": installation.variables,
     "kernels": installation.kernels,
     "solve": installation.solve,
-    "processors": machine.processors,
-    "memory": machine.memory,
+    "processors": installation.processors,
+    "memory": installation.memory,
     "folder": storage.folder,
     "disk": storage.disk,
     "database": storage.database,
     "clock": storage.clock,
     "files": storage.files,
-    "cluster": cluster.cluster,
+    "cluster": reach.cluster,
     "port": reach.port,
     "exposure": reach.exposure,
 }

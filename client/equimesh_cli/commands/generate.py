@@ -8,8 +8,6 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Exit, Refused
-from equimesh_cli.options.address import DEFAULT_URL, add_url
-from equimesh_cli.options.fields import number_or
 from equimesh_cli.options.mesh import (
     MESH_SUFFIXES,
     PART_SUFFIXES,
@@ -21,7 +19,8 @@ from equimesh_cli.options.mesh import (
     schwarz_of,
     target_of,
 )
-from equimesh_cli.options.monitors import monitor_of
+from equimesh_cli.options.monitors import monitor_of, number_or
+from equimesh_cli.options.service import DEFAULT_URL, add_url
 from equimesh_cli.parser import add_command
 from equimesh_cli.viewer import told
 

@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 from equimesh_cli.exits import Exit, NotInstalled, Refused
-from equimesh_cli.options.settings import add_settings, explicit_settings, merged_settings, start_error
+from equimesh_cli.options.service import add_settings, explicit_settings, merged_settings, start_error
 from equimesh_cli.parser import add_command
 
 EXAMPLES = """\

@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from equimesh_cli.exits import Exit, NotInstalled, Refused
-from equimesh_cli.options.settings import merged_settings
+from equimesh_cli.options.service import merged_settings
 from equimesh_cli.parser import add_command
 
 EXAMPLES = """\

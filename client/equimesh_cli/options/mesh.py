@@ -10,8 +10,16 @@ from pathlib import Path
 from shlex import quote
 
 from equimesh_cli.exits import Refused
-from equimesh_cli.options.fields import add_field, flag, foreign_to, given_of
-from equimesh_cli.options.monitors import add_monitor_options, check_monitor, domain, domain_file
+from equimesh_cli.options.monitors import (
+    add_field,
+    add_monitor_options,
+    check_monitor,
+    domain,
+    domain_file,
+    flag,
+    foreign_to,
+    given_of,
+)
 from equimesh_schema.document import types_of
 from equimesh_schema.mesh import Grid, MeshSpec, Target
 from equimesh_schema.schwarz import TRANSMISSIONS, Schwarz

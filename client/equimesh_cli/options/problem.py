@@ -12,8 +12,7 @@ from equimesh_cli.options.mesh import points_of, schwarz_of, target_of
 from equimesh_cli.options.monitors import monitor_of
 from equimesh_client.errors import caret
 from equimesh_client.spec.domains import domain_json
-from equimesh_client.spec.mesh import MeshOptions, mesh_spec
-from equimesh_client.spec.monitors import monitor_json
+from equimesh_client.spec.request import MeshOptions, mesh_spec, monitor_json
 from equimesh_schema.mesh import UNIT_SQUARE
 
 

@@ -1,8 +1,11 @@
-"""Fields of a step of a sequence: values on its mesh, and how they are carried to the next mesh."""
+"""Fields of a step of a sequence, how they are carried to the next mesh, and how the mesh moves."""
+
+from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from difflib import get_close_matches
+from typing import Any, Literal, TypeAlias, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -72,3 +75,31 @@ def number_array(name: str, values: Any, mesh: HasParts) -> Array:
         return array.reshape(parts.node_shape) if array.shape == (len(parts.points),) else array
     except (TypeError, ValueError) as error:
         raise BadArgument(f"{name} is not an array of real numbers: {error}") from error
+
+
+# How the mesh of a sequence moves.
+
+
+class Motion(TypedDict, total=False):
+    """How the mesh of a sequence moves, from a step on. What is left out stays as it was."""
+
+    smoothing: float
+    """The share of the mesh before in each new mesh, from 0 (at first) to 0.9. Raise it where meshes jitter."""
+    max_move: float
+    """How far nodes may move in a step, in cells of the mesh before. At first: 1."""
+    outrun: Literal["substeps", "refuse"]
+    """What happens where nodes would move farther: ``"substeps"`` (at first) tries other starts, and meshes in between,
+    where the error has risen; ``"refuse"`` raises :class:`MeshFailed`, and the sequence stays as it was.
+    """
+
+
+def motion_json(motion: Motion) -> dict[str, Any]:
+    """The JSON of the settings; raises :class:`TypeError` for others, which names the nearest one."""
+    given: Mapping[str, Any] = motion
+    names = [*Motion.__annotations__]
+    for name in given:
+        if name not in names:
+            nearest = get_close_matches(name, names, n=1)
+            advice = f"did you mean {nearest[0]!r}?" if nearest else f"it has {', '.join(names)}"
+            raise TypeError(f"step() has no option {name!r}; {advice}")
+    return {name: value if isinstance(value, str) else float(value) for name, value in given.items()}

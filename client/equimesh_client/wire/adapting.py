@@ -9,10 +9,9 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.records.tables import Array
+from equimesh_client.records.measures import Array
 from equimesh_client.spec.domains import Domain, has_own_points
-from equimesh_client.spec.mesh import DEFAULT_POINTS, DEFAULTS, MeshOptions
-from equimesh_client.spec.request import GenerateArguments
+from equimesh_client.spec.request import DEFAULT_POINTS, DEFAULTS, GenerateArguments, MeshOptions
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on
 from equimesh_coupling.cells import ErrorIndicator, cell_values

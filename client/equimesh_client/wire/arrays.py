@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from equimesh_client.errors import DownloadDamaged
-from equimesh_client.records.tables import Array, IntArray
+from equimesh_client.records.measures import Array, IntArray
 from equimesh_coupling.coupled import Coupled
 from equimesh_coupling.parts import SIDES, Cells, MeshParts
 

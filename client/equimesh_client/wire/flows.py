@@ -21,7 +21,7 @@ from equimesh_client.errors import (
     ServerError,
     ServiceUnreachable,
 )
-from equimesh_client.records.state import FINISHED
+from equimesh_client.records.resources import FINISHED
 from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, box_around, domain_json
 from equimesh_client.spec.request import UPLOAD, GenerateArguments, MeshRequest
 from equimesh_client.spec.sources import needs_box, read_mesh_file, upload_of

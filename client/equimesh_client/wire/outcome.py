@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from equimesh_client.errors import BadArgument, MeshCanceled, MeshFailed
-from equimesh_client.records.state import MeshState
-from equimesh_client.records.tables import Array
+from equimesh_client.records.measures import Array
+from equimesh_client.records.resources import MeshState
 from equimesh_client.wire.arrays import MeshArrays
 
 

@@ -13,8 +13,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from equimesh_client.errors import BadArgument, DownloadDamaged, ServiceUnreachable
-from equimesh_client.records.parts import FileOfParts, Parts
-from equimesh_client.records.tables import Array
+from equimesh_client.records.measures import Array
+from equimesh_client.records.resources import FileOfParts, Parts
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.deadline import Deadline, Settings
 from equimesh_client.wire.downloads import PartFile

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from equimesh_client.errors import BadArgument, DownloadDamaged
-from equimesh_client.records.state import MeshState
-from equimesh_client.records.tables import Array
-from equimesh_client.spec.fields import number_array, read_fields
-from equimesh_client.spec.monitors import Later, monitor_json
-from equimesh_client.spec.motion import Motion, motion_json
-from equimesh_client.spec.request import GenerateArguments
+from equimesh_client.records.measures import Array
+from equimesh_client.records.resources import MeshState
+from equimesh_client.spec.fields import Motion, motion_json, number_array, read_fields
+from equimesh_client.spec.request import GenerateArguments, Later, monitor_json
 from equimesh_client.spec.sources import StoredSamples, source_of
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.arrays import MeshArrays, arrays_of

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from equimesh.io.formats import FORMATS
-from equimesh_service.problems.problem import Problem
-from equimesh_service.problems.sentences import did_you_mean
+from equimesh_service.problems.problem import Problem, did_you_mean
 from equimesh_service.worker.part_formats import HEADED, PART_FORMATS
 
 

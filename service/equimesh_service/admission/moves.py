@@ -30,7 +30,7 @@ from equimesh_service.assembly.step_fields import Array, StepField, checked_valu
 from equimesh_service.problems.problem import Complaint, Problem, complaint_of, input_problem, problem_at
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import escape_token, parse
-from equimesh_service.spec.step_monitor import with_functions
+from equimesh_service.spec.monitors import with_functions
 from equimesh_service.spec.strict import validate
 
 # Names of other arrays in mesh files, and of arguments of numpy.savez.

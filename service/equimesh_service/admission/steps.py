@@ -20,7 +20,7 @@ from equimesh_service.files.port import Files, Removed, StoredFile
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.spec.document import sent_pointer
 from equimesh_service.spec.mesh import read_spec
-from equimesh_service.spec.step_monitor import completed, functions_of, with_functions, with_u
+from equimesh_service.spec.monitors import completed, functions_of, with_functions, with_u
 from equimesh_service.store.rows import NODAL, Artifact, SamplesRow
 from equimesh_service.store.store import Store
 

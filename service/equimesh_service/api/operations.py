@@ -10,9 +10,7 @@ from starlette.responses import Response
 from equimesh_service.api.pages import problem_page
 from equimesh_service.api.resources import ReadinessReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Admin, ServiceDependency, problems
-from equimesh_service.problems.kinds import KINDS
-from equimesh_service.problems.problem import Problem
-from equimesh_service.problems.sentences import did_you_mean
+from equimesh_service.problems.problem import KINDS, Problem, did_you_mean
 from equimesh_service.upkeep.readiness import OK
 from equimesh_service.wire.negotiation import choose_offer
 

@@ -13,8 +13,7 @@ from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 from starlette.responses import Response
 
-from equimesh_service.problems.kinds import KINDS, Kind
-from equimesh_service.problems.problem import Problem
+from equimesh_service.problems.problem import KINDS, Kind, Problem
 from equimesh_service.wire.security_headers import page_policy
 
 router = APIRouter(include_in_schema=False)

@@ -9,8 +9,7 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer, SecurityS
 from pydantic import BaseModel
 
 from equimesh_service.admission.callers import Caller
-from equimesh_service.problems.problem import MEDIA_TYPE, Problem, problem_at
-from equimesh_service.problems.sentences import did_you_mean
+from equimesh_service.problems.problem import MEDIA_TYPE, Problem, did_you_mean, problem_at
 from equimesh_service.service import Service
 from equimesh_service.store.key_secrets import ADMIN, READ, WRITE
 from equimesh_service.telemetry import log_context

@@ -15,8 +15,7 @@ from equimesh_schema.sources import AnySource, BlockNodesSource, GridSource, Nod
 from equimesh_service.assembly.problem import packed_check, translate_errors
 from equimesh_service.assembly.samples import canonical_arrays, write
 from equimesh_service.problems.problem import Problem, problem_at, repointed
-from equimesh_service.spec.bounds import MAX_PLAIN_VALUES
-from equimesh_service.spec.document import parse, sent_pointer
+from equimesh_service.spec.document import MAX_PLAIN_VALUES, parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec, read_spec
 
 # Texts of a spec up to this size are read in the process of the service: within 20 ms whatever they contain.

@@ -14,7 +14,7 @@ from equimesh_schema.sources import ExpressionSource
 from equimesh_service.assembly.step_fields import dimensions
 from equimesh_service.problems.problem import complaint_of, input_problem
 from equimesh_service.spec.document import escape_token, parse
-from equimesh_service.spec.step_monitor import with_functions
+from equimesh_service.spec.monitors import with_functions
 from equimesh_service.spec.strict import validate
 
 

@@ -28,7 +28,7 @@ from equimesh.inputs import count_noun, real_array
 from equimesh.upload.columns import Limits
 from equimesh.upload.samples import block_nodes, checked_nodes, is_nodal, read_arrays, samples_of
 from equimesh_service.files.port import StoredFile
-from equimesh_service.spec.bounds import check_bounds
+from equimesh_service.spec.document import check_bounds
 from equimesh_service.store.rows import NewSamples, SamplesRow
 
 Arrays: TypeAlias = Mapping[str, Any]
@@ -54,7 +54,7 @@ def read(data: bytes, filename: str, limits: Limits, *, alone: bool, column: str
 
     ``alone`` says that they come without a domain: most faults on every domain are then found here, otherwise when a
     field is made of them. Raises :class:`~equimesh.errors.SamplesError`, and the problems of
-    :func:`~equimesh_service.spec.bounds.check_bounds` for JSON.
+    :func:`~equimesh_service.spec.document.check_bounds` for JSON.
     """
     if filename.lower().endswith(".json"):
         check_bounds(data, limits.max_values)

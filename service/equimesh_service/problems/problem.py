@@ -1,8 +1,11 @@
-"""Errors over the wire: problem details (RFC 9457), and one table from exceptions to problems."""
+"""Errors over the wire: problem details (RFC 9457), their kinds, and one table from exceptions to problems."""
+
+from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from typing import Any
 
 from fastapi.exceptions import RequestValidationError
@@ -10,10 +13,209 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
 from equimesh.errors import ExpressionError, InputError, SamplesError
+from equimesh_schema.mesh import WITHOUT_NUL
 from equimesh_service.errors import ServiceError
-from equimesh_service.problems.kinds import KINDS, Kind
-from equimesh_service.problems.sentences import sentence_of
 from equimesh_service.telemetry.log_context import current
+
+# The table of problems: every error over the wire, with its status and remedy.
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One stable type of problem, ``/problems/<name>``: its HTTP status, title and remedy."""
+
+    name: str
+    status: int
+    title: str
+    remedy: str
+
+    @property
+    def type(self) -> str:
+        """The relative URI that clients match on; it never changes."""
+        return f"/problems/{self.name}"
+
+
+# The solver writes the remedy of a failed solve, for its problem.
+_REMEDY_OF_SOLVE = "Follow the remedy in the mesh's error, which fits its spec."
+
+KINDS: Mapping[str, Kind] = {
+    kind.name: kind
+    for kind in (
+        Kind("malformed-body", 400, "Malformed body", "Send one UTF-8 JSON object, or multipart parts."),
+        Kind("malformed-header", 400, "Malformed header", "Correct the header that the detail names."),
+        Kind(
+            "unauthorized",
+            401,
+            "API key required",
+            "Send the header 'Authorization: Bearer em_...'; `equimesh keys create` makes a key.",
+        ),
+        Kind("forbidden", 403, "Forbidden", "Use a key with the scope that the detail names."),
+        Kind(
+            "unknown-host",
+            403,
+            "Unknown host",
+            "Use localhost or 127.0.0.1, or add the host to EQUIMESH_ALLOWED_HOSTS, or create a key with "
+            "`equimesh keys create`.",
+        ),
+        Kind(
+            "foreign-origin",
+            403,
+            "Foreign origin",
+            "Use the pages of the service itself, or a program that is no browser. A proxy has to pass the header Host "
+            "on.",
+        ),
+        Kind("not-found", 404, "Not found", "Check the path and the id; see /docs for all paths."),
+        Kind("method-not-allowed", 405, "Method not allowed", "See the Allow header."),
+        Kind("not-acceptable", 406, "Not acceptable", "Request one of the formats in /v1/capabilities."),
+        Kind("request-timeout", 408, "Request timeout", "Send it again over a faster connection."),
+        Kind("conflict", 409, "Conflict", "Read the mesh's status first."),
+        Kind("not-finished", 409, "Mesh not finished", "Wait with GET /v1/meshes/{id}?wait=30."),
+        Kind("canceled", 409, "Mesh canceled", "Post its spec again to compute it."),
+        Kind("gone", 410, "Expired and removed", "Post the spec, or the samples, again."),
+        Kind("precondition-failed", 412, "The file has changed", "Download it without If-Match, from its first byte."),
+        Kind("body-too-large", 413, "Body too large", "Send fewer samples, or samples as npz."),
+        Kind("unsupported-media-type", 415, "Unsupported media type", "Send the type that the detail names."),
+        Kind("range-not-satisfiable", 416, "Range not satisfiable", "Request bytes below the size of the file."),
+        Kind("headers-too-large", 431, "Headers too large", "Send shorter headers, and a shorter query."),
+        Kind("invalid-input", 422, "Invalid input", "Correct each entry of 'errors'."),
+        Kind(
+            "idempotency-key-reused",
+            422,
+            "Idempotency-Key reused",
+            "Use a new key for a new request, or repeat the first request exactly.",
+        ),
+        Kind("queue-full", 429, "Queue full", "Try again after the Retry-After time."),
+        Kind(
+            "quota-exceeded",
+            429,
+            "Quota exceeded",
+            "Wait until meshes are finished, or delete what is no longer needed; the detail says which limit it is.",
+        ),
+        Kind("rate-limited", 429, "Rate limit exceeded", "Try again after the Retry-After time."),
+        Kind("internal-error", 500, "Internal error", "Report it, with the request that caused it."),
+        Kind("unavailable", 503, "Service unavailable", "Try again; /readyz says what is wrong."),
+        Kind("workers-busy", 503, "Workers busy", "Try again, or request the mesh itself, which waits in the queue."),
+        Kind(
+            "storage-full",
+            507,
+            "Storage full",
+            "Delete meshes and samples that are no longer needed, or give the service more storage; then try again.",
+        ),
+        # Failed meshes: the problem is the `error` of the mesh, and the answer to requests for its file.
+        Kind("not-converged", 409, "Schwarz iteration not converged", _REMEDY_OF_SOLVE),
+        Kind("newton-failed", 409, "Newton's method not converged", _REMEDY_OF_SOLVE),
+        Kind("folded", 409, "Mesh folded", _REMEDY_OF_SOLVE),
+        Kind("time-limit", 409, "Time limit reached", "Request fewer points, or raise EQUIMESH_TIME_LIMIT."),
+        Kind(
+            "memory-limit",
+            409,
+            "Memory limit reached",
+            "Request fewer points or more subdomains, or raise EQUIMESH_MEMORY_LIMIT.",
+        ),
+        Kind(
+            "cluster-refused",
+            409,
+            "Refused by the cluster",
+            "Follow the detail: request fewer points or other parts, or give the cluster more workers or memory.",
+        ),
+        Kind(
+            "worker-lost",
+            409,
+            "Workers lost",
+            "Post the spec again; if it happens again, give the workers more memory.",
+        ),
+    )
+}
+
+
+# The sentences for values that do not fit: one for each fault that models and parameters of requests can have.
+
+# The most characters of an unknown word that is compared with the known ones.
+_MAX_COMPARED = 40
+# How similar the nearest word has to be, from 0 to 1.
+_MIN_SIMILARITY = 0.6
+
+
+def did_you_mean(given: object, known: Iterable[str]) -> str:
+    """The end of a sentence about an unknown word: the known word that is nearest to it, "" where none is near."""
+    if not isinstance(given, str):
+        return ""
+    by_lower = {word.lower(): word for word in known}
+    near = get_close_matches(given[:_MAX_COMPARED].lower(), by_lower, n=1, cutoff=_MIN_SIMILARITY)
+    return f"; did you mean {by_lower[near[0]]!r}?" if near else ""
+
+
+def sentence_of(entry: Mapping[str, Any]) -> str | None:
+    """The sentence for an entry of pydantic's errors; None for a type that has no sentence here."""
+    make = _SENTENCES.get(entry["type"])
+    return make(entry) if callable(make) else make
+
+
+def _length_of_text(entry: Mapping[str, Any]) -> str:
+    return f"this text may have at most {entry['ctx']['max_length']} characters"
+
+
+def _too_many(entry: Mapping[str, Any]) -> str:
+    most = entry["ctx"]["max_length"]
+    if entry["ctx"]["field_type"] != "List":
+        return f"this object may have at most {most} keys"
+    return "this must be a list of 2 items" if most == 2 else f"this must be a list of at most {most} items"
+
+
+def _choice(entry: Mapping[str, Any]) -> str:
+    expected = str(entry["ctx"]["expected"])
+    return f"this must be {expected}{did_you_mean(entry['input'], expected.split(chr(39))[1::2])}"
+
+
+def _pattern(entry: Mapping[str, Any]) -> str:
+    if entry["ctx"]["pattern"] == WITHOUT_NUL:
+        return "this text must not hold the character U+0000"
+    return f"this text must have the form {entry['ctx']['pattern']}"
+
+
+def _at_least(entry: Mapping[str, Any]) -> str:
+    return f"this must be at least {entry['ctx']['ge']}"
+
+
+def _more_than(entry: Mapping[str, Any]) -> str:
+    return f"this must be more than {entry['ctx']['gt']:g}"
+
+
+def _at_most(entry: Mapping[str, Any]) -> str:
+    return f"this must be at most {entry['ctx']['le']}"
+
+
+_OBJECT = "this must be a JSON object"
+_NUMBER = "this must be a number"
+_WHOLE_NUMBER = "this must be a whole number"
+_SWITCH = "this must be true or false"
+_SENTENCES: Mapping[str, str | Callable[[Mapping[str, Any]], str]] = {
+    "model_type": _OBJECT,
+    "dataclass_type": _OBJECT,
+    "dict_type": _OBJECT,
+    "list_type": "this must be a list",
+    "string_type": "this must be a text",
+    "string_unicode": "this text holds half of a surrogate pair; send whole characters",
+    "string_too_long": _length_of_text,
+    "string_pattern_mismatch": _pattern,
+    "int_type": _WHOLE_NUMBER,
+    "int_parsing": _WHOLE_NUMBER,
+    "int_parsing_size": "this whole number has too many digits",
+    "int_from_float": _WHOLE_NUMBER,
+    "float_type": _NUMBER,
+    "float_parsing": _NUMBER,
+    "finite_number": "this must be a finite number, not NaN or infinity",
+    "bool_type": _SWITCH,
+    "bool_parsing": _SWITCH,
+    "literal_error": _choice,
+    "too_short": "this must be a list of 2 items",
+    "too_long": _too_many,
+    "greater_than": _more_than,
+    "greater_than_equal": _at_least,
+    "less_than_equal": _at_most,
+    "missing": "this is required",
+}
+
 
 MEDIA_TYPE = "application/problem+json"
 

@@ -1,18 +1,174 @@
-"""Strict reading of JSON, without the duplicate keys and lone surrogates that `json` accepts."""
+"""Strict reading of JSON, without duplicate keys and lone surrogates, and bounds that are checked before."""
+
+from __future__ import annotations
 
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from equimesh_service.problems.problem import Problem, problem_at
-from equimesh_service.spec.bounds import (
-    MAX_KEYS_OF_OBJECT,
-    MAX_LISTS_OF_OBJECT,
-    MAX_NAME,
-    MAX_PLAIN_VALUES,
-    check_bounds,
-)
+
+# Bounds of a JSON text, checked in one pass over its bytes before anything is built of it.
+#
+# A text of many bytes may hold many numbers, and little else: specs have few keys and short texts. The pass stops at
+# the first bound that is exceeded.
+
+# The most objects and lists inside one another; a spec has 8.
+MAX_DEPTH = 32
+# The most keys of one object; a spec has at most 64, the parameters of an expression, besides the names of blocks.
+MAX_KEYS_OF_OBJECT = 128
+# The most keys of an object of lists: the vertices of a description of blocks by their names.
+MAX_LISTS_OF_OBJECT = 1024
+# The most keys of all objects together: 1024 vertices, and as many edges and blocks with two to four keys each.
+MAX_KEYS = 8192
+# The most texts, keys included: the same, with the names of the vertices of every edge and block.
+MAX_TEXTS = 20_000
+# The most bytes of one text: an expression of 4096 characters, each of them escaped.
+MAX_TEXT_BYTES = 32 * 1024
+# The most bytes of all texts: 30 functions and curves of such expressions.
+MAX_TEXTS_BYTES = 1024 * 1024
+# The most characters of a key.
+MAX_NAME = 256
+# The most digits in a row; more than 400 make a number infinite.
+MAX_DIGITS = 10_000
+# The most values of a body that are not samples: the points of four curves, and everything else.
+MAX_PLAIN_VALUES = 200_000
+
+# Shorter pieces are read faster without arrays.
+_SHORT_BYTES = 512
+# The bytes that are looked at in one go, so that other threads run in between.
+_WINDOW_BYTES = 256 * 1024
+_SIGNS = re.compile(rb"[\[\]{},:]|[0-9]{%d}" % (MAX_DIGITS + 1))
+_COMMA, _COLON = ord(","), ord(":")
+
+
+def _steps() -> npt.NDArray[np.int8]:
+    """By byte: how it changes the depth."""
+    table = np.zeros(256, dtype=np.int8)
+    table[[ord("["), ord("{")]] = 1
+    table[[ord("]"), ord("}")]] = -1
+    return table
+
+
+_STEPS = _steps()
+
+
+@dataclass
+class _Count:
+    """What was found so far."""
+
+    most_values: int
+    depth: int = 0
+    values: int = 1
+    keys: int = 0
+    digits: int = 0
+
+    def read(self, data: bytes, start: int, end: int) -> None:
+        """Count what stands between two texts."""
+        if end - start <= _SHORT_BYTES:
+            self._read_short(data, start, end)
+        else:
+            for begin in range(start, end, _WINDOW_BYTES):
+                self._read_window(data, begin, min(end, begin + _WINDOW_BYTES))
+                self._check()
+        self._check()
+
+    def _check(self) -> None:
+        if self.values > self.most_values:
+            raise Problem("body-too-large", f"The body has more than {self.most_values} values.")
+        if self.keys > MAX_KEYS:
+            raise Problem("malformed-body", f"The body has more than {MAX_KEYS} keys: no request has so many.")
+
+    def _read_short(self, data: bytes, start: int, end: int) -> None:
+        for found in _SIGNS.finditer(data, start, end):
+            sign = found[0]
+            if sign == b",":
+                self.values += 1
+            elif sign == b":":
+                self.keys += 1
+            elif sign in b"[{":
+                self.depth += 1
+                self.values += 1
+                _check_depth(self.depth)
+            elif sign in b"]}":
+                self.depth -= 1
+            else:
+                _refuse_digits()
+
+    def _read_window(self, data: bytes, start: int, end: int) -> None:
+        window = np.frombuffer(data, np.uint8, end - start, start)
+        steps = _STEPS[window]
+        depths = np.cumsum(steps, dtype=np.int32)
+        _check_depth(self.depth + max(0, int(depths.max())))
+        self.depth += int(depths[-1])
+        self.values += int(np.count_nonzero(window == _COMMA)) + int(np.count_nonzero(steps == 1))
+        self.keys += int(np.count_nonzero(window == _COLON))
+        self._count_digits(window)
+
+    def _count_digits(self, window: npt.NDArray[np.uint8]) -> None:
+        """Find the longest row of digits, which may have begun in the window before."""
+        others = np.flatnonzero((window < ord("0")) | (window > ord("9")))
+        if not others.size:
+            self.digits += window.size
+            longest = self.digits
+        else:
+            inside = int(np.diff(others).max()) - 1 if others.size > 1 else 0
+            longest = max(self.digits + int(others[0]), inside)
+            self.digits = window.size - 1 - int(others[-1])
+        if max(longest, self.digits) > MAX_DIGITS:
+            _refuse_digits()
+
+
+def check_bounds(data: bytes, most_values: int) -> None:
+    """Raise a 413 problem for more than ``most_values`` values, and a 400 problem for every other bound.
+
+    Bytes that are not JSON pass as far as they keep the bounds.
+    """
+    count, place, texts, size = _Count(most_values), 0, 0, 0
+    while True:
+        quote = data.find(b'"', place)
+        count.digits = 0
+        count.read(data, place, len(data) if quote < 0 else quote)
+        if quote < 0:
+            return
+        texts += 1
+        if texts > MAX_TEXTS:
+            raise Problem("malformed-body", f"The body has more than {MAX_TEXTS} texts: no request has so many.")
+        place = _end_of_text(data, quote + 1)
+        size += place - quote
+        if size > MAX_TEXTS_BYTES:
+            raise Problem("malformed-body", f"The texts of the body have more than {MAX_TEXTS_BYTES} bytes.")
+
+
+def _end_of_text(data: bytes, start: int) -> int:
+    """The place after the closing quote of a text."""
+    limit = start + MAX_TEXT_BYTES + 1
+    place = start
+    while (quote := data.find(b'"', place, limit)) >= 0:
+        slashes = quote
+        while slashes > start and data[slashes - 1] == 0x5C:
+            slashes -= 1
+        if (quote - slashes) % 2 == 0:
+            return quote + 1
+        place = quote + 1
+    if limit < len(data):
+        raise Problem("malformed-body", f"A text has more than {MAX_TEXT_BYTES} bytes: no request has so long a text.")
+    return len(data)  # the text does not end
+
+
+def _check_depth(depth: int) -> None:
+    if depth > MAX_DEPTH:
+        raise Problem("malformed-body", f"The JSON is nested too deeply: more than {MAX_DEPTH} objects and lists.")
+
+
+def _refuse_digits() -> None:
+    raise Problem("malformed-body", f"A number has more than {MAX_DIGITS} digits.")
+
 
 _SURROGATE_ESCAPE = re.compile(rb"\\u[dD][89a-fA-F]")
 
@@ -22,7 +178,7 @@ def parse(data: bytes, most_values: int = MAX_PLAIN_VALUES) -> Any:
 
     NaN and infinities are read: the models refuse them, with a pointer. Raises a 400
     :class:`~equimesh_service.problems.problem.Problem` for anything that is not JSON in UTF-8, for a key that occurs
-    twice in an object, and for every bound of :mod:`equimesh_service.spec.bounds`; a 413 problem for more than
+    twice in an object, and for every bound of :mod:`equimesh_service.spec.document`; a 413 problem for more than
     ``most_values`` values. The bounds are checked first: nothing is built of a text that exceeds them.
     """
     check_bounds(data, most_values)

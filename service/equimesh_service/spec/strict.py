@@ -9,8 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
 from equimesh_schema.document import TAG, Document, OneOf, key_of, keys_of, types_of
-from equimesh_service.problems.problem import Complaint, input_problem
-from equimesh_service.problems.sentences import did_you_mean, sentence_of
+from equimesh_service.problems.problem import Complaint, did_you_mean, input_problem, sentence_of
 from equimesh_service.spec.document import escape_token
 
 # The most complaints about one body.

@@ -1,14 +1,24 @@
-"""Monitors of a document."""
+"""Functions of x and y in a document, and the monitors that are made of them."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from functools import partial
 from inspect import signature
-from typing import Any
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.domains.domain import Domain
+from equimesh.domains.domain import Box, Domain
 from equimesh.equations.block_problem import BlockProblem
-from equimesh.errors import InputError
+from equimesh.errors import InputError, SamplesError
+from equimesh.fields.chunked_samples import ChunkedSamples
+from equimesh.fields.expression import Expression
+from equimesh.fields.field import Field
+from equimesh.fields.samples import GridSamples
+from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.io.sample_arrays import HDF5_SUFFIXES
 from equimesh.io.write import Cells
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.auto import Auto
@@ -19,21 +29,135 @@ from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Tensor, Weight
-from equimesh.specs.document import Makers, Reading, within
-from equimesh.specs.sources import FindSamples, build_field
-from equimesh_schema import monitors as schema
+from equimesh.specs.document import Makers, Reading, text, within
+from equimesh.upload.samples import MAX_BYTES, NEEDS_BLOCKS, BlockNodes, block_nodes, nodal_samples, read_samples
+from equimesh_schema import monitors as monitors_schema
+from equimesh_schema import sources as sources_schema
 from equimesh_schema.sources import SOURCES
 
+# Functions of x and y in a document: expressions, samples, and names of samples.
+
+FindSamples: TypeAlias = Callable[[str, Box], Field]
+"""The function whose samples have a name, on a box that they must cover."""
+CHUNKED = (".zarr", *HDF5_SUFFIXES)
+"""Suffixes of samples that are read part by part."""
+ONE_KEY = (
+    sources_schema.GridSource,
+    sources_schema.NodalSource,
+    sources_schema.ScatteredSource,
+    sources_schema.BlockNodesSource,
+)
+"""Documents whose one key has the samples."""
+
+
+def build_expression(document: object, domain: Domain | Blocks, path: str = "") -> Expression:
+    """The expression of an object with the keys ``expression``, ``parameters`` and ``t``, finite on ``domain``.
+
+    Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
+    """
+    reading = Reading({sources_schema.ExpressionSource: _expression(domain)})
+    expression: Expression = reading.record(sources_schema.ExpressionSource, document, path)
+    return expression
+
+
+def build_field(document: object, domain: Domain | Blocks, find_samples: FindSamples, path: str = "") -> Field:
+    """The function that ``document`` describes, which can be used on the whole of ``domain``; a text is an expression.
+
+    Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
+    """
+    if isinstance(document, str):
+        try:
+            return build_expression({"expression": document}, domain, path)
+        except InputError as error:
+            error.field = path
+            raise
+
+    def stored(samples: object) -> Field:
+        name = text(samples, "samples")
+        with within("samples"):
+            return _on(find_samples(name, domain.box), domain)
+
+    def on_blocks(*, nodes: object, values: object) -> Field:
+        return _on(block_nodes(nodes=nodes, values=values), domain)
+
+    makers: Makers = {
+        sources_schema.ExpressionSource: _expression(domain),
+        sources_schema.GridValues: partial(GridSamples, box=domain.box),
+        sources_schema.NodalValues: partial(nodal_samples, box=domain.box),
+        sources_schema.ScatteredValues: partial(ScatteredSamples, box=domain.box),
+        sources_schema.BlockNodes: on_blocks,
+        sources_schema.StoredSource: stored,
+        **dict.fromkeys(ONE_KEY, lambda **made: next(iter(made.values()))),
+    }
+    field: Field = Reading(makers).one_of(sources_schema.SOURCES, document, path)
+    return field
+
+
+def _on(field: Field, domain: Domain | Blocks) -> Field:
+    """The function; values at the nodes of blocks need the cells of the domain."""
+    if not isinstance(field, BlockNodes):
+        return field
+    if not isinstance(domain, Blocks):
+        raise SamplesError(NEEDS_BLOCKS)
+    return field.on(domain)
+
+
+def no_samples(name: str, box: Box) -> Field:  # noqa: ARG001 - a FindSamples
+    """Raises :class:`~equimesh.errors.SamplesError`: there are no samples with names."""
+    raise SamplesError(f"there are no samples named {name[:40]!r} here: give find_samples, or the samples themselves")
+
+
+def samples_in(folder: Path) -> FindSamples:
+    """Samples whose names are those of files, as :func:`~equimesh.upload.samples.read_samples` reads them.
+
+    ``"flow.csv#T"`` is the file ``flow.csv`` with the column T as u. Those in a zarr folder, an HDF5 file or a long npy
+    file are :class:`~equimesh.ChunkedSamples`, which stay there.
+
+    What it returns raises :class:`~equimesh.errors.SamplesError` for a file that cannot be read.
+    """
+
+    def find(name: str, box: Box) -> Field:
+        file, column = folder / name, None
+        if "#" in name and not file.exists():
+            whole, _, column = name.partition("#")
+            file = folder / whole
+        if file.suffix.lower() in CHUNKED or _is_long_npy(file):
+            if column is not None:
+                raise SamplesError(f"{file.name} has no columns: leave {column[:40]!r} out")
+            return ChunkedSamples(path=file, box=box)
+        try:
+            data = file.read_bytes()
+        except (OSError, ValueError) as error:
+            raise SamplesError(f"{file}: {getattr(error, 'strerror', None) or error}") from error
+        return read_samples(data, file.name, column=column, box=box)
+
+    return find
+
+
+def _is_long_npy(file: Path) -> bool:
+    """Whether a file is an npy that is too long to be read at once."""
+    return file.suffix.lower() == ".npy" and file.is_file() and file.stat().st_size > MAX_BYTES
+
+
+def _expression(domain: Domain | Blocks) -> Callable[..., Expression]:
+    def make(expression: str, parameters: Mapping[str, float] = MappingProxyType({}), t: float = 0.0) -> Expression:
+        made = Expression(expression, parameters=parameters, t=t)
+        made.check_finite(domain=domain)
+        return made
+
+    return make
+
+
 MAKERS: Makers = {
-    schema.Auto: Auto,
-    schema.LeastError: LeastError,
-    schema.NodalSolution: NodalSolution,
-    schema.ArcLength: ArcLength,
-    schema.ArcLengthMember: ArcLength,
-    schema.Curvature: Curvature,
-    schema.Weight: Weight,
-    schema.Tensor: Tensor,
-    schema.Intersection: Intersection,
+    monitors_schema.Auto: Auto,
+    monitors_schema.LeastError: LeastError,
+    monitors_schema.NodalSolution: NodalSolution,
+    monitors_schema.ArcLength: ArcLength,
+    monitors_schema.ArcLengthMember: ArcLength,
+    monitors_schema.Curvature: Curvature,
+    monitors_schema.Weight: Weight,
+    monitors_schema.Tensor: Tensor,
+    monitors_schema.Intersection: Intersection,
 }
 
 
@@ -58,7 +182,7 @@ def build_monitor(
         kind: _smoothed(partial(make, cells=cells) if "cells" in signature(make).parameters else make)
         for kind, make in MAKERS.items()
     }
-    monitor = Reading(makers, {SOURCES: function}).one_of(schema.MONITORS, document, path)
+    monitor = Reading(makers, {SOURCES: function}).one_of(monitors_schema.MONITORS, document, path)
     with within(path):
         return _on_blocks(monitor, domain) if isinstance(domain, Blocks) else monitor.on(domain)
 

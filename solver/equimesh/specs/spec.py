@@ -10,7 +10,11 @@ from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, Unpack
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.domains.domain import UNIT_SQUARE, Domain
+from equimesh.blocks.counts import plan_of
+from equimesh.blocks.description import Description
+from equimesh.domains.curve import Curve
+from equimesh.domains.domain import UNIT_SQUARE, AnnulusSector, Domain, Rectangle
+from equimesh.domains.quadrilateral import Quadrilateral
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.problem import Problem
@@ -22,6 +26,7 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import require_lines
 from equimesh.monitors.nodal_solution import NO_OTHER_GRID, NodalSolution
+from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.block_solution import BlockSolution
@@ -29,15 +34,150 @@ from equimesh.solving.blocks import count_subdomains
 from equimesh.solving.options import Initial, SolveArguments
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import NO_SUBDOMAINS, solve
-from equimesh.solving.target import NO_U, Target, solve_to
-from equimesh.specs.document import Makers, Reading, text, whole
-from equimesh.specs.domains import FindMesh, domain_makers, meshes_in, no_meshes
-from equimesh.specs.monitors import build_monitor
-from equimesh.specs.schwarz import MAKERS, block_schwarz, build_schwarz, usual_grid
-from equimesh.specs.sources import FindSamples, no_samples, samples_in
+from equimesh.solving.target import MAX_POINTS, NO_U, Target, solve_to
+from equimesh.specs.document import Makers, Reading, mapping, several, text, whole, within
+from equimesh.specs.monitors import FindSamples, build_monitor, no_samples, samples_in
+from equimesh_schema import domains as domains_schema
+from equimesh_schema import mesh as mesh_schema
+from equimesh_schema import schwarz as schwarz_schema
+from equimesh_schema.domains import DOMAINS
 from equimesh_schema.mesh import MeshSpec
 from equimesh_schema.monitors import MONITORS
 from equimesh_schema.schwarz import ITERATIONS
+
+# Physical domains and grids of a document.
+
+FindMesh: TypeAlias = Callable[[str, Mapping[str, Any]], Blocks]
+"""The blocks of the mesh file with a name, by the ``corners`` and the ``corner_angle`` of a document."""
+
+
+def build_domain(document: object, find_mesh: FindMesh | None = None, path: str = "domain") -> Domain | Blocks:
+    """The domain that ``document`` describes, a rectangle where it has no ``kind``.
+
+    ``find_mesh(name, settings)`` returns the blocks of the mesh file of a domain of kind ``mesh``.
+
+    Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
+    """
+    found: Domain | Blocks = Reading(domain_makers(find_mesh or no_meshes)).one_of(
+        domains_schema.DOMAINS, document, path
+    )
+    return found
+
+
+def count_points(document: Mapping[str, Any]) -> int:
+    """The number of nodes of the mesh that a description of blocks gives, which is not made.
+
+    Raises :class:`~equimesh.errors.InputError`, whose field begins with ``domain``.
+    """
+    return plan_of(Description.of(document)).layout.node_count
+
+
+def domain_makers(find_mesh: FindMesh, folder: Path | None = None) -> Makers:
+    """What makes domains and their curves: ``find_mesh`` finds mesh files, files of points lie in ``folder``."""
+
+    def blocks(**given: Any) -> Blocks:
+        return Blocks.of({name: value for name, value in given.items() if value is not None}, folder)
+
+    def mesh(file: object, corners: object = (), corner_angle: float | None = None) -> Blocks:
+        kept = several(lambda corner, _: corner, corners, "corners")
+        settings = {"corners": kept or None, "corner_angle": corner_angle}
+        return find_mesh(text(file, "file"), {name: value for name, value in settings.items() if value is not None})
+
+    return {
+        domains_schema.Rectangle: Rectangle,
+        domains_schema.AnnulusSector: AnnulusSector,
+        domains_schema.Quadrilateral: Quadrilateral,
+        domains_schema.FormulaCurve: Curve.of_expressions,
+        domains_schema.PointCurve: Curve.through,
+        domains_schema.Blocks: blocks,
+        domains_schema.MeshFile: mesh,
+    }
+
+
+def meshes_in(folder: Path) -> FindMesh:
+    """Mesh files whose names are those of files in ``folder``, as :meth:`~equimesh.Blocks.read` reads them.
+
+    What it returns raises :class:`~equimesh.errors.InputError` for a file that cannot be read.
+    """
+
+    def find(name: str, settings: Mapping[str, Any]) -> Blocks:
+        try:
+            return Blocks.read(folder / name, **settings)
+        except OSError as error:
+            raise InputError(f"{folder / name}: {error.strerror or error}", field="file") from error
+
+    return find
+
+
+def no_meshes(name: str, settings: Mapping[str, Any]) -> Blocks:  # noqa: ARG001 - a FindMesh
+    """Raises :class:`~equimesh.errors.InputError`: there are no files with names."""
+    raise InputError(f"there is no mesh file named {name[:40]!r} here: give find_mesh", field="file")
+
+
+# Grids, targets and settings of the Schwarz iteration in a document.
+
+ON_BLOCKS = tuple(kind for kind, made in DOMAINS.documents.items() if made.HAS_BLOCKS)
+"""The kinds of domains that have blocks."""
+NO_TARGET = (
+    "the subdomains of a Schwarz iteration are parts of a grid that is known: give a grid in place of the target"
+)
+
+
+def usual_grid(**given: int) -> Grid:
+    """The grid of the numbers of points that are given, and the usual ones in place of others."""
+    made = mesh_schema.Grid(**given)
+    return Grid(n_xi=made.n_xi, n_eta=made.n_eta)
+
+
+def _target(*, max_points: int | None = None, **given: Any) -> Target:
+    return Target(**given, max_points=MAX_POINTS if max_points is None else max_points)
+
+
+MAKERS: Makers = {
+    mesh_schema.Grid: usual_grid,
+    mesh_schema.Target: _target,
+    schwarz_schema.Schwarz: Schwarz,
+    schwarz_schema.BlockSchwarz: BlockSchwarz,
+    schwarz_schema.Optimized: Optimized,
+    schwarz_schema.Classical: Classical,
+    schwarz_schema.LinearRobin: LinearRobin,
+    schwarz_schema.NonlinearRobin: NonlinearRobin,
+}
+READING = Reading(MAKERS)
+
+
+def block_schwarz(given: object) -> BlockSchwarz | None:
+    """The settings of the iteration between the blocks of a domain, where those of a grid stand; None where null."""
+    return None if given is None else READING.record(schwarz_schema.BlockSchwarz, given, "schwarz")
+
+
+def build_schwarz(document: object) -> Schwarz | None:
+    """The Schwarz settings of a whole ``document``, which fit its grid; None for a single domain, and on blocks.
+
+    Those of blocks are read, and need the domain to be compared with. Of the monitor it reads the kind alone.
+
+    Raises :class:`~equimesh.errors.InputError`, whose field begins with ``grid`` or ``schwarz``, also for a monitor
+    that subdomains cannot solve.
+    """
+    given = mapping(document, "")
+    domain = given.get("domain")
+    settings = given.get("schwarz")
+    if isinstance(domain, Mapping) and domain.get("kind") in ON_BLOCKS:
+        block_schwarz(settings)
+        return None
+    if settings is None:
+        return None
+    schwarz: Schwarz = READING.record(schwarz_schema.Schwarz, settings, "schwarz")
+    monitor = given.get("monitor")
+    if isinstance(monitor, Mapping) and monitor.get("kind") == "least_error":
+        raise InputError(NO_SUBDOMAINS, field="schwarz")
+    if given.get("target") is not None:
+        raise InputError(NO_TARGET, field="target")
+    grid = READING.record(mesh_schema.Grid, {} if given.get("grid") is None else given["grid"], "grid")
+    with within("schwarz"):
+        schwarz.decompose(grid)
+    return schwarz
+
 
 AUTOMATIC_PARTS: Final = "auto"
 NOT_WITH_BLOCKS: Final[Mapping[str, str]] = {

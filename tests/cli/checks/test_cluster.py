@@ -10,8 +10,8 @@ import pytest
 from distributed import LocalCluster
 
 from cli.conftest import look
-from equimesh_cli.checks import cluster as module
-from equimesh_cli.checks.findings import Level
+from equimesh_cli.checks import reach as module
+from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
 from equimesh_service.engine import examination
 from equimesh_service.files.address import files_address

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from equimesh_cli.checks.findings import Level, failed, ok, warning
+from equimesh_cli.checks.installation import Level, failed, ok, warning
 
 
 def test_levels_get_worse_in_their_order() -> None:

@@ -11,7 +11,7 @@ import equimesh
 from cli.conftest import look
 from equimesh.numerics import compiled
 from equimesh_cli.checks import installation
-from equimesh_cli.checks.findings import Level
+from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
 
 OK = Level.OK

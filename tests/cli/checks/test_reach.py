@@ -8,7 +8,7 @@ import pytest
 
 from cli.conftest import look
 from equimesh_cli.checks import reach
-from equimesh_cli.checks.findings import Level
+from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
 from equimesh_service.store.store import Store
 

@@ -15,7 +15,7 @@ from sqlalchemy import create_engine, insert, text
 
 from cli.conftest import look
 from equimesh_cli.checks import storage
-from equimesh_cli.checks.findings import Level
+from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
 from equimesh_service.store.migration import upgrade
 from equimesh_service.store.schema import meshes, samples

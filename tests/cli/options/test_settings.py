@@ -7,7 +7,7 @@ import errno
 import pytest
 
 from equimesh_cli.exits import Refused
-from equimesh_cli.options.settings import add_settings, explicit_settings, merged_settings, start_error
+from equimesh_cli.options.service import add_settings, explicit_settings, merged_settings, start_error
 from equimesh_cli.parser import Parser
 
 pytestmark = pytest.mark.usefixtures("no_variables")

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from equimesh_client import Progress
-from equimesh_client.records.state import MeshState, progress_of
+from equimesh_client.records.resources import MeshState, progress_of
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh_client.records.tables import align, number
+from equimesh_client.records.measures import align, number
 
 
 def test_tables() -> None:

@@ -12,7 +12,7 @@ import pytest
 from client.fake_service import parts_of
 from equimesh_client import BadArgument, Blocks, LeastError, MeshFile
 from equimesh_client.spec.domains import box_around, domain_json, has_own_points, read_domain
-from equimesh_client.spec.mesh import mesh_spec
+from equimesh_client.spec.request import mesh_spec
 
 SQUARE: dict[str, Any] = {
     "vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from equimesh_client import BadArgument, Target
-from equimesh_client.spec.mesh import DEFAULTS, MeshOptions, mesh_spec, points_per_side
+from equimesh_client.spec.request import DEFAULTS, MeshOptions, mesh_spec, points_per_side
 
 
 def test_a_spec_with_all_defaults() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from equimesh_client import ArcLength, Auto, BadArgument, Curvature, Intersection, LeastError, Tensor, Weight
-from equimesh_client.spec.monitors import monitor_json
+from equimesh_client.spec.request import monitor_json
 
 
 def read(function: object) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from equimesh_client import BadArgument, BlockSchwarz, LinearRobin, Schwarz
-from equimesh_client.spec.mesh import mesh_spec
+from equimesh_client.spec.request import mesh_spec
 
 
 def test_schwarz_as_json() -> None:

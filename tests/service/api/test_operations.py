@@ -5,7 +5,7 @@ from __future__ import annotations
 import httpx
 import pytest
 
-from equimesh_service.problems.kinds import KINDS
+from equimesh_service.problems.problem import KINDS
 
 # What Chromium sends.
 BROWSER = {"Accept": "text/html,application/xhtml+xml,application/xml;q=0.9,image/avif,image/webp,*/*;q=0.8"}

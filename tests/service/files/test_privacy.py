@@ -12,7 +12,7 @@ import pytest
 from cli.conftest import look
 from equimesh_cli import main
 from equimesh_cli.checks import storage
-from equimesh_cli.checks.findings import Level
+from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
 from equimesh_service.files.privacy import make_folder
 from service.conftest import small

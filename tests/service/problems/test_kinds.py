@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import httpx
 
-from equimesh_service.problems.kinds import KINDS
+from equimesh_service.problems.problem import KINDS
 
 
 def test_every_problem_explains_itself(http: httpx.Client) -> None:

@@ -12,8 +12,7 @@ from equimesh_schema.document import Document
 from equimesh_schema.mesh import ExpressionCheck, MeshSpec
 from equimesh_schema.sequences import StepSpec
 from equimesh_service.api.meshes import _Page
-from equimesh_service.problems.problem import Problem
-from equimesh_service.problems.sentences import did_you_mean, sentence_of
+from equimesh_service.problems.problem import Problem, did_you_mean, sentence_of
 from equimesh_service.spec.strict import validate
 from service.assembly.specs import DOMAINS, MONITORS
 

@@ -8,14 +8,13 @@ import tracemalloc
 import pytest
 
 from equimesh_service.problems.problem import Problem
-from equimesh_service.spec import bounds
-from equimesh_service.spec.bounds import check_bounds
-from equimesh_service.spec.document import parse
+from equimesh_service.spec import document
+from equimesh_service.spec.document import check_bounds, parse
 
-DEEP = bounds.MAX_DEPTH
-LONG = bounds.MAX_TEXT_BYTES
-DIGITS = bounds.MAX_DIGITS
-WINDOW = bounds._WINDOW_BYTES
+DEEP = document.MAX_DEPTH
+LONG = document.MAX_TEXT_BYTES
+DIGITS = document.MAX_DIGITS
+WINDOW = document._WINDOW_BYTES
 BLANKS = b" " * 600  # long enough to be read with arrays
 ACROSS = b" " * (WINDOW - DIGITS // 2)  # a number then begins before the end of a window, and ends after it
 
@@ -32,8 +31,8 @@ KEPT: dict[str, bytes] = {
     "depth": b"[" * DEEP + b"]" * DEEP,
     "depth, with arrays": b"[" * DEEP + BLANKS + b"]" * DEEP,
     "lists one after the other": b"[" + b"[],{}," * 300 + b"1]",
-    "keys": keys(bounds.MAX_KEYS),
-    "texts": texts(bounds.MAX_TEXTS),
+    "keys": keys(document.MAX_KEYS),
+    "texts": texts(document.MAX_TEXTS),
     "a long text": texts(1, LONG),
     "a text of escapes": b'["' + b'\\"' * (LONG // 2) + b'"]',
     "digits": b"[" + b"1" * DIGITS + b"]",
@@ -48,12 +47,12 @@ BROKEN: dict[str, tuple[bytes, str]] = {
     "depth": (b"[" * (DEEP + 1), "nested too deeply"),
     "depth, with arrays": (b"[" * DEEP + BLANKS + b"{", "nested too deeply"),
     "depth after texts": (b'{"a":' * (DEEP + 1), "nested too deeply"),
-    "keys": (keys(bounds.MAX_KEYS + 1), "more than 8192 keys"),
-    "texts": (texts(bounds.MAX_TEXTS + 1), "more than 20000 texts"),
+    "keys": (keys(document.MAX_KEYS + 1), "more than 8192 keys"),
+    "texts": (texts(document.MAX_TEXTS + 1), "more than 20000 texts"),
     "a long text": (texts(1, LONG + 1), "A text has more than"),
     "a text that does not end": (b'"' + b"\\" * 2 * LONG, "A text has more than"),
     "a text of escapes": (b'["' + b'\\"' * (LONG // 2) + b'a"]', "A text has more than"),
-    "all texts": (texts(bounds.MAX_TEXTS_BYTES // LONG + 1, LONG), "The texts of the body"),
+    "all texts": (texts(document.MAX_TEXTS_BYTES // LONG + 1, LONG), "The texts of the body"),
     "digits": (b"1" * (DIGITS + 1), "more than 10000 digits"),
     "digits across windows": (ACROSS + b"1" * (DIGITS + 1), "more than 10000 digits"),
     "digits over whole windows": (b"1" * 3 * WINDOW, "more than 10000 digits"),
@@ -80,18 +79,18 @@ def test_one_more_is_refused(name: str) -> None:
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (keys(bounds.MAX_KEYS_OF_OBJECT + 1), "An object has 129 keys"),
-        (b'{"' + b"a" * (bounds.MAX_NAME + 1) + b'": 1}', "A key has more than 256 characters"),
+        (keys(document.MAX_KEYS_OF_OBJECT + 1), "An object has 129 keys"),
+        (b'{"' + b"a" * (document.MAX_NAME + 1) + b'": 1}', "A key has more than 256 characters"),
     ],
 )
 def test_one_object_has_few_and_short_keys(data: bytes, words: str) -> None:
     with pytest.raises(Problem, match=words):
         parse(data)
-    assert len(parse(keys(bounds.MAX_KEYS_OF_OBJECT))) == bounds.MAX_KEYS_OF_OBJECT
+    assert len(parse(keys(document.MAX_KEYS_OF_OBJECT))) == document.MAX_KEYS_OF_OBJECT
 
 
 def test_an_object_of_lists_has_as_many_keys_as_blocks_have_vertices() -> None:
-    vertices = {str(k): [k, 0] for k in range(bounds.MAX_LISTS_OF_OBJECT)}
+    vertices = {str(k): [k, 0] for k in range(document.MAX_LISTS_OF_OBJECT)}
     assert parse(json.dumps(vertices).encode()) == vertices
     with pytest.raises(Problem, match="An object has 1025 keys; at most 1024 are read"):
         parse(json.dumps({**vertices, "one": [0, 0]}).encode())

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from equimesh_service.problems.problem import Problem
-from equimesh_service.spec.step_monitor import completed, functions_of, with_functions, with_u
+from equimesh_service.spec.monitors import completed, functions_of, with_functions, with_u
 
 U, V, RHO = {"samples": "u"}, {"samples": "v"}, {"expression": "1 + x"}
 ARC, WEIGHT = {"kind": "arc_length", "u": U}, {"kind": "weight", "rho": RHO, "u": None}

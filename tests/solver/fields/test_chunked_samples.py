@@ -174,7 +174,7 @@ def test_a_problem_file_names_samples_that_stay_in_their_file(tmp_path: Path, mo
     np.save(tmp_path / "u.npy", VALUES)
     document["monitor"] = {"kind": "arc_length", "u": {"samples": "u.npy"}}
     assert isinstance(specs.build(document, specs.samples_in(tmp_path)).problem.monitor.u, em.GridSamples)
-    monkeypatch.setattr("equimesh.specs.sources.MAX_BYTES", 1000)
+    monkeypatch.setattr("equimesh.specs.monitors.MAX_BYTES", 1000)
     assert isinstance(specs.build(document, specs.samples_in(tmp_path)).problem.monitor.u, em.ChunkedSamples)
     document["monitor"] = {"kind": "arc_length", "u": {"samples": "none.zarr"}}
     with pytest.raises(SamplesError, match="there is no file"):

@@ -1,16 +1,41 @@
-"""Options for the settings of a service."""
+"""Options of a service: its address, its database, its settings."""
 
 from __future__ import annotations
 
 import argparse
 import errno
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
-from equimesh_cli.exits import NotInstalled, Refused
+from equimesh_cli.exits import Exit, NotInstalled, Refused
 from equimesh_cli.parser import Parser
 
 if TYPE_CHECKING:
     from equimesh_service.settings import Settings
+
+
+# Options for the address of a service.
+
+DEFAULT_URL = "http://127.0.0.1:8000"
+
+
+def add_url(parser: Any, *, default: str | None) -> None:
+    """Add --url and --key, which EQUIMESH_URL and EQUIMESH_KEY also set."""
+    shown_default = f" ({default})" if default else ""
+    parser.add_argument(
+        "--url",
+        default=os.environ.get("EQUIMESH_URL") or default,
+        help=f"address of the service; also EQUIMESH_URL{shown_default}",
+    )
+    parser.add_argument(
+        "--key", help="API key; better in EQUIMESH_KEY, since other users of this machine can read options"
+    )
+
+
+# Options for the settings of a service.
 
 
 def add_settings(parser: Parser) -> None:
@@ -79,3 +104,39 @@ def _complaint(entry: Any) -> str:
     name = "_".join(str(part) for part in entry["loc"])
     flag, variable = "--" + name.replace("_", "-"), f"EQUIMESH_{name.upper()}"
     return f"{flag} (or {variable}) = {entry['input']}: {entry['msg']}"
+
+
+def add_database_options(parser: argparse.ArgumentParser) -> None:
+    """Add --data-dir and --database-url, which name the database, and --json."""
+    parser.add_argument("--data-dir", help="data folder of the service (EQUIMESH_DATA_DIR, else equimesh-data)")
+    parser.add_argument("--database-url", help="its database, if not in that folder (EQUIMESH_DATABASE_URL)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def database_settings(options: argparse.Namespace) -> Settings:
+    """The settings that name the database; raises :class:`NotInstalled` without the service."""
+    try:
+        import equimesh_service.store.database  # noqa: F401
+    except ImportError as error:
+        raise NotInstalled("service", error) from error
+    names = ("data_dir", "database_url")
+    return merged_settings({name: value for name in names if (value := getattr(options, name)) is not None})
+
+
+@contextmanager
+def refusing_database_errors() -> Iterator[None]:
+    """Raise :class:`Refused` for a database that does not answer."""
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        yield
+    except (SQLAlchemyError, sqlite3.Error) as error:
+        raise Refused(
+            f"the database does not answer ({cause(error)}): check its address, and that it can be reached",
+            Exit.UNREACHABLE,
+        ) from None
+
+
+def cause(error: Exception) -> str:
+    """The kind of a database error. Its text is never shown: it may hold the address with the password."""
+    return type(getattr(error, "orig", None) or error).__name__
