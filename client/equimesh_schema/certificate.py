@@ -230,7 +230,7 @@ class Certificate(Answer):
         lines = [f"  status                {status}"]
         lines += [f"  read as               {place} = {text}" for place, text in self.understood.items()]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
-        if self.equation_residual is not None:
+        if self.equation_residual is not None and math.isfinite(self.equation_residual):
             residual = _short(self.equation_residual)
             lines.append(f"  equation residual     {residual}  (of squared metric lengths, relative)")
             grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
@@ -263,14 +263,14 @@ class Certificate(Answer):
         return self.table()
 
 
-def _short(value: float) -> str:
+def _short(value: float | None) -> str:
     """A number in two digits."""
-    if not math.isfinite(value):
+    if value is None or not math.isfinite(value):
         return UNKNOWN
     return f"{value:.0f}" if 100 <= abs(value) < 1e5 else f"{value:.2g}"
 
 
-def _error(value: float) -> str:
+def _error(value: float | None) -> str:
     return "exact" if value == 0.0 else _short(value)
 
 
