@@ -8,21 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from equimesh.least_error.levels import COARSEST_CELLS as COARSEST_GRID
+from equimesh.least_error.levels import Level, nested_counts
 from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
-from equimesh.numerics.types import IntArray
+from equimesh.numerics.types import Array, IntArray
 
 COARSEST_CELLS = 4
-"""Cells along each edge of a block on the coarsest mesh, or up to a half more; fewer where the block has fewer."""
-COARSEST_POINTS = 300
-"""Points of the coarsest mesh, at least."""
-STEPS = ((1200, 60), (4000, 60), (16_000, 30), (70_000, 5), (300_000, 3))
-"""Steps of descent, at most, on meshes of at most this many points."""
-STEPS_BEYOND = 1
-"""Steps on finer meshes, at most: the coarser ones have done the work."""
-GAUSS_POINTS = ((300, 4), (1200, 3))
-"""Gauss points a direction and cell on meshes of at most this many points."""
-GAUSS_POINTS_BEYOND = 2
-"""On finer meshes."""
+"""Cells along each edge of a block on the coarsest mesh, or up to a half more; fewer where the block has fewer.
+
+Where there are few blocks, as many as the coarsest grid has cells in a block that is its share of it.
+"""
 
 
 @dataclass(frozen=True)
@@ -61,13 +56,9 @@ class Edges:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BlockLevel:
-    """One of the nested meshes."""
+class BlockLevel(Level):
+    """One of the nested meshes of a domain in blocks."""
 
-    number: int
-    """0 for the coarsest mesh."""
-    count: int
-    """How many meshes there are."""
     lines: tuple[tuple[IntArray, IntArray], ...]
     """For each block the numbers of its lines i and j among those of the finest mesh."""
     nodes: IntArray
@@ -82,38 +73,16 @@ class BlockLevel:
     """Which edges of blocks are one."""
 
     @property
-    def is_finest(self) -> bool:
-        """Whether it is the requested mesh."""
-        return self.number == self.count - 1
-
-    @property
     def points(self) -> int:
         """Number of nodes."""
         return self.nodes.size
 
-    @property
-    def steps(self) -> int:
-        """The largest number of steps of descent."""
-        return next((steps for most, steps in STEPS if self.points <= most), STEPS_BEYOND)
 
-    @property
-    def gauss_points(self) -> int:
-        """Gauss points a direction and cell of the error."""
-        return next((points for most, points in GAUSS_POINTS if self.points <= most), GAUSS_POINTS_BEYOND)
-
-
-def block_levels(mesh: QuadMesh) -> list[BlockLevel]:
+def block_levels(mesh: QuadMesh, families: Families | None = None) -> list[BlockLevel]:
     """The nested meshes up to ``mesh``, with about half as many lines each way on each coarser one."""
-    edges = edges_of(mesh)
-    families = Families(mesh, edges)
-    halvings = 0
-    while True:
-        counts = families.counts(halvings + 1)
-        points = sum((n + 1) * (m + 1) for n, m in families.of_blocks(counts))
-        if points < COARSEST_POINTS or np.array_equal(counts, families.counts(halvings)):
-            break
-        halvings += 1
-    return [_level(mesh, edges, families, number, halvings + 1) for number in range(halvings + 1)]
+    families = families or Families(mesh)
+    counts = families.nested_counts()
+    return [_level(mesh, families, number, len(counts), lines) for number, lines in enumerate(counts)]
 
 
 def only_level(mesh: QuadMesh) -> BlockLevel:
@@ -133,49 +102,49 @@ def only_level(mesh: QuadMesh) -> BlockLevel:
 class Families:
     """Families of lines: opposite edges of a block have as many cells, and so have the edges opposite to these."""
 
-    def __init__(self, mesh: QuadMesh, edges: Edges) -> None:
+    def __init__(self, mesh: QuadMesh) -> None:
         # Follow families from block to block, through the edges that these share.
+        self.edges = edges_of(mesh)
         count = len(mesh.blocks)
         family, turned = -np.ones((count, 2), dtype=int), np.zeros((count, 2), dtype=bool)
-        self._finest: list[int] = []
+        self.finest: list[int] = []
+        """Cells along each family on the finest mesh."""
         for block, axis in np.ndindex(count, 2):
             if family[block, axis] >= 0:
                 continue
-            number = len(self._finest)
-            self._finest.append(mesh.blocks[block].shape[axis] - 1)
+            number = len(self.finest)
+            self.finest.append(mesh.blocks[block].shape[axis] - 1)
             family[block, axis], stack = number, [(block, axis)]
             while stack:
                 here, along = stack.pop()
                 for end in (0, 1):
                     # The edges that run along this axis are at both ends of the other one.
-                    other = edges.across(here, 1 - along, end)
+                    other = self.edges.across(here, 1 - along, end)
                     if other is not None and family[other.block, 1 - other.axis] < 0:
                         family[other.block, 1 - other.axis] = number
                         turned[other.block, 1 - other.axis] = turned[here, along] != other.is_turned
                         stack.append((other.block, 1 - other.axis))
-        self._of = [(int(a), int(b)) for a, b in family]
-        self._turned = [(bool(a), bool(b)) for a, b in turned]
+        self.of_blocks = [(int(a), int(b)) for a, b in family]
+        """The families along i and j of each block."""
+        self.turned = [(bool(a), bool(b)) for a, b in turned]
 
-    def counts(self, halvings: int) -> list[int]:
-        """The cells along each family after so many halvings, not fewer than ``COARSEST_CELLS``."""
-        found = []
-        for cells in self._finest:
-            most = max(0, round(math.log2(cells / COARSEST_CELLS)))
-            found.append(max(1, round(cells / 2 ** min(halvings, most))))
-        return found
+    def nested_counts(self) -> list[list[int]]:
+        """The cells along each family on each level, from coarse to fine."""
+        share = COARSEST_GRID / math.sqrt(len(self.of_blocks))
+        return nested_counts(self.finest, max(float(COARSEST_CELLS), share))
 
-    def of_blocks(self, counts: Sequence[int]) -> Iterator[tuple[int, int]]:
-        """The cells of each block along i and along j."""
-        for one, other in self._of:
-            yield counts[one], counts[other]
+    def kept(self, counts: Sequence[int]) -> Iterator[tuple[IntArray, IntArray]]:
+        """For each block the lines i and j that are kept of the finest mesh, equal on both blocks of an edge."""
+        kept = [np.round(np.linspace(0, n, m + 1)).astype(np.int64) for n, m in zip(self.finest, counts, strict=True)]
+        places = self.in_blocks([lines / n for lines, n in zip(kept, self.finest, strict=True)])
+        for (i, j), (one, other) in zip(places, self.of_blocks, strict=True):
+            yield np.rint(i * self.finest[one]).astype(np.int64), np.rint(j * self.finest[other]).astype(np.int64)
 
-    def lines(self, counts: Sequence[int]) -> Iterator[tuple[IntArray, IntArray]]:
-        """For each block the lines i and j that are kept, equal on both blocks of an edge."""
-        kept = [np.round(np.linspace(0, n, m + 1)).astype(np.int64) for n, m in zip(self._finest, counts, strict=True)]
-        for of, turned in zip(self._of, self._turned, strict=True):
+    def in_blocks(self, lines: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
+        """For each block the places, 0 to 1, of its lines i and j, by the places of the ``lines`` of each family."""
+        for of, turned in zip(self.of_blocks, self.turned, strict=True):
             one, other = (
-                (self._finest[k] - kept[k][::-1] if is_turned else kept[k])
-                for k, is_turned in zip(of, turned, strict=True)
+                1.0 - lines[k][::-1] if is_turned else lines[k] for k, is_turned in zip(of, turned, strict=True)
             )
             yield one, other
 
@@ -192,9 +161,8 @@ def originals_of(nodes: int, ties: IntArray) -> IntArray:
     return originals
 
 
-def _level(mesh: QuadMesh, edges: Edges, families: Families, number: int, count: int) -> BlockLevel:
-    counts = families.counts(count - 1 - number)
-    lines = tuple(families.lines(counts))
+def _level(mesh: QuadMesh, families: Families, number: int, count: int, counts: Sequence[int]) -> BlockLevel:
+    lines = tuple(families.kept(counts))
     on_finest = [block[np.ix_(*kept)] for block, kept in zip(mesh.blocks, lines, strict=True)]
     is_finest = number == count - 1
     place = np.full(len(mesh.points), -1)
@@ -216,5 +184,5 @@ def _level(mesh: QuadMesh, edges: Edges, families: Families, number: int, count:
         blocks=blocks,
         cells=mesh.cells if is_finest else np.concatenate([quads_of_block(block) for block in blocks]),
         ties=ties[(ties >= 0).all(axis=1)],
-        edges=edges,
+        edges=families.edges,
     )

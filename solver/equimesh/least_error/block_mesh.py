@@ -1,22 +1,29 @@
-"""One of the nested meshes of a domain in blocks: its chart, its cells, and places of its nodes."""
+"""The nested meshes of a domain in blocks: their charts, their cells, places of their nodes, and first meshes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.least_error.block_levels import BlockLevel
+from equimesh.fields.field import Field
+from equimesh.least_error import kernels
+from equimesh.least_error.block_levels import BlockLevel, Families, block_levels, only_level, originals_of
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
-from equimesh.least_error.lifting import Lifting
+from equimesh.least_error.elements import Norm
+from equimesh.least_error.lifting import Lifting, along
 from equimesh.least_error.mending import SMALLEST_SHARE, mended
 from equimesh.least_error.objective import Objective
+from equimesh.least_error.paved import is_paved
 from equimesh.least_error.quad_cells import cells_of_mesh
+from equimesh.least_error.starts import Patch, equidistributed, resampled
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
+from equimesh_coupling.cuts import cuts_at_corners
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,11 +36,11 @@ class BlockMesh:
     cells: Cells
 
     @classmethod
-    def of(cls, domain: Blocks, level: BlockLevel, *, are_cut: bool = False) -> BlockMesh:
-        """That of a level; ``are_cut`` tells whether triangles of its cells are used."""
+    def of(cls, domain: Blocks, level: BlockLevel) -> BlockMesh:
+        """That of a level."""
         nodes = level.nodes
         chart = CurveChart(domain.curves, domain.node_curve[nodes], domain.node_parameter[nodes], domain.area)
-        cells = cells_of_mesh(level.cells, chart.free, level.ties, are_cut=are_cut)
+        cells = cells_of_mesh(level.cells, chart.free, level.ties)
         return cls(domain=domain, level=level, chart=chart, cells=cells)
 
     @cached_property
@@ -67,7 +74,7 @@ class BlockMesh:
         return Place(mesh=self, unknowns=self.chart.unknowns(here, parameters[self.level.nodes]))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Place:
     """Where the nodes of a ``mesh`` are."""
 
@@ -85,16 +92,16 @@ class Place:
         """The parameters of nodes on curves, shape ``(nodes,)``."""
         return self.mesh.chart.parameters(self.unknowns)
 
-    def lifted(self, fine: BlockMesh, objective: Objective) -> Place:
-        """The same on a finer mesh: displacements by cubic interpolation.
+    def lifted(self, first: Place, there: Place, objective: Objective) -> Place:
+        """The same on a finer mesh: its displacements from ``first`` by cubic interpolation, added to ``there``.
 
         Where these fold, by the smallest share of a corner, they are mended. Linear interpolation of displacements,
         mended, too, and that of positions are tried then, and the mesh with the smallest error is taken. It is the
-        initial mesh where all of them fold even so. Meshes that cut too much off the domain are moved back.
+        mesh ``there`` where all of them fold even so. Meshes that cut too much off the domain are moved back.
         """
-        there, tried = fine.first, []
+        fine, tried = there.mesh, []
         for share, cubic in ((1.0, True), (1.0, False), (0.0, False)):
-            unknowns = objective.held(self._interpolated(fine, share, cubic=cubic))
+            unknowns = objective.held(self._interpolated(first, there, share, cubic=cubic))
             smallest = objective.smallest_share(unknowns)
             if share > 0.0 and smallest <= SMALLEST_SHARE:
                 unknowns = objective.held(mended(fine.chart, fine.cells, there.unknowns, unknowns))
@@ -104,9 +111,9 @@ class Place:
                 tried.append(unknowns)
         return Place(mesh=fine, unknowns=min(tried, key=objective.error)) if tried else there
 
-    def _interpolated(self, fine: BlockMesh, share: float, *, cubic: bool) -> Array:
-        """The unknowns of a finer mesh, from the positions less ``share`` times those of the initial mesh."""
-        lifting, first, there = Lifting(self.mesh.level, fine.level), self.mesh.first, fine.first
+    def _interpolated(self, first: Place, there: Place, share: float, *, cubic: bool) -> Array:
+        """The unknowns of a finer mesh, from the positions less ``share`` times those of the first mesh."""
+        lifting, fine = Lifting(self.mesh.level, there.mesh.level), there.mesh
         moves = lifting.lifted(self.points - share * first.points, cubic=cubic)
         along = lifting.lifted_along_sides(self.parameters - first.parameters, cubic=cubic)
         return fine.chart.unknowns(share * there.points + moves, there.parameters + along)
@@ -117,3 +124,215 @@ class Place:
         if level.is_finest:
             return finest.moved(points)
         return replace(finest, points=points, cells=level.cells, sides={}, blocks=level.blocks, ties=level.ties)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockWay:
+    """The first meshes on the levels of a domain in blocks."""
+
+    name: str
+    lines: tuple[Array, ...] | None = None
+    """The positions, 0 to 1, of the straight lines of each family; ``None`` for those of the initial mesh."""
+    starts: dict[int, Array] = field(default_factory=dict, repr=False)
+    """First meshes that are known, by the numbers of their levels."""
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the first meshes are the initial ones, but for those that are known."""
+        return self.lines is None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockNest:
+    """The nested meshes of a ``domain`` in blocks, as a :class:`~equimesh.least_error.nest.Nest`."""
+
+    domain: Blocks
+    is_nested: bool = False
+    """Whether coarser meshes are taken even where blocks are too small for good ones."""
+    _meshes: dict[int, BlockMesh] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def levels(self) -> list[BlockLevel]:
+        """The nested meshes."""
+        return [only_level(self.domain.mesh)] if self.is_paved else block_levels(self.domain.mesh, self.families)
+
+    @cached_property
+    def families(self) -> Families:
+        """The families of lines."""
+        return Families(self.domain.mesh)
+
+    @cached_property
+    def is_paved(self) -> bool:
+        """Whether the blocks are too small for coarser meshes. Smooth displacements are in their place then."""
+        return not self.is_nested and is_paved(self.domain.mesh)
+
+    @cached_property
+    def is_regular(self) -> bool:
+        """Whether lines run from side to side: inside through nodes of four cells, along sides through nodes of two."""
+        mesh, count = self.domain.mesh, len(self.domain.mesh.points)
+        corners = originals_of(count, mesh.ties)[mesh.cells]
+        used = np.bincount(corners.ravel(), minlength=count)
+        edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+        numbers, counts = np.unique(edges[:, 0] * count + edges[:, 1], return_counts=True)
+        on_side = np.zeros(count, dtype=bool)
+        for ends in np.divmod(numbers[counts == 1], count):
+            on_side[ends] = True
+        return bool((used[on_side] <= 2).all() and np.isin(used[~on_side], (0, 4)).all())
+
+    def on(self, level: BlockLevel) -> BlockMesh:
+        """Chart, cells and initial mesh of a level."""
+        if level.number not in self._meshes:
+            self._meshes[level.number] = BlockMesh.of(self.domain, level)
+        return self._meshes[level.number]
+
+    def chart(self, level: BlockLevel) -> CurveChart:
+        """Nodes slide on the curves of the domain."""
+        return self.on(level).chart
+
+    def cells(self, level: BlockLevel, *, are_cut: bool) -> Cells:
+        """The cells; ``are_cut`` tells whether triangles of them are used."""
+        cells = self.on(level).cells
+        return replace(cells, corner_cuts=cuts_at_corners(cells.corners)) if are_cut else cells
+
+    def initial(self, level: BlockLevel) -> Array:
+        """The initial mesh of the domain."""
+        return self.on(level).first.unknowns
+
+    def start(self, way: BlockWay, level: BlockLevel) -> Array:
+        """The first mesh of a way."""
+        if level.number not in way.starts:
+            way.starts[level.number] = self.initial(level) if way.lines is None else self._straight(way.lines, level)
+        return way.starts[level.number]
+
+    def uniform(self) -> BlockWay:
+        """The way from the initial mesh."""
+        return BlockWay(name="initial")
+
+    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> BlockWay | None:
+        """The way from straight lines of each block, at most ``most`` of each family; none on paved meshes."""
+        if self.is_paved:
+            return None
+        counts = [min(cells + 1, most) for cells in self.families.finest]
+        lines = equidistributed(u, self._patches, counts, norm, floor)
+        return None if lines is None else BlockWay(name="rectilinear", lines=tuple(lines))
+
+    def given(self, mesh: QuadMesh) -> BlockWay:
+        """The way from a mesh of the finest level."""
+        finest = self.levels[-1]
+        return BlockWay(name="given", starts={finest.number: self.on(finest).of_points(mesh.points).unknowns})
+
+    def from_coarse(self, mesh: QuadMesh) -> BlockWay:  # noqa: ARG002
+        """The way that continues from such a mesh on a coarse level: distortion is that of the initial mesh."""
+        return BlockWay(name="given")
+
+    def sampled(self, mesh: QuadMesh, level: BlockLevel) -> Array | None:
+        """A mesh of the finest level on a coarser one; ``None`` where it is folded there."""
+        sampled = self.on(level).of_points(mesh.points).unknowns
+        return sampled if self.min_jacobian(level, sampled) > 0.0 else None
+
+    def is_folded(self, mesh: Array, level: BlockLevel) -> bool:  # noqa: ARG002
+        """False: folded first meshes are no ways."""
+        return False
+
+    def lifted(
+        self, way: BlockWay, mesh: Array, coarse: BlockLevel, fine: BlockLevel, objective: Callable[[], Objective]
+    ) -> Array:
+        """A mesh on a finer level."""
+        here, there = self.on(coarse), self.on(fine)
+        first, start = Place(here, self.start(way, coarse)), Place(there, self.start(way, fine))
+        return Place(here, mesh).lifted(first, start, objective()).unknowns
+
+    def grid(self, level: BlockLevel) -> None:  # noqa: ARG002
+        """``None``: the meshes have no grid."""
+        return
+
+    def mesh(self, level: BlockLevel, mesh: Array) -> QuadMesh:
+        """As a mesh; that of the finest level has the cells, sides and blocks of the initial one."""
+        return Place(mesh=self.on(level), unknowns=mesh).quad_mesh(self.domain.mesh)
+
+    def min_jacobian(self, level: BlockLevel, mesh: Array) -> float:
+        """The smallest Jacobian of a corner over that of the same corner of the initial mesh."""
+        here, corners = self.on(level), self.on(level).cells.corners.reshape(-1)
+        now, first = (kernels.Nodes(*here.chart.nodes(one), corners) for one in (mesh, here.first.unknowns))
+        return float(kernels.smallest_share(now, first))
+
+    @cached_property
+    def _patches(self) -> list[Patch]:
+        """The blocks, on which the initial mesh is the map of straight lines."""
+        return [
+            Patch(Bilinear(self.domain.mesh.points[nodes]).places, families, turned, share)
+            for nodes, families, turned, share in zip(
+                self.domain.mesh.blocks, self.families.of_blocks, self.families.turned, self._shares(), strict=True
+            )
+        ]
+
+    def _shares(self) -> Iterator[float]:
+        """The share of the domain that each block is."""
+        for nodes in self.domain.mesh.blocks:
+            x, y = np.moveaxis(self.domain.mesh.points[nodes], -1, 0)
+            one, other = (
+                (x[1:, 1:] - x[:-1, :-1], y[1:, 1:] - y[:-1, :-1]),
+                (
+                    x[:-1, 1:] - x[1:, :-1],
+                    y[:-1, 1:] - y[1:, :-1],
+                ),
+            )
+            yield 0.5 * float((one[0] * other[1] - one[1] * other[0]).sum()) / self.domain.area
+
+    def _straight(self, lines: Sequence[Array], level: BlockLevel) -> Array:
+        """The initial mesh with its lines at other places, by cubic interpolation on each block."""
+        mesh, parameters, here = self.domain.mesh, self.domain.node_parameter[level.nodes].copy(), self.on(level)
+        every = [resampled(line, cells + 1) for line, cells in zip(lines, self.families.finest, strict=True)]
+        moved = tuple(
+            ((nodes.shape[0] - 1) * i[rows], (nodes.shape[1] - 1) * j[columns])
+            for (i, j), (rows, columns), nodes in zip(
+                self.families.in_blocks(every), level.lines, mesh.blocks, strict=True
+            )
+        )
+        lifting = Lifting(self.levels[-1], replace(level, lines=moved))
+        points = lifting.lifted(np.ascontiguousarray(mesh.points.T), cubic=True, alone=True)
+        for finest, nodes, places in zip(mesh.blocks, level.blocks, moved, strict=True):
+            for edge, axis in ((np.s_[0], 1), (np.s_[-1], 1), (np.s_[:, 0], 0), (np.s_[:, -1], 0)):
+                known = self._parameters.get(tuple(finest[edge][:2].tolist()))
+                if known is not None:
+                    parameters[nodes[edge][1:-1]] = along(known, places[axis])[1:-1]
+        fixed = ~here.chart.free.any(axis=0)
+        points[:, fixed] = here.first.unknowns[:, fixed]
+        return here.chart.unknowns(points, parameters)
+
+    @cached_property
+    def _parameters(self) -> dict[tuple[int, ...], Array]:
+        """The parameters of the nodes of each edge on the boundary, by the first two nodes from either end."""
+        found = {}
+        for edge in self.domain.boundary_edges:
+            found[tuple(edge.nodes[:2].tolist())] = edge.parameters
+            found[tuple(edge.nodes[:-3:-1].tolist())] = edge.parameters[::-1]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Bilinear:
+    """The bilinear map of the unit square to the ``points`` of a block, shape ``(n, m, 2)``."""
+
+    points: Array
+
+    @cached_property
+    def _values(self) -> Array:
+        """``x, y, x_s, x_t, y_s, y_t`` at the nodes."""
+        found = []
+        for q in np.moveaxis(self.points, -1, 0):
+            order = [min(2, size - 1) for size in q.shape]
+            found.append(
+                (q, *((size - 1) * np.gradient(q, axis=k, edge_order=order[k]) for k, size in enumerate(q.shape)))
+            )
+        (x, x_s, x_t), (y, y_s, y_t) = found
+        return np.stack([x, y, x_s, x_t, y_s, y_t])
+
+    def places(self, s: Array, t: Array) -> Sequence[Array]:
+        """``x, y, x_s, x_t, y_s, y_t`` at places of the square."""
+        rows, columns = (n - 1 for n in self.points.shape[:2])
+        i, j = (np.clip((at * n).astype(np.int64), 0, n - 1) for at, n in ((s, rows), (t, columns)))
+        p, q, values = s * rows - i, t * columns - j, self._values
+        low = (1.0 - p) * values[:, i, j] + p * values[:, i + 1, j]
+        high = (1.0 - p) * values[:, i, j + 1] + p * values[:, i + 1, j + 1]
+        return tuple((1.0 - q) * low + q * high)

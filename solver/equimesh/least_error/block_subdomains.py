@@ -22,7 +22,7 @@ from equimesh.numerics.types import Array
 LEADER = 0
 """The number of the part that leads."""
 BEGIN = "begin"
-"""The tag of a message with which a descent begins: the weights, and the mesh; none of both is the end."""
+"""The tag of a message with which a descent begins: the weights, and two meshes; none of them is the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,23 +44,23 @@ class BlockSubdomains:
         for merged, now in shared.descend(first, exchanges, self.settings.local_steps, min_decrease):
             yield shared.whole(merged), now
 
-    def lead(self, weights: Sequence[float], first: Array) -> None:
-        """Let the other parts begin a descent from ``first`` with these ``weights``."""
-        self._tell(np.array(weights), first)
+    def lead(self, weights: Sequence[float], start: Array, first: Array) -> None:
+        """Let the other parts begin a descent from ``first`` with these ``weights``, relative to the mesh ``start``."""
+        self._tell(np.array(weights), start, first)
 
     def dismiss(self) -> None:
         """Let the other parts end."""
-        self._tell(np.empty(0), np.empty(0))
+        self._tell(np.empty(0), np.empty(0), np.empty(0))
 
-    def orders(self) -> Iterator[tuple[list[float], Array]]:
-        """The weights and the first mesh of each descent that the leader begins."""
+    def orders(self) -> Iterator[tuple[list[float], Array, Array]]:
+        """The weights of each descent that the leader begins, what it is relative to, and its first mesh."""
         while True:
-            weights, first = self.channel.receive(LEADER, BEGIN)
+            weights, start, first = self.channel.receive(LEADER, BEGIN)
             if not first.size:
                 return
-            yield weights.tolist(), np.ascontiguousarray(first)
+            yield weights.tolist(), np.ascontiguousarray(start), np.ascontiguousarray(first)
 
-    def _tell(self, weights: Array, first: Array) -> None:
+    def _tell(self, *arrays: Array) -> None:
         for part in range(self.channel.count):
             if part != LEADER:
-                self.channel.send(part, BEGIN, [weights, first])
+                self.channel.send(part, BEGIN, list(arrays))

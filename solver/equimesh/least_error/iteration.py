@@ -1,47 +1,48 @@
-"""The least-error mesh: descent on nested grids, from the start that leads to the smallest measured error.
+"""The least-error mesh: descent on nested meshes, from the start that leads to the smallest measured error.
 
-On the coarse grids the descent runs from each of a few starts. The finer grids continue from the one with the smallest
-error there.
+A grid on a domain and a domain in blocks are solved by the same code: a :class:`~equimesh.least_error.nest.Nest` has
+their nested meshes. On the coarse meshes the descent runs from each of a few starts. The finer meshes continue from the
+one with the smallest error there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+import math
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
-import numpy as np
-
-from equimesh.domains.closing import closed_of
-from equimesh.domains.domain import Domain, map_mesh
-from equimesh.least_error.cells import cells_of_grid
-from equimesh.least_error.charts import DomainChart
+from equimesh.blocks.blocks import Blocks
+from equimesh.domains.domain import Domain
+from equimesh.least_error.block_mesh import BlockNest, BlockWay
+from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Norm, Rule
-from equimesh.least_error.levels import Level, nested_levels
+from equimesh.least_error.levels import Level, last_compared
+from equimesh.least_error.nest import AnyWay, Nest
 from equimesh.least_error.objective import Evaluation, Objective, Weights
-from equimesh.least_error.starts import product, rectilinear, resampled
+from equimesh.least_error.paved import descend_paved, paved_steps
+from equimesh.least_error.restricted import Merged
 from equimesh.least_error.steps import Descent
 from equimesh.least_error.straight_lines import StraightLines
-from equimesh.least_error.ways import Way, coordinates_of, mesh_of
-from equimesh.meshes.closed import Closed, interpolated_closed
+from equimesh.least_error.ways import GridNest
 from equimesh.meshes.grid import Grid
-from equimesh.meshes.interpolation import interpolated_values
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.types import Array
 
-MAX_COMPARED_POINTS = 17 * 17
-"""Points of the grid, at most, on which the starts are compared."""
 MAX_LINES = 17
 """Lines of each family, at most, of the rectilinear starts that are compared."""
 MAX_FINE_LINES = 257
 """Lines of each family, at most, of the start that is taken."""
 FLOORS = (1.0, 0.1, 0.01)
-"""Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.starts.rectilinear`."""
+"""Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.starts.equidistributed`."""
 MAX_GAIN_POINTS = 129 * 129
-"""Points of the finest grid on which the errors of other meshes are measured, for the records and to choose a start.
+"""Points of the finest mesh on which the errors of other meshes are measured, for the records and to choose a start.
 
-On finer grids that would take as long as a step.
+On finer ones that would take as long as a step.
 """
 MIN_DECREASE = 2.5e-3
 """Mean decrease of the objective, thus of the logarithm of the error, in a step at which a descent ends."""
@@ -50,73 +51,104 @@ MAX_EFFORT = 10.0
 MAX_MORE_STEPS = 2.0
 """The largest factor by which it raises the limit of steps."""
 MAX_LIFTED_ERRORS = {"l2": 1.5, "h1": 1.0}
-"""The largest error of a mesh from a coarser grid over that of straight lines; above it these are continued."""
+"""The largest error of a mesh from a coarser one over that of straight lines; above it these are continued."""
 DISTORTION_WEIGHT = 0.06
 """The weight of distortion in the objective for ``distortion = 1``."""
 SMOOTHNESS_WEIGHT = 2.4e-4
-"""The weight of smoothness in the objective for ``smoothness = 1``, for each cell of the grid.
+"""The weight of smoothness in the objective for ``smoothness = 1``, for each cell of the mesh.
 
 Second differences fall with the square of the spacing. Times the number of cells, the sum of their squares is the same
-for one map on all grids.
+for one map on all meshes.
 """
+IRREGULAR_STEPS = 1.5
+"""How many times the usual steps are taken where lines end inside the domain: nodes there have longer ways."""
+OBLIQUENESS_WEIGHT = 10.0
+"""The weight of corners with small angles, where these have a limit."""
+MARGIN_DEGREES = 10.0
+"""The distance from the limit at which corners begin to have weight: some always go beyond."""
 MAX_VALUE_POINTS = 9 * 9
-"""Points of the grids on which the error of u leads the way to a small error of the gradient: it finds fronts surer."""
+"""Points of meshes on which the error of u leads the way to a small error of the gradient: it finds fronts surer."""
 MORE_SLOPE_POINTS = 1
 """Gauss points a direction in addition for errors of the gradient, which are small at the points of a lean rule."""
+FINER_POINTS = 4
+"""Gauss points a direction of the rule that checks that of a mesh, and replaces it where the two differ."""
+MAX_RULE_CHANGE = 0.1
+"""The largest relative change of the error by the finer rule: a descent makes an error small where it is measured."""
+MAX_CHECKED_POINTS = 20_000
+"""Points of a mesh, at most, on which its rule is checked; a finer mesh is checked where the coarser one failed."""
+
+
+def weights_of(distortion: float, smoothness: float, cells: int) -> Weights:
+    """The weights of the objective on a mesh with so many ``cells``, for those of a monitor."""
+    return Weights(distortion=DISTORTION_WEIGHT * distortion, smoothness=SMOOTHNESS_WEIGHT * smoothness * cells)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reached:
-    """The end of a descent on one grid."""
+    """The end of a descent on one of the nested meshes."""
 
-    way: Way
+    way: AnyWay
     level: Level
     mesh: Array
-    """Reference coordinates, shape ``(2, nodes)``."""
+    """The unknowns, shape ``(2, nodes)``: reference coordinates on a grid."""
     record: Descent
     """The record of the last step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeastErrorSolve:
-    """A solve for the mesh of least error of ``monitor`` on the points of ``grid``."""
+    """A solve for the mesh of least error of ``monitor``, on the points of ``grid`` or on a ``domain`` in blocks."""
 
     monitor: LeastError
-    domain: Domain
-    grid: Grid
+    domain: Domain | Blocks
+    grid: Grid | None = None
+    """``None`` for a domain in blocks."""
     threads: int = 1
     """How many threads share the work; the mesh does not depend on it."""
+    subdomains: BlockSubdomains | None = None
+    """The subdomains that descend on the finest mesh of blocks; ``None`` for a descent of the whole mesh."""
+    smallest_angle: float | None = None
+    """The angle of corners, in degrees, below which few of them should be; ``None`` for no aim."""
+    obliqueness: float = OBLIQUENESS_WEIGHT
+    """The weight of corners near and beyond that angle."""
+
+    @cached_property
+    def nest(self) -> Nest[Any]:
+        """The nested meshes."""
+        if isinstance(self.domain, Blocks):
+            return BlockNest(domain=self.domain, is_nested=self.subdomains is not None)
+        if self.grid is None:
+            raise TypeError("a mesh of four sides needs a grid")
+        return GridNest(domain=self.domain, finest=self.grid)
 
     @property
-    def weights(self) -> Weights:
-        """The weights of the objective."""
-        return Weights(
-            distortion=DISTORTION_WEIGHT * self.monitor.distortion,
-            smoothness=SMOOTHNESS_WEIGHT * self.monitor.smoothness,
-        )
-
-    @property
-    def closed(self) -> Closed:
-        """Whether lines along xi, and those along eta, are closed."""
-        return closed_of(self.domain)
+    def levels(self) -> Sequence[Level]:
+        """The nested meshes, from coarse to fine."""
+        return self.nest.levels
 
     @property
     def effort(self) -> float:
         """How much farther a descent goes than with the usual smoothness: less of it asks for a smaller error."""
         return min(max(1.0, 1.0 / self.monitor.smoothness), MAX_EFFORT)
 
+    @property
+    def more_steps(self) -> float:
+        """How many times the steps of a level are taken, at most."""
+        return min(self.effort, MAX_MORE_STEPS) * (1.0 if self.nest.is_regular else IRREGULAR_STEPS)
+
     def steps(
-        self, start: Mesh | None = None, *, uniform_only: bool = False, coarse: Reached | None = None
+        self, start: Mesh | QuadMesh | None = None, *, uniform_only: bool = False, coarse: Reached | None = None
     ) -> Iterator[Descent]:
         """The records of all steps; the mesh of the last one is the result.
 
-        With ``start``, a valid mesh of the reference square on the same grid, the descent begins with that mesh on a
-        coarse grid, and on the finest grid again where that is better. Otherwise it begins with the uniform mesh and,
-        unless ``uniform_only``, with a rectilinear one. ``coarse`` continues from the result of :meth:`coarse`.
+        With ``start``, a valid mesh of the reference square on the same grid, or of the same domain in blocks, the
+        descent begins with that mesh on a coarse level, and on the finest one again where that is better. Otherwise it
+        begins with the uniform or initial mesh and, unless ``uniform_only``, with a rectilinear one. ``coarse``
+        continues from the result of :meth:`coarse`.
         """
-        levels = nested_levels(self.grid)
+        levels = self.levels
         if start is not None:
-            yield from self._continue(start, levels)
+            yield from self._continue(start)
             return
         if coarse is None:
             coarse = yield from self._coarse(levels[: last_compared(levels) + 2], None, uniform_only=uniform_only)
@@ -125,13 +157,26 @@ class LeastErrorSolve:
         yield from self._climb(coarse.way, levels[coarse.level.number + 1 :], coarse)
 
     def coarse(self, level: Level) -> Generator[Descent, None, Reached]:
-        """The records of the descent to one of the nested grids; returns its end."""
-        return self._coarse(nested_levels(self.grid)[: level.number + 1], None, uniform_only=False)
+        """The records of the descent to one of the nested meshes; returns its end."""
+        return self._coarse(self.levels[: level.number + 1], None, uniform_only=False)
 
-    def _continue(self, start: Mesh, levels: list[Level]) -> Iterator[Descent]:
+    def lifted_error(self, reached: Reached) -> float:
+        """The error of a mesh on the next finer level, which tells more of how the descent will end there."""
+        if reached.level.is_finest:
+            return reached.record.error
+        level = self.levels[reached.level.number + 1]
+        return self._objective(level, reached.way, self.monitor.norm, FINER_POINTS).error(self._lifted(reached, level))
+
+    def initial_error(self, reached: Reached) -> float:
+        """The error of the initial mesh where :meth:`lifted_error` is measured."""
+        level = self.levels[min(reached.level.number + 1, len(self.levels) - 1)]
+        return self._objective(level, reached.way, self.monitor.norm, FINER_POINTS).error(self.nest.initial(level))
+
+    def _continue(self, start: Mesh | QuadMesh) -> Iterator[Descent]:
         """The records of the steps from a given mesh."""
-        *coarse, finest = levels
-        given, mesh = Way.given(self.weights, start, self.closed), coordinates_of(start)
+        *coarse, finest = self.levels
+        given = self.nest.given(start)
+        mesh = self.nest.start(given, finest)
         if coarse:
             reached = yield from self._coarse(coarse, start, uniform_only=False)
             if self._lifted_error(reached, finest) < self._error(given, finest, mesh):
@@ -140,7 +185,7 @@ class LeastErrorSolve:
         yield from self._descend(given, finest, mesh)
 
     def _coarse(
-        self, levels: list[Level], start: Mesh | None, *, uniform_only: bool
+        self, levels: Sequence[Level], start: Mesh | QuadMesh | None, *, uniform_only: bool
     ) -> Generator[Descent, None, Reached]:
         """The descents from all starts, up to the last of the ``levels`` for the best of them."""
         last = last_compared(levels)
@@ -149,132 +194,117 @@ class LeastErrorSolve:
         if start is not None:
             reached += yield from self._from_given(coarse[-1], start)
         if not reached:
-            for way in [Way.uniform(self.weights, closed=self.closed)] if uniform_only else self._ways(coarse[-1]):
+            for way in [self.nest.uniform()] if uniform_only else self._ways(coarse[-1]):
                 reached.append((yield from self._climb(way, coarse)))
         if not fine:
             best = min(reached, key=lambda end: end.record.error)
             if best is not reached[-1]:
                 yield best.record
             return best
-        best = min(reached, key=lambda end: self._lifted_error(end, fine[0]))
+        best = min(reached, key=lambda end: self._lifted_error(end, fine[0])) if len(reached) > 1 else reached[0]
         return (yield from self._climb(best.way, fine, best))
 
     def _lifted(self, reached: Reached, level: Level) -> Array:
-        """A mesh on the next finer grid, or the first mesh of its way there where that has a much smaller error.
+        """A mesh on the next finer level, or the first mesh of its way there where that has a much smaller error.
 
-        Straight lines are drawn for each grid anew, and can meet a thin layer better than a mesh from a coarse grid. On
-        fine grids the coarser one has met it.
+        Straight lines are drawn for each level anew, and can meet a thin layer better than a mesh from a coarse one.
+        Where lines end inside, the initial mesh can be better, too. On fine meshes the coarser one has met it.
         """
-        way = reached.way
-        lifted = way.lifted(reached.mesh, reached.level.grid, level.grid, self.domain)
-        if way.is_uniform or level.grid.points > MAX_GAIN_POINTS:
+        way, norm = reached.way, self._norm(level)
+        lifted = self.nest.lifted(way, reached.mesh, reached.level, level, lambda: self._objective(level, way, norm))
+        if (way.is_uniform and self.nest.is_regular) or level.points > MAX_GAIN_POINTS:
             return lifted
-        start = way.start(level.grid)
+        start = self.nest.start(way, level)
         most = MAX_LIFTED_ERRORS[self.monitor.norm] * self._error(way, level, start)
         return lifted if self._error(way, level, lifted) <= most else start
 
     def _lifted_error(self, reached: Reached, level: Level) -> float:
-        """The error of a mesh on the next finer grid, which tells more of how the descent will end there."""
+        """The error of a mesh on the next finer level."""
         return self._error(reached.way, level, self._lifted(reached, level))
 
-    def _error(self, way: Way, level: Level, mesh: Array) -> float:
-        """The error of a mesh on the grid of a level."""
+    def _error(self, way: AnyWay, level: Level, mesh: Array) -> float:
+        """The error of a mesh of a level."""
         objective = self._objective(level, way, self._norm(level))
         objective.cut(mesh)
         return objective.error(mesh)
 
-    def _ways(self, level: Level) -> Iterator[Way]:
+    def _ways(self, level: Level) -> Iterator[AnyWay]:
         """The ways that are compared: from the uniform mesh, and from the best rectilinear one if that is better."""
-        uniform = Way.uniform(self.weights, closed=self.closed)
+        uniform = self.nest.uniform()
         yield uniform
-        objective = self._objective(level, uniform, self._norm(level))
-        best, least = None, objective.error(uniform.start(level.grid))
+        norm = self._norm(level)
+        objective = self._objective(level, uniform, norm)
+        best, least = None, objective.error(self.nest.start(uniform, level))
         if not least > objective.rounding:
             return
         for floor in FLOORS:
-            lines = self._lines(MAX_LINES, floor)
-            if lines is None:
+            way = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_LINES, floor)
+            if way is None:
                 continue
-            mesh = product(
-                *(
-                    resampled(line, n, closed=closed)
-                    for line, n, closed in zip(lines, level.grid.shape, self.closed, strict=True)
-                )
-            )
+            mesh = self.nest.start(way, level)
             if objective.smallest_share(mesh) > 0.0:
                 error = objective.error(mesh)
                 if error < least:
                     best, least = floor, error
-        lines = None if best is None else self._lines(MAX_FINE_LINES, best)
-        if lines is not None:
-            yield Way(name="rectilinear", s=lines[0], t=lines[1], weights=self.weights, closed=self.closed)
+        if best is not None:
+            way = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_FINE_LINES, best)
+            if way is not None:
+                yield way
 
-    def _lines(self, most: int, floor: float) -> tuple[Array, Array] | None:
-        """Rectilinear lines, at most ``most`` of each family."""
-        counts = min(self.grid.n_xi, most), min(self.grid.n_eta, most)
-        return rectilinear(self.monitor.u, self.domain, counts, self.monitor.norm, floor, closed=self.closed)
-
-    def _from_given(self, level: Level, start: Mesh) -> Generator[Descent, None, list[Reached]]:
-        """The end of the descent from a given mesh, on a coarse grid; none where it is folded there."""
-        way = Way.uniform(self.weights, "given", self.closed)
-        if any(self.closed):
-            sampled = coordinates_of(interpolated_closed(start, level.grid, self.closed))
-        else:
-            sampled = np.stack([interpolated_values(q, level.grid.shape).reshape(-1) for q in (start.x, start.y)])
-        if self._is_folded(sampled, level.grid) if any(self.closed) else mesh_of(sampled, level.grid).is_folded:
+    def _from_given(self, level: Level, start: Mesh | QuadMesh) -> Generator[Descent, None, list[Reached]]:
+        """The end of the descent from a given mesh, on a coarse level; none where it is folded there."""
+        sampled = self.nest.sampled(start, level)
+        if sampled is None:
             return []
-        return [(yield from self._descend(way, level, sampled))]
+        return [(yield from self._descend(self.nest.from_coarse(start), level, sampled))]
 
-    def _is_folded(self, mesh: Array, grid: Grid) -> bool:
-        return map_mesh(mesh_of(mesh, grid), self.domain).is_folded
-
-    def _climb(self, way: Way, levels: list[Level], before: Reached | None = None) -> Generator[Descent, None, Reached]:
-        """Descent on each of the levels, from the mesh of the level before it.
-
-        Few lines around a ring can lie so far apart that their cells fold: closed ways begin on a finer grid then.
-        """
-        if before is None and any(self.closed):
-            valid = [level for level in levels if not self._is_folded(way.start(level.grid), level.grid)]
+    def _climb(
+        self, way: AnyWay, levels: Sequence[Level], before: Reached | None = None
+    ) -> Generator[Descent, None, Reached]:
+        """Descent on each of the levels, from the mesh of the level before it; a way begins where it is not folded."""
+        if before is None:
+            valid = [level for level in levels if not self.nest.is_folded(self.nest.start(way, level), level)]
             levels = valid or levels[-1:]
         for level in levels:
-            start = way.start(level.grid) if before is None else self._lifted(before, level)
+            start = self.nest.start(way, level) if before is None else self._lifted(before, level)
             before = yield from self._descend(way, level, start)
         if before is None:
             raise AssertionError("there is at least one level")
         return before
 
-    def _descend(self, way: Way, level: Level, start: Array) -> Generator[Descent, None, Reached]:
-        """Descent on one grid."""
-        objective = self._objective(level, way, self._norm(level))
+    def _descend(self, way: AnyWay, level: Level, start: Array) -> Generator[Descent, None, Reached]:
+        """Descent on one level."""
+        norm = self._norm(level)
+        objective = self._objective(level, way, norm)
         start = objective.held(start)
+        objective = self._enough(objective, level, way, start)
         objective.cut(start)
         # Records are in the requested norm, also where another one leads the way.
-        is_other = self._norm(level) != self.monitor.norm
+        is_other = norm != self.monitor.norm
         measured = self._objective(level, way, self.monitor.norm) if is_other else objective
         uniform_error = None
-        if level.grid.points <= MAX_GAIN_POINTS:
-            uniform_error = measured.error(coordinates_of(Mesh.uniform(level.grid)))
+        if level.points <= MAX_GAIN_POINTS:
+            uniform_error = measured.error(self.nest.initial(level))
 
-        steps = round(level.steps * min(self.effort, MAX_MORE_STEPS))
+        steps = self._most_steps(level)
 
         def record(step: int, mesh: Array, error: float, distortion: float) -> Descent:
-            square = mesh_of(mesh, level.grid)
             return Descent(
                 level=level.number,
                 levels=level.count,
-                grid=level.grid,
+                grid=self.nest.grid(level),
                 step=step,
                 steps=steps,
                 error=error,
                 gain=None if uniform_error is None else uniform_error / error if error > 0.0 else 1.0,
                 distortion=distortion,
-                min_jacobian=map_mesh(square, self.domain).min_jacobian / self.domain.area,
-                mesh=square,
+                min_jacobian=self.nest.min_jacobian(level, mesh),
+                mesh=self.nest.mesh(level, mesh),
                 start=way.name,
             )
 
         mesh, last = start, None
-        for step, (mesh, now) in enumerate(self._moves(objective, level, start, steps)):
+        for step, (mesh, now) in enumerate(self._moves(objective, level, way, start)):
             last = record(step, mesh, measured.error(mesh) if is_other else now.error, now.distortion)
             yield last
         if last is None:
@@ -282,40 +312,100 @@ class LeastErrorSolve:
             yield last
         return Reached(way=way, level=level, mesh=mesh, record=last)
 
+    def _enough(self, objective: Objective, level: Level, way: AnyWay, start: Array) -> Objective:
+        """The objective with enough Gauss points for the mesh that a descent begins with.
+
+        Where u is singular at a corner that turns inwards, or a front narrower than a cell, few points see little of
+        the error. The descent would make it small at these points alone.
+        """
+        if self.nest.is_regular or level.points > MAX_CHECKED_POINTS or level.gauss_points >= FINER_POINTS:
+            return objective
+        finer = self._objective(level, way, self._norm(level), FINER_POINTS)
+        here, there = objective.error(start), finer.error(start)
+        return objective if abs(there - here) <= MAX_RULE_CHANGE * here else finer
+
+    @property
+    def weights(self) -> tuple[float, float, float, float]:
+        """Distortion, smoothness, the smallest angle and its weight; NaN where angles have no limit."""
+        angle = math.nan if self.smallest_angle is None else self.smallest_angle
+        return self.monitor.distortion, self.monitor.smoothness, angle, self.obliqueness
+
+    def with_weights(self, weights: Sequence[float]) -> LeastErrorSolve:
+        """The solve with these :attr:`weights`."""
+        distortion, smoothness, angle, obliqueness = weights
+        return replace(
+            self,
+            monitor=replace(self.monitor, distortion=distortion, smoothness=smoothness),
+            smallest_angle=None if math.isnan(angle) else angle,
+            obliqueness=obliqueness,
+        )
+
+    def follow(self, start: Array, first: Array) -> None:
+        """Descend in the subdomains of this part, where another part leads the same solve, from the mesh ``first``.
+
+        ``start`` is the first mesh of its way.
+        """
+        finest = self.levels[-1]
+        way = BlockWay(name="", starts={finest.number: start})
+        objective = self._objective(finest, way, self.monitor.norm)
+        objective = self._enough(objective, finest, way, first)
+        objective.cut(first)
+        for _ in self._moves(objective, finest, way, first):
+            pass
+
+    def _most_steps(self, level: Level) -> int:
+        """Steps on a level at most; exchanges where subdomains descend."""
+        if self._is_paved:
+            return paved_steps(level.points, self.more_steps)
+        steps = round(level.steps * self.more_steps)
+        return self.subdomains.settings.exchanges(steps) if self.subdomains and level.is_finest else steps
+
+    @property
+    def _is_paved(self) -> bool:
+        return isinstance(self.nest, BlockNest) and self.nest.is_paved
+
     def _moves(
-        self, objective: Objective, level: Level, start: Array, steps: int
-    ) -> Iterator[tuple[Array, Evaluation]]:
-        """The meshes of a descent on one grid, of all nodes or of straight lines."""
-        min_decrease = MIN_DECREASE / self.effort
-        if not self.monitor.rectilinear:
-            yield from descend(objective, start, steps, min_decrease)
-            return
-        straight = StraightLines(objective, level.grid.shape)
-        for lines, now in descend(straight, straight.lines(start), steps, min_decrease):
-            yield straight.mesh(lines), now
+        self, objective: Objective, level: Level, way: AnyWay, start: Array
+    ) -> Iterator[tuple[Array, Evaluation | Merged]]:
+        """The meshes of a descent on one level: of all nodes, of straight lines, or of subdomains."""
+        least, steps, nest = MIN_DECREASE / self.effort, self._most_steps(level), self.nest
+        if self.monitor.rectilinear and isinstance(nest, GridNest):
+            straight = StraightLines(objective, nest.grid(nest.levels[level.number]).shape)
+            for lines, now in descend(straight, straight.lines(start), steps, least):
+                yield straight.mesh(lines), now
+        elif self._is_paved and isinstance(nest, BlockNest):
+            yield from descend_paved(
+                objective, nest.chart(nest.levels[0]), nest.initial(nest.levels[0]), start, least, self.more_steps
+            )
+        elif self.subdomains is not None and level.is_finest and isinstance(self.domain, Blocks):
+            if self.subdomains.channel.number == LEADER:
+                self.subdomains.lead(self.weights, nest.start(way, level), start)
+            yield from self.subdomains.descend(objective, self.domain.mesh, start, steps, least, self.threads)
+        else:
+            yield from descend(objective, start, steps, least)
+
+    @property
+    def _finest_cells(self) -> int:
+        """Cells of the finest mesh."""
+        if isinstance(self.domain, Blocks):
+            return len(self.domain.mesh.cells)
+        return self.nest.levels[-1].grid.cells
 
     def _norm(self, level: Level) -> Norm:
-        """The norm of the error that the descent on a grid lowers."""
-        return "l2" if level.grid.points <= MAX_VALUE_POINTS and not level.is_finest else self.monitor.norm
+        """The norm of the error that the descent on a level lowers."""
+        return "l2" if level.points <= MAX_VALUE_POINTS and not level.is_finest else self.monitor.norm
 
-    def _objective(self, level: Level, way: Way, norm: Norm) -> Objective:
-        points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
+    def _objective(self, level: Level, way: AnyWay, norm: Norm, gauss_points: int | None = None) -> Objective:
+        points = (gauss_points or level.gauss_points) + (MORE_SLOPE_POINTS if norm == "h1" else 0)
         # Cells that move far are cut the other way, which a descent on triangles does not see.
-        cells = self.monitor.cells if level.is_finest else "quad"
-        rule = Rule(norm=norm, cells=cells, points=points)
-        objective = Objective(
-            self.monitor.u,
-            DomainChart(self.domain),
-            cells_of_grid(level.grid.shape, self.closed),
-            way.start(level.grid),
-            replace(way.weights, smoothness=way.weights.smoothness * level.grid.cells),
-            rule,
-            self.threads,
-        )
-        objective.bound_cut_off(coordinates_of(Mesh.uniform(level.grid)), self.grid.cells / level.grid.cells)
+        kind = self.monitor.cells if level.is_finest else "quad"
+        cells = self.nest.cells(level, are_cut=kind == "triangle")
+        weights = weights_of(self.monitor.distortion, self.monitor.smoothness, cells.count)
+        if self.smallest_angle is not None:
+            limit = 1.0 / math.tan(math.radians(self.smallest_angle + MARGIN_DEGREES))
+            weights = replace(weights, obliqueness=self.obliqueness, largest_cotangent=limit)
+        rule = Rule(norm=norm, cells=kind, points=points)
+        chart, start = self.nest.chart(level), self.nest.start(way, level)
+        objective = Objective(self.monitor.u, chart, cells, start, weights, rule, self.threads)
+        objective.bound_cut_off(self.nest.initial(level), self._finest_cells / cells.count)
         return objective
-
-
-def last_compared(levels: list[Level]) -> int:
-    """The number of the finest level up to which the descents from all starts run."""
-    return max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)

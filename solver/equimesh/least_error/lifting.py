@@ -20,6 +20,8 @@ Around: TypeAlias = tuple[list[list[IntArray | None]], Array]
 
 ``None`` and 0 where there are none.
 """
+NOTHING: Around = ([[None, None], [None, None]], np.zeros((2, 2)))
+"""No neighbours."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,10 +39,13 @@ class Lifting:
         self.coarse, self.fine = coarse, fine
         self._around = [_around(coarse, block) for block in range(len(coarse.blocks))]
 
-    def lifted(self, values: Array, *, cubic: bool) -> Array:
-        """``values`` of shape ``(k, coarse nodes)`` at the fine nodes, exact at nodes that are both."""
+    def lifted(self, values: Array, *, cubic: bool, alone: bool = False) -> Array:
+        """``values`` of shape ``(k, coarse nodes)`` at the fine nodes, exact at nodes that are both.
+
+        ``alone`` tells whether each block is interpolated without its neighbours: lines may have kinks between them.
+        """
         out = np.zeros((len(values), self.fine.points))
-        for block, around in enumerate(self._around):
+        for block, around in enumerate([NOTHING] * len(self._around) if alone else self._around):
             out[:, self.fine.blocks[block]] = self._block(values, around, block, cubic=cubic)
         return out
 
@@ -49,10 +54,9 @@ class Lifting:
 
         Inside of blocks the values mean nothing.
         """
-        nothing: Around = ([[None, None], [None, None]], np.zeros((2, 2)))
         out = np.zeros(self.fine.points)
         for block, to in enumerate(self.fine.blocks):
-            here = self._block(values[None], nothing, block, cubic=cubic)[0]
+            here = self._block(values[None], NOTHING, block, cubic=cubic)[0]
             for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
                 out[to[edge]] = here[edge]
         return out
@@ -86,6 +90,14 @@ class Lifting:
         return out
 
 
+def along(values: Array, places: Array) -> Array:
+    """``values`` at the nodes of one line, at other ``places`` on it, counted in nodes, by cubic interpolation."""
+    line = _line(_padded(np.arange(values.size), np.zeros(2)), places, False, cubic=True)
+    padded = np.concatenate([[0.0], values, [0.0]])
+    found: Array = (padded[line.numbers] * line.weights).sum(axis=1)
+    return found
+
+
 def _around(level: BlockLevel, block: int) -> Around:
     """What lies around a block of the level."""
     found: list[list[IntArray | None]] = [[None, None], [None, None]]
@@ -109,7 +121,7 @@ def _padded(lines: IntArray, steps: Array) -> tuple[Array, bool, bool]:
     return places, before > 0.0, after > 0.0
 
 
-def _line(padded: tuple[Array, bool, bool], wanted: IntArray, has_ghosts: bool, *, cubic: bool) -> Line:
+def _line(padded: tuple[Array, bool, bool], wanted: Array | IntArray, has_ghosts: bool, *, cubic: bool) -> Line:
     """Lagrange interpolation from the lines around each of the ``wanted`` places."""
     places, before, after = padded
     first, last = (0 if before and has_ghosts else 1), places.size - (0 if after and has_ghosts else 1)

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from equimesh.least_error.background import Background, Boundary, background_counts
-from equimesh.least_error.block_levels import COARSEST_CELLS, COARSEST_POINTS
-from equimesh.least_error.block_mesh import BlockMesh
+from equimesh.least_error.block_levels import COARSEST_CELLS
 from equimesh.least_error.cells import Cells
+from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.descent import descend
 from equimesh.least_error.objective import Evaluation, Objective
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 
+FEWEST_POINTS = 300
+"""Points of a mesh, at least: fewer need no displacements that are smooth."""
 FIRST_GRID = 4
 """Cells along the longer side of the coarsest background grid."""
 FEWEST_NODES = 9.0
@@ -27,7 +31,7 @@ NODE_STEPS = 20
 def is_paved(mesh: QuadMesh) -> bool:
     """Whether the blocks of a mesh are too small for coarser meshes: fewer cells than these have in the mean."""
     few = len(mesh.cells) < COARSEST_CELLS**2 * len(mesh.blocks)
-    return few and len(mesh.points) > COARSEST_POINTS and not mesh.ties.size
+    return few and len(mesh.points) > FEWEST_POINTS and not mesh.ties.size
 
 
 def paved_steps(nodes: int, more: float) -> int:
@@ -37,11 +41,11 @@ def paved_steps(nodes: int, more: float) -> int:
 
 
 def descend_paved(
-    objective: Objective, mesh: BlockMesh, first: Array, min_decrease: float, more: float
+    objective: Objective, chart: CurveChart, initial: Array, first: Array, min_decrease: float, more: float
 ) -> Iterator[tuple[Array, Evaluation]]:
     """The meshes of the descent, as :func:`~equimesh.least_error.descent.descend` has them."""
-    points = mesh.first.points
-    boundary = Boundary(mesh.chart, mesh.first.unknowns, mesh.cells.corners)
+    points = np.stack(chart.nodes(initial))
+    boundary = Boundary(chart, initial, objective.cells.corners)
     now, is_first = first, True
     for cells in background_counts(points.shape[1], FIRST_GRID, FEWEST_NODES):
         smooth = Smooth(objective, Background(boundary, points, cells), now)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
@@ -28,6 +31,62 @@ ROUNDING_SHARE = 1e-13
 """The share of the largest derivative of u that counts as rounding in a derivative, or in its change."""
 
 
+class Patch(NamedTuple):
+    """A piece of a domain that two families of straight lines cross: a grid, or a block."""
+
+    places: Callable[[Array, Array], Sequence[Array]]
+    """``x, y, x_s, x_t, y_s, y_t`` at arrays of s and t, the positions of lines from 0 to 1."""
+    families: tuple[int, int] = (0, 1)
+    """The numbers of the families of lines of constant s, and of constant t."""
+    turned: tuple[bool, bool] = (False, False)
+    """Whether the positions of the lines of each family run the other way."""
+    share: float = 1.0
+    """Its share of the domain."""
+
+
+def equidistributed(
+    u: Field,
+    patches: Sequence[Patch],
+    counts: Sequence[int],
+    norm: Norm,
+    floor: float,
+    closed: Sequence[bool] | None = None,
+) -> list[Array] | None:
+    """The positions, 0 to 1, of ``counts`` lines of each family, of a mesh whose lines are straight on every patch.
+
+    Each family is equidistributed in the density of least error of piecewise linear interpolation, for the mean over
+    the lines that cross it: the integral of ``u_ss^2`` to the power 1/5 in L2, 1/3 in H1, smoothed over neighbours.
+    ``floor`` times its mean is added: more of it leaves more lines where u is flat. The lines of a ``closed`` family
+    go on after a turn; their mean position is that of uniform ones, so that it does not matter where they begin.
+    ``None`` where u is not finite.
+    """
+    closed = closed or [False] * len(counts)
+    lines = [np.linspace(0.0, 1.0, count) for count in counts]
+    for _ in range(MAX_PASSES):
+        few = [
+            resampled(line, min(line.size, MAX_CROSSINGS), closed=is_closed)
+            for line, is_closed in zip(lines, closed, strict=True)
+        ]
+        found: list[list[tuple[Array, Array]]] = [[] for _ in lines]
+        for patch in patches:
+            for axis, family in enumerate(patch.families):
+                slopes = _along(u, patch, lines, few, axis)
+                if not np.isfinite(slopes).all():
+                    return None
+                across = patch.families[1 - axis]
+                shares = patch.share * _shares(few[across], closed[across])
+                found[family].append((slopes, shares[::-1] if patch.turned[1 - axis] else shares))
+        moved = [
+            _equidistributed(line, *_together(crossed), EXPONENTS[norm], floor, is_closed)
+            for line, crossed, is_closed in zip(lines, found, closed, strict=True)
+        ]
+        change = max(_change(line, new) for line, new in zip(lines, moved, strict=True))
+        lines = moved
+        if change < MIN_CHANGE_CELLS:
+            break
+    return lines
+
+
 def rectilinear(
     u: Field,
     domain: Domain,
@@ -37,28 +96,32 @@ def rectilinear(
     *,
     closed: tuple[bool, bool] = (False, False),
 ) -> tuple[Array, Array] | None:
-    """The positions of ``counts`` lines along s and along t, of a mesh whose lines are straight.
+    """The positions of ``counts`` lines along s and along t of a grid, as :func:`equidistributed` finds them."""
 
-    Each family is equidistributed in the density of least error of piecewise linear interpolation, for the mean over
-    the other family: the integral of ``u_ss^2`` to the power 1/5 in L2, 1/3 in H1, smoothed over neighbours. ``floor``
-    times its mean is added: more of it leaves more lines where u is flat. The lines of a ``closed`` direction go on
-    after a turn; their mean position is that of uniform ones, so that it does not matter where they begin. ``None``
-    where u is not finite.
-    """
-    s, t = (np.linspace(0.0, 1.0, count) for count in counts)
-    for _ in range(MAX_PASSES):
-        few_s = resampled(s, min(s.size, MAX_CROSSINGS), closed=closed[0])
-        few_t = resampled(t, min(t.size, MAX_CROSSINGS), closed=closed[1])
-        along_s, along_t = _finite_slopes(u, domain, s, few_t)[0], _finite_slopes(u, domain, few_s, t)[1].T
-        if not (np.isfinite(along_s).all() and np.isfinite(along_t).all()):
-            return None
-        new_s = _equidistributed(s, along_s, _shares(few_t, closed[1]), EXPONENTS[norm], floor, closed[0])
-        new_t = _equidistributed(t, along_t, _shares(few_s, closed[0]), EXPONENTS[norm], floor, closed[1])
-        change = max(_change(s, new_s), _change(t, new_t))
-        s, t = new_s, new_t
-        if change < MIN_CHANGE_CELLS:
-            break
-    return s, t
+    def places(s: Array, t: Array) -> Sequence[Array]:
+        return *domain.map(s, t), *domain.jacobian(s, t)
+
+    found = equidistributed(u, [Patch(places)], counts, norm, floor, closed)
+    return None if found is None else (found[0], found[1])
+
+
+def _together(crossed: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Slopes along one family, and the shares of the crossings, of several patches."""
+    if len(crossed) == 1:
+        return crossed[0]
+    slopes, shares = zip(*crossed, strict=True)
+    return np.concatenate(slopes, axis=1), np.concatenate(shares)
+
+
+def _along(u: Field, patch: Patch, lines: Sequence[Array], few: Sequence[Array], axis: int) -> Array:
+    """The derivative of u along one family of a patch where ``few`` lines of the other cross it: ``(lines, few)``."""
+    s, t = (
+        1.0 - at[::-1] if is_turned else at
+        for at, is_turned in (((lines if axis == k else few)[patch.families[k]], patch.turned[k]) for k in (0, 1))
+    )
+    slopes = _finite_slopes(u, patch, s, t)[axis]
+    slopes = slopes.T if axis == 1 else slopes
+    return -slopes[::-1] if patch.turned[axis] else slopes
 
 
 def product(s: Array, t: Array) -> Array:
@@ -88,10 +151,10 @@ def _shares(line: Array, closed: bool) -> Array:
     return np.append(0.5 * (steps + np.roll(steps, 1)), 0.0)
 
 
-def _finite_slopes(u: Field, domain: Domain, s: Array, t: Array) -> tuple[Array, Array]:
+def _finite_slopes(u: Field, patch: Patch, s: Array, t: Array) -> tuple[Array, Array]:
     """The derivatives of u by s and by t; from points next to the sides where they are infinite on these."""
-    slopes = _slopes(u, domain, s, t)
-    return slopes if np.isfinite(slopes).all() else _slopes(u, domain, _inset(s), _inset(t))
+    slopes = _slopes(u, patch, s, t)
+    return slopes if np.isfinite(slopes).all() else _slopes(u, patch, _inset(s), _inset(t))
 
 
 def _inset(line: Array) -> Array:
@@ -102,11 +165,10 @@ def _inset(line: Array) -> Array:
     return inset
 
 
-def _slopes(u: Field, domain: Domain, s: Array, t: Array) -> tuple[Array, Array]:
+def _slopes(u: Field, patch: Patch, s: Array, t: Array) -> tuple[Array, Array]:
     """The derivatives of u by s and by t at the crossings of the lines, 0 where they are nothing but rounding."""
-    at_s, at_t = np.meshgrid(s, t, indexing="ij")
-    _, u_x, u_y = u.evaluate(*domain.map(at_s, at_t), order=1)
-    x_s, x_t, y_s, y_t = domain.jacobian(at_s, at_t)
+    x, y, x_s, x_t, y_s, y_t = patch.places(*np.meshgrid(s, t, indexing="ij"))
+    _, u_x, u_y = u.evaluate(x, y, order=1)
     return _sum(u_x * x_s, u_y * y_s), _sum(u_x * x_t, u_y * y_t)
 
 

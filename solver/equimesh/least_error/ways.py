@@ -1,14 +1,22 @@
-"""Ways to a mesh: where the descent starts, and how it goes up from grid to grid."""
+"""Nested grids, and ways to a mesh on them: where the descent starts, and how it goes up from grid to grid."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
+from equimesh.domains.closing import closed_of
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
-from equimesh.least_error.objective import Weights
-from equimesh.least_error.starts import product, resampled
+from equimesh.fields.field import Field
+from equimesh.least_error.cells import Cells, cells_of_grid
+from equimesh.least_error.charts import DomainChart
+from equimesh.least_error.elements import Norm
+from equimesh.least_error.levels import GridLevel, nested_levels
+from equimesh.least_error.objective import Objective
+from equimesh.least_error.starts import product, rectilinear, resampled
 from equimesh.meshes.closed import Closed, closed_mesh, interpolated_across, interpolated_closed
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.interpolation import interpolated_values
@@ -26,21 +34,20 @@ class Way:
     name: str
     s: Array
     t: Array
-    weights: Weights
     closed: Closed = OPEN
     """Whether lines along xi, and those along eta, are closed."""
     _starts: dict[Grid, Array] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def uniform(cls, weights: Weights, name: str = "uniform", closed: Closed = OPEN) -> Way:
+    def uniform(cls, name: str = "uniform", closed: Closed = OPEN) -> Way:
         """From the uniform mesh."""
         ends = np.array([0.0, 1.0])
-        return cls(name=name, s=ends, t=ends, weights=weights, closed=closed)
+        return cls(name=name, s=ends, t=ends, closed=closed)
 
     @classmethod
-    def given(cls, weights: Weights, mesh: Mesh, closed: Closed = OPEN) -> Way:
+    def given(cls, mesh: Mesh, closed: Closed = OPEN) -> Way:
         """From a given mesh on its own grid, where no mesh with a lower objective has a larger error; else uniform."""
-        way = cls.uniform(weights, "given", closed)
+        way = cls.uniform("given", closed)
         way._starts[mesh.grid] = coordinates_of(mesh)
         return way
 
@@ -88,6 +95,98 @@ class Way:
                 return coordinates_of(lifted)
         lifted = interpolated_closed(mesh_of(mesh, coarse), fine, self.closed, cubic=False)
         return start if map_mesh(lifted, domain).is_folded else coordinates_of(lifted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridNest:
+    """The nested grids up to ``finest`` on a ``domain``, as a :class:`~equimesh.least_error.nest.Nest`."""
+
+    domain: Domain
+    finest: Grid
+
+    @cached_property
+    def levels(self) -> list[GridLevel]:
+        """The nested grids."""
+        return nested_levels(self.finest)
+
+    @property
+    def is_regular(self) -> bool:
+        """True: lines of a grid run from side to side."""
+        return True
+
+    @cached_property
+    def closed(self) -> Closed:
+        """Whether lines along xi, and those along eta, are closed."""
+        return closed_of(self.domain)
+
+    def chart(self, level: GridLevel) -> DomainChart:  # noqa: ARG002
+        """The map of the domain."""
+        return DomainChart(self.domain)
+
+    def cells(self, level: GridLevel, *, are_cut: bool) -> Cells:  # noqa: ARG002
+        """The cells of the grid."""
+        return cells_of_grid(level.grid.shape, self.closed)
+
+    def initial(self, level: GridLevel) -> Array:
+        """The uniform mesh."""
+        return coordinates_of(Mesh.uniform(level.grid))
+
+    def start(self, way: Way, level: GridLevel) -> Array:
+        """The first mesh of a way."""
+        return way.start(level.grid)
+
+    def uniform(self) -> Way:
+        """The way from the uniform mesh."""
+        return Way.uniform(closed=self.closed)
+
+    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> Way | None:
+        """The way from straight lines, at most ``most`` of each family."""
+        counts = min(self.finest.n_xi, most), min(self.finest.n_eta, most)
+        lines = rectilinear(u, self.domain, counts, norm, floor, closed=self.closed)
+        return None if lines is None else Way(name="rectilinear", s=lines[0], t=lines[1], closed=self.closed)
+
+    def given(self, mesh: Mesh) -> Way:
+        """The way from a mesh of the finest grid."""
+        return Way.given(mesh, self.closed)
+
+    def from_coarse(self, mesh: Mesh) -> Way:  # noqa: ARG002
+        """The way that continues from such a mesh on a coarse grid: distortion is that of the uniform mesh."""
+        return Way.uniform("given", self.closed)
+
+    def sampled(self, mesh: Mesh, level: GridLevel) -> Array | None:
+        """A mesh of the finest grid on a coarser one; ``None`` where it is folded there."""
+        if any(self.closed):
+            sampled = coordinates_of(interpolated_closed(mesh, level.grid, self.closed))
+            return None if self.is_folded(sampled, level) else sampled
+        sampled = np.stack([interpolated_values(q, level.grid.shape).reshape(-1) for q in (mesh.x, mesh.y)])
+        return None if mesh_of(sampled, level.grid).is_folded else sampled
+
+    def is_folded(self, mesh: Array, level: GridLevel) -> bool:
+        """Whether a mesh is folded on the domain. Few lines around a ring can lie so far apart that their cells are."""
+        return any(self.closed) and map_mesh(mesh_of(mesh, level.grid), self.domain).is_folded
+
+    def lifted(
+        self,
+        way: Way,
+        mesh: Array,
+        coarse: GridLevel,
+        fine: GridLevel,
+        objective: Callable[[], Objective],  # noqa: ARG002
+    ) -> Array:
+        """A mesh on a finer grid."""
+        return way.lifted(mesh, coarse.grid, fine.grid, self.domain)
+
+    def grid(self, level: GridLevel) -> Grid:
+        """The grid of a level."""
+        return level.grid
+
+    def mesh(self, level: GridLevel, mesh: Array) -> Mesh:
+        """The mesh of the reference square."""
+        return mesh_of(mesh, level.grid)
+
+    def min_jacobian(self, level: GridLevel, mesh: Array) -> float:
+        """The smallest Jacobian of a corner on the domain, over its area."""
+        return map_mesh(mesh_of(mesh, level.grid), self.domain).min_jacobian / self.domain.area
 
 
 def mesh_of(mesh: Array, grid: Grid) -> Mesh:

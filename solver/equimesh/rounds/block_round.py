@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.least_error.block_iteration import BlockSolve, BlocksReached
 from equimesh.least_error.elements import Norm, Rule
-from equimesh.least_error.iteration import MORE_SLOPE_POINTS
+from equimesh.least_error.iteration import MORE_SLOPE_POINTS, LeastErrorSolve, Reached
+from equimesh.least_error.levels import coarse_level
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
@@ -22,7 +22,7 @@ from equimesh.rounds.next_mesh import KEPT, AnyKnowledge, NextMesh
 T = TypeVar("T")
 
 
-class BriefSolve(BlockSolve):
+class BriefSolve(LeastErrorSolve):
     """A solve with the usual number of steps, also for sharper weights: it only compares them."""
 
     @property
@@ -75,17 +75,17 @@ class BlockKnowledge(AnyKnowledge[BlockRecovery]):
         for distortion, smoothness in (SMOOTH, SHARP):
             monitor = LeastError(u=known.u, norm=norm, distortion=distortion, smoothness=smoothness).on(known.domain)
             brief = BriefSolve(monitor=monitor, domain=known.domain, threads=threads)
-            reached = _end_of(brief.compared())
+            reached = _end_of(brief.coarse(coarse_level(brief.levels)))
             tried.append((brief.lifted_error(reached), monitor, reached))
         _, monitor, reached = min(tried, key=lambda one: one[0])
-        solve = BlockSolve(monitor=monitor, domain=known.domain, threads=threads)
+        solve = LeastErrorSolve(monitor=monitor, domain=known.domain, threads=threads)
         is_first = known.mesh.distance(known.domain.mesh) == 0.0
-        starts: list[tuple[str, QuadMesh | None, BlocksReached | None]] = [(WHOLE, None, reached)]
+        starts: list[tuple[str, QuadMesh | None, Reached | None]] = [(WHOLE, None, reached)]
         if not is_first:
             starts.append((PARTS, known.mesh, None))
         for name, start, coarse in starts:
             last: Descent | None = None
-            for record in solve.steps(start, coarse):
+            for record in solve.steps(start, coarse=coarse):
                 last = record
             mesh = coarse.record.mesh if last is None and coarse is not None else None if last is None else last.mesh
             if isinstance(mesh, QuadMesh) and not mesh.is_folded_on(threads):

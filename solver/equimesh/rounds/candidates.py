@@ -14,8 +14,8 @@ from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Norm, Rule
-from equimesh.least_error.iteration import DISTORTION_WEIGHT, MORE_SLOPE_POINTS, SMOOTHNESS_WEIGHT
-from equimesh.least_error.levels import Level, nested_levels
+from equimesh.least_error.iteration import MORE_SLOPE_POINTS, weights_of
+from equimesh.least_error.levels import GridLevel, nested_levels
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.starts import rectilinear
 from equimesh.least_error.ways import Way, coordinates_of, mesh_of
@@ -62,7 +62,7 @@ class Candidate:
 
     name: str
     way: Way
-    level: Level
+    level: GridLevel
     """The finest grid on which it was descended."""
     mesh: Array
     """On the requested grid, shape ``(2, nodes)``."""
@@ -93,7 +93,7 @@ class Search:
             found = sorted(found, key=lambda one: one.error)[:MAX_CLIMBING]
             found = [again for one in found for again in self._descended_to(one, last)]
             if not any(one.way.is_uniform for one in found) and (started := self._started([last])):
-                found += self._climb(Way.uniform(_weights(SHARP), PARTS), [last], started[1])
+                found += self._climb(Way.uniform(PARTS), [last], started[1])
         yield from found
         if straight is not None:
             yield straight
@@ -103,14 +103,14 @@ class Search:
         points = MEASURED_POINTS + (MORE_SLOPE_POINTS if self.norm == "h1" else 0)
         return measured(self.u, self.domain, mesh, Rule(norm=self.norm, points=points), self.threads)
 
-    def _climbed(self, levels: list[Level], straight: Candidate | None) -> Iterator[Candidate]:
+    def _climbed(self, levels: list[GridLevel], straight: Candidate | None) -> Iterator[Candidate]:
         """The ends of the descents from all starts on the coarse levels."""
         begun = set()
         for name, first, weights in SAMPLED:
             started = self._started(levels[first:] or levels)
             if started and (started[0].number, weights) not in begun:
                 begun.add((started[0].number, weights))
-                yield from self._climb(Way.uniform(_weights(weights), name), levels[started[0].number :], started[1])
+                yield from self._climb(Way.uniform(name), levels[started[0].number :], started[1])
         if straight is not None:
             way, first_level = replace(straight.way, name=LINES), (levels[1:] or levels)[0]
             yield from self._climb(way, levels[first_level.number :], way.start(first_level.grid))
@@ -122,11 +122,11 @@ class Search:
         for floor in LINE_FLOORS:
             lines = rectilinear(self.u, self.domain, level.grid.shape, self.norm, floor)
             if lines is not None:
-                way = Way(name=STRAIGHT, s=lines[0], t=lines[1], weights=_weights(SHARP))
+                way = Way(name=STRAIGHT, s=lines[0], t=lines[1])
                 found += self._candidate(way, level, way.start(level.grid))
         return min(found, key=lambda one: one.error, default=None)
 
-    def _descended_to(self, candidate: Candidate, level: Level) -> Iterator[Candidate]:
+    def _descended_to(self, candidate: Candidate, level: GridLevel) -> Iterator[Candidate]:
         """The candidate after the descent on one more level; none where it is folded."""
         mesh = _lifted(candidate.way, candidate.coarse, candidate.level, level)
         mesh = self._descended(candidate.way, level, mesh, MIN_DECREASE)
@@ -140,7 +140,7 @@ class Search:
             at = level
         return min([candidate, *self._candidate(candidate.way, at, mesh)], key=lambda one: one.error)
 
-    def _started(self, levels: list[Level]) -> tuple[Level, Array] | None:
+    def _started(self, levels: list[GridLevel]) -> tuple[GridLevel, Array] | None:
         """The mesh before on the first of the levels on whose grid it is not folded, with the level.
 
         Few of its nodes may be the nodes of a folded mesh. Then their displacements are reduced, down to a half.
@@ -153,7 +153,7 @@ class Search:
                     return level, reduced
         return None
 
-    def _climb(self, way: Way, levels: list[Level], mesh: Array) -> Iterator[Candidate]:
+    def _climb(self, way: Way, levels: list[GridLevel], mesh: Array) -> Iterator[Candidate]:
         """The end of the descents from a mesh on the first of the levels."""
         at = levels[0]
         for level in levels:
@@ -161,7 +161,7 @@ class Search:
             at = level
         yield from self._candidate(way, at, mesh)
 
-    def _candidate(self, way: Way, level: Level, coarse: Array) -> Iterator[Candidate]:
+    def _candidate(self, way: Way, level: GridLevel, coarse: Array) -> Iterator[Candidate]:
         """The candidate with a mesh on the grid of a level; none where it is folded on the domain, or u not finite."""
         mesh = _lifted(way, coarse, level, self._levels[-1])
         square = mesh_of(mesh, self.before.grid)
@@ -170,14 +170,14 @@ class Search:
             if np.isfinite(error):
                 yield Candidate(name=way.name, way=way, level=level, mesh=mesh, coarse=coarse, error=error)
 
-    def _descended(self, way: Way, level: Level, mesh: Array, min_decrease: float) -> Array:
+    def _descended(self, way: Way, level: GridLevel, mesh: Array, min_decrease: float) -> Array:
         """The mesh after the steps of a level."""
         steps = next((steps for points, steps in STEPS if level.grid.points <= points), STEPS_BEYOND)
         for found, _ in descend(self._objective(way, level), mesh, steps, min_decrease):
             mesh = found
         return mesh
 
-    def _objective(self, way: Way, level: Level) -> Objective:
+    def _objective(self, way: Way, level: GridLevel) -> Objective:
         is_coarse = level.grid.points <= MAX_VALUE_POINTS and not level.is_finest
         norm = "l2" if is_coarse else self.norm
         points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
@@ -186,7 +186,7 @@ class Search:
             DomainChart(self.domain),
             cells_of_grid(level.grid.shape),
             way.start(level.grid),
-            replace(way.weights, smoothness=way.weights.smoothness * level.grid.cells),
+            _weights(way.name, level.grid.cells),
             Rule(norm=norm, points=points),
             self.threads,
         )
@@ -200,14 +200,16 @@ class Search:
         return np.stack([part.reshape(-1) for part in parts])
 
     @cached_property
-    def _levels(self) -> list[Level]:
+    def _levels(self) -> list[GridLevel]:
         return nested_levels(self.before.grid)
 
 
-def _lifted(way: Way, mesh: Array, coarse: Level, fine: Level) -> Array:
+def _lifted(way: Way, mesh: Array, coarse: GridLevel, fine: GridLevel) -> Array:
     """A mesh on a finer grid, or on its own."""
     return mesh if coarse.number == fine.number else way.lifted(mesh, coarse.grid, fine.grid)
 
 
-def _weights(of: tuple[float, float]) -> Weights:
-    return Weights(distortion=DISTORTION_WEIGHT * of[0], smoothness=SMOOTHNESS_WEIGHT * of[1])
+def _weights(name: str, cells: int) -> Weights:
+    """The weights of a candidate on a grid with so many ``cells``."""
+    distortion, smoothness = next((weights for known, _, weights in SAMPLED if known == name), SHARP)
+    return weights_of(distortion, smoothness, cells)

@@ -9,8 +9,8 @@ from typing import Any
 
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
-from equimesh.least_error.iteration import LeastErrorSolve, Reached, last_compared
-from equimesh.least_error.levels import Level, nested_levels
+from equimesh.least_error.iteration import LeastErrorSolve, Reached
+from equimesh.least_error.levels import GridLevel, coarse_level, last_compared, nested_levels
 from equimesh.least_error.steps import Descent
 from equimesh.least_error.ways import mesh_of
 from equimesh.meshes.grid import Grid
@@ -28,8 +28,6 @@ from equimesh.solving.courses import Descending, descent_work
 from equimesh.solving.options import SolveOptions
 from equimesh_schema import Candidate
 
-MAX_COARSE_POINTS = 40 * 40
-"""Points, at most, of the grid on which candidates are compared."""
 LEAST_ERROR_SETTINGS = ((0.5, 1.0), (0.5, 0.1))
 """``distortion`` and ``smoothness`` of the least-error candidates; the first are the defaults."""
 DESCENT_WORK = 4.0
@@ -95,7 +93,7 @@ def choose_monitor(problem: Problem, options: SolveOptions, *, metrics_only: boo
     auto = problem.monitor
     if not isinstance(auto, Auto):
         raise TypeError("only an Auto monitor is chosen")
-    level = coarse_level(problem.grid)
+    level = coarse_level(nested_levels(problem.grid))
     coarse, metrics = replace(problem, grid=level.grid), list(_metrics(auto))
     weights = [] if metrics_only else list(LEAST_ERROR_SETTINGS)
     parts = _parts(options, [DESCENT_WORK] * len(weights) + [1.0] * len(metrics))
@@ -103,12 +101,6 @@ def choose_monitor(problem: Problem, options: SolveOptions, *, metrics_only: boo
     tried += [_equidistributed(coarse, kind, given, monitor, next(parts)) for kind, given, monitor in metrics]
     tried.sort(key=lambda one: -one.gain(auto.norm))
     return Choice(tried=tuple(tried), chosen=tried[0])
-
-
-def coarse_level(grid: Grid) -> Level:
-    """The grid on which candidates are compared: one of those on which a least-error solve begins."""
-    first, *finer = nested_levels(grid)
-    return next((level for level in reversed(finer) if level.grid.points <= MAX_COARSE_POINTS), first)
 
 
 def _metrics(auto: Auto) -> Iterator[tuple[str, dict[str, Any], Monitor]]:
@@ -120,7 +112,8 @@ def _metrics(auto: Auto) -> Iterator[tuple[str, dict[str, Any], Monitor]]:
 
 def comparison_share(grid: Grid) -> float:
     """The share of the comparison in the whole work, if the mesh is one of least error afterwards."""
-    levels, level = nested_levels(grid), coarse_level(grid)
+    levels = nested_levels(grid)
+    level = coarse_level(levels)
     compared = last_compared(levels)
     first = len(LEAST_ERROR_SETTINGS) * descent_work(levels[: level.number + 1], 2, compared)
     return first / (first + descent_work(levels[level.number + 1 :], 1, compared))
@@ -135,7 +128,7 @@ def _parts(options: SolveOptions, works: list[float]) -> Iterator[SolveOptions]:
 
 
 def _descended(
-    problem: Problem, auto: Auto, level: Level, weights: tuple[float, float], options: SolveOptions
+    problem: Problem, auto: Auto, level: GridLevel, weights: tuple[float, float], options: SolveOptions
 ) -> Tried:
     """The candidate that minimises the error."""
     settings = {"norm": auto.norm, "distortion": weights[0], "smoothness": weights[1]}

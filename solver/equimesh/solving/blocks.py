@@ -11,10 +11,10 @@ import numpy as np
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.least_error.block_iteration import BlockSolve, BlocksReached, last_compared
-from equimesh.least_error.block_levels import BlockLevel
 from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.block_subdomains import BlockSubdomains
+from equimesh.least_error.iteration import LeastErrorSolve, Reached
+from equimesh.least_error.levels import Level, coarse_level, last_compared
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -164,9 +164,9 @@ def check_start(problem: BlockProblem, initial: Initial | Mesh | QuadMesh) -> In
 
 def _solve(
     problem: BlockProblem, monitor: LeastError, options: SolveOptions, subdomains: BlockSubdomains | None
-) -> BlockSolve:
+) -> LeastErrorSolve:
     bound = monitor.on(problem.domain)
-    return BlockSolve(monitor=bound, domain=problem.domain, threads=options.threads, subdomains=subdomains)
+    return LeastErrorSolve(monitor=bound, domain=problem.domain, threads=options.threads, subdomains=subdomains)
 
 
 def _norm(problem: BlockProblem) -> str:
@@ -177,8 +177,8 @@ def _norm(problem: BlockProblem) -> str:
 class _Tried:
     """Weights that were compared, with the end of their descent on a coarse mesh and the error to expect."""
 
-    solve: BlockSolve
-    reached: BlocksReached
+    solve: LeastErrorSolve
+    reached: Reached
     error: float
 
     def candidate(self, first_error: float, *, chosen: bool) -> Candidate:
@@ -199,14 +199,15 @@ def _chosen(
 ) -> BlockSolution:
     """The solution for the weights with the smallest error on a coarse mesh."""
     tried: list[_Tried] = []
-    share = _comparison_share(BlockSolve(monitor=auto.least_error(), domain=problem.domain).levels)
+    share = _comparison_share(_solve(problem, auto.least_error().on(problem.domain), options, subdomains).levels)
     for number, pair in enumerate(WEIGHTS):
         monitor = auto.least_error(*pair).on(problem.domain)
         solve = _solve(problem, monitor, options, subdomains)
         words = f"comparing weights, {number + 1} of {len(WEIGHTS)}"
         begin, end = (share * k / len(WEIGHTS) for k in (number, number + 1))
-        course = _course([level for level in solve.levels if level.number <= last_compared(solve.levels)])
-        reached = _end_of(solve.compared(), options.part(begin, end, words, course))
+        level = coarse_level(solve.levels)
+        course = _course(solve.levels[: level.number + 1])
+        reached = _end_of(solve.coarse(level), options.part(begin, end, words, course))
         tried.append(_Tried(solve=solve, reached=reached, error=solve.lifted_error(reached)))
     best = min(tried, key=lambda one: one.error)
     first_error = best.solve.initial_error(best.reached)
@@ -217,15 +218,15 @@ def _chosen(
 
 def _finish(
     problem: BlockProblem,
-    solve: BlockSolve,
+    solve: LeastErrorSolve,
     start: QuadMesh | None,
     options: SolveOptions,
-    coarse: BlocksReached | None,
+    coarse: Reached | None,
 ) -> BlockSolution:
     """The solution at the end of a descent."""
-    done = -1 if coarse is None else coarse.place.mesh.level.number
-    telling = options.part(course=_course(solve.levels[done + 1 :]))
-    records = [telling.observe(record) for record in solve.steps(start, coarse)]
+    done = -1 if coarse is None else coarse.level.number
+    telling = options.part(course=_course(solve.levels[done + 1 :], 2 if start is None else 1))
+    records = [telling.observe(record) for record in solve.steps(start, coarse=coarse)]
     mesh = records[-1].mesh if records else problem.domain.mesh
     if not isinstance(mesh, QuadMesh):
         raise TypeError("a descent on blocks has meshes of quadrilaterals")
@@ -250,22 +251,22 @@ def _or_given(found: BlockSolution, start: QuadMesh) -> BlockSolution:
     return given if is_kept and not given.cut_off.is_much else found
 
 
-def _end_of(steps: Generator[Descent, None, BlocksReached], options: SolveOptions) -> BlocksReached:
+def _end_of(steps: Generator[Descent, None, Reached], options: SolveOptions) -> Reached:
     """The end of a descent, after all steps were reported to the observer."""
     while True:
         try:
             options.observe(next(steps))
         except StopIteration as end:
-            reached: BlocksReached = end.value
+            reached: Reached = end.value
             return reached
 
 
-def _course(levels: Sequence[BlockLevel]) -> Descending:
-    return Descending(levels, 1, -1)
+def _course(levels: Sequence[Level], starts: int = 2) -> Descending:
+    return Descending(levels, starts, last_compared(levels) if levels and levels[0].number == 0 else -1)
 
 
-def _comparison_share(levels: Sequence[BlockLevel]) -> float:
+def _comparison_share(levels: Sequence[Level]) -> float:
     """The share of the comparison in the whole work."""
-    last = last_compared(levels)
-    first = len(WEIGHTS) * descent_work(levels[: last + 1], 1, -1)
-    return first / (first + descent_work(levels[last + 1 :], 1, -1))
+    last, compared = coarse_level(levels).number, last_compared(levels)
+    first = len(WEIGHTS) * descent_work(levels[: last + 1], 2, compared)
+    return first / (first + descent_work(levels[last + 1 :], 1, compared))

@@ -9,16 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
-from equimesh.least_error.block_levels import BlockLevel
 from equimesh.least_error.levels import Level
 from equimesh.least_error.steps import Descent
 from equimesh.schwarz.records import IterationNumbers
 from equimesh.single_domain.steps import TIGHT_DEVIATION, Mode, Step
 
-AnyLevel: TypeAlias = Level | BlockLevel
-"""A nested grid, or a nested mesh of a domain in blocks."""
 LEVEL_RATIO = 0.25
 """The work on a nested grid, over that on the next finer one."""
 FIRST_SWEEPS = 10
@@ -89,7 +85,7 @@ class Descending:
     ``compared`` is the number of the last grid on which the starts are compared.
     """
 
-    levels: Sequence[AnyLevel]
+    levels: Sequence[Level]
     starts: int
     compared: int
     _seen: list[str] = field(default_factory=list)
@@ -107,12 +103,12 @@ class Descending:
         return share, f"descending, step {step.step} of {step.steps}"
 
 
-def descent_work(levels: Sequence[AnyLevel], starts: int, compared: int) -> float:
+def descent_work(levels: Sequence[Level], starts: int, compared: int) -> float:
     """The work of a descent, from all starts on the levels up to number ``compared``, if all steps are taken."""
     return sum((starts if level.number <= compared else 1) * _work(level) for level in levels)
 
 
-def _work(level: AnyLevel) -> float:
+def _work(level: Level) -> float:
     """The work on a grid, if all of its steps are taken."""
     return float(level.steps * level.points * level.gauss_points**2)
 

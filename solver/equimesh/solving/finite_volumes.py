@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.least_error.levels import nested_levels
+from equimesh.least_error.levels import coarse_level, nested_levels
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
@@ -24,7 +24,6 @@ from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.weakened import weaken
 from equimesh.quality.faces import check_cells, measure_faces, poisson_error
-from equimesh.solving.auto import coarse_level
 from equimesh.solving.options import SolveOptions
 from equimesh.solving.orthogonality import bounded, is_within
 from equimesh.solving.solution import Solution
@@ -202,7 +201,7 @@ def _bound(problem: Problem, asked: float | None) -> float:
 def _measured_grids(grid: Grid) -> list[Grid]:
     """The grids on which candidates are measured, from coarse to fine; the last is the requested one, if small."""
     grids = [level.grid for level in nested_levels(grid)]
-    coarse = coarse_level(grid).grid
+    coarse = coarse_level(nested_levels(grid)).grid
     return [coarse, *(one for one in grids if coarse.points < one.points <= MAX_MEASURED_POINTS)]
 
 

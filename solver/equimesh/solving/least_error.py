@@ -7,8 +7,8 @@ from dataclasses import replace
 from equimesh.domains.closing import closed_of
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
-from equimesh.least_error.iteration import LeastErrorSolve, Reached, last_compared
-from equimesh.least_error.levels import nested_levels
+from equimesh.least_error.iteration import LeastErrorSolve, Reached
+from equimesh.least_error.levels import last_compared, nested_levels
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.closed import closed_mesh
 from equimesh.meshes.mesh import Mesh

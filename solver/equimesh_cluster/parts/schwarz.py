@@ -13,9 +13,9 @@ from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.least_error.block_iteration import BlockSolve
 from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
+from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.auto import Auto
@@ -226,9 +226,9 @@ def solve_part_of_blocks(
             subdomains.dismiss()
             return BlocksResult.of(found)
         monitor = _least_error(problem).on(problem.domain)
-        solve = BlockSolve(monitor=monitor, domain=problem.domain, threads=threads, subdomains=subdomains)
-        for weights, first in subdomains.orders():
-            solve.with_weights(weights).follow(first)
+        solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, threads=threads, subdomains=subdomains)
+        for weights, start, first in subdomains.orders():
+            solve.with_weights(weights).follow(start, first)
     return None
 
 
