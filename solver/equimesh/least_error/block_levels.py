@@ -18,6 +18,8 @@ COARSEST_CELLS = 4
 
 Where there are few blocks, as many as the coarsest grid has cells in a block that is its share of it.
 """
+MAX_COARSE_SHARE = 0.6
+"""Cells of a mesh, at most, over those of the next finer one."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +83,18 @@ class BlockLevel(Level):
 def block_levels(mesh: QuadMesh, families: Families | None = None) -> list[BlockLevel]:
     """The nested meshes up to ``mesh``, with about half as many lines each way on each coarser one."""
     families = families or Families(mesh)
-    counts = families.nested_counts()
+    counts = _thinned(families.nested_counts(), families.of_blocks)
     return [_level(mesh, families, number, len(counts), lines) for number, lines in enumerate(counts)]
+
+
+def _thinned(counts: list[list[int]], of_blocks: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """The counts without those of meshes with nearly as many cells as the next finer one that stays."""
+    kept = [counts[-1]]
+    for coarse in counts[-2::-1]:
+        cells, finer = (sum(here[i] * here[j] for i, j in of_blocks) for here in (coarse, kept[0]))
+        if cells <= MAX_COARSE_SHARE * finer:
+            kept.insert(0, coarse)
+    return kept
 
 
 def only_level(mesh: QuadMesh) -> BlockLevel:

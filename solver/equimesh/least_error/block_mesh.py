@@ -92,17 +92,22 @@ class Place:
         """The parameters of nodes on curves, shape ``(nodes,)``."""
         return self.mesh.chart.parameters(self.unknowns)
 
-    def lifted(self, first: Place, there: Place, objective: Objective) -> Place:
+    def lifted(self, first: Place, there: Place, objective: Objective, *, is_regular: bool = False) -> Place:
         """The same on a finer mesh: its displacements from ``first`` by cubic interpolation, added to ``there``.
 
         Where these fold, by the smallest share of a corner, they are mended. Linear interpolation of displacements,
         mended, too, and that of positions are tried then, and the mesh with the smallest error is taken. It is the
-        mesh ``there`` where all of them fold even so. Meshes that cut too much off the domain are moved back.
+        mesh ``there`` where all of them fold even so. Meshes that cut too much off the domain are moved back. On a
+        regular domain the first of the three that does not fold is taken, as on a grid.
         """
         fine, tried = there.mesh, []
         for share, cubic in ((1.0, True), (1.0, False), (0.0, False)):
             unknowns = objective.held(self._interpolated(first, there, share, cubic=cubic))
             smallest = objective.smallest_share(unknowns)
+            if is_regular:
+                if smallest > 0.0:
+                    return Place(fine, unknowns)
+                continue
             if share > 0.0 and smallest <= SMALLEST_SHARE:
                 unknowns = objective.held(mended(fine.chart, fine.cells, there.unknowns, unknowns))
             elif cubic:
@@ -240,7 +245,7 @@ class BlockNest:
         """A mesh on a finer level."""
         here, there = self.on(coarse), self.on(fine)
         first, start = Place(here, self.start(way, coarse)), Place(there, self.start(way, fine))
-        return Place(here, mesh).lifted(first, start, objective()).unknowns
+        return Place(here, mesh).lifted(first, start, objective(), is_regular=self.is_regular).unknowns
 
     def grid(self, level: BlockLevel) -> None:  # noqa: ARG002
         """``None``: the meshes have no grid."""

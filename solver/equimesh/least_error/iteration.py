@@ -62,6 +62,8 @@ for one map on all meshes.
 """
 IRREGULAR_STEPS = 1.5
 """How many times the usual steps are taken where lines end inside the domain: nodes there have longer ways."""
+IRREGULAR_DISTORTION = 2.5
+"""How many times the usual weight distortion has there: cells are bent around such nodes."""
 OBLIQUENESS_WEIGHT = 10.0
 """The weight of corners with small angles, where these have a limit."""
 MARGIN_DEGREES = 10.0
@@ -401,6 +403,8 @@ class LeastErrorSolve:
         kind = self.monitor.cells if level.is_finest else "quad"
         cells = self.nest.cells(level, are_cut=kind == "triangle")
         weights = weights_of(self.monitor.distortion, self.monitor.smoothness, cells.count)
+        if not self.nest.is_regular:
+            weights = replace(weights, distortion=IRREGULAR_DISTORTION * weights.distortion)
         if self.smallest_angle is not None:
             limit = 1.0 / math.tan(math.radians(self.smallest_angle + MARGIN_DEGREES))
             weights = replace(weights, obliqueness=self.obliqueness, largest_cotangent=limit)

@@ -66,7 +66,8 @@ class Lifting:
         ghosts, steps = around
         padded = [_padded(self.coarse.lines[block][axis], steps[axis]) for axis in (0, 1)]
         wanted = self.fine.lines[block]
-        lines = [[_line(padded[axis], wanted[axis], has, cubic=cubic) for axis in (0, 1)] for has in (True, False)]
+        lines = [_line(padded[axis], wanted[axis], True, cubic=cubic) for axis in (0, 1)]
+        beside = _line(padded[0], wanted[0], False, cubic=cubic) if steps[1].any() else lines[0]
         out = np.empty((len(values), wanted[0].size, wanted[1].size))
         inside = self.coarse.blocks[block]
         n, m = inside.shape
@@ -80,12 +81,12 @@ class Lifting:
                     target = extended[at, 1:-1] if axis == 0 else extended[1:-1, at]
                     target[:] = values[k][nodes]
             first = np.zeros((wanted[0].size, m + 2))
-            _apply(extended, lines[0][0].numbers, lines[0][0].weights, first, 1, m + 1)
+            _apply(extended, lines[0].numbers, lines[0].weights, first, 1, m + 1)
             # Lines of a neighbour need not run on as those of the block do.
             for column in (0, m + 1):
-                _apply(extended, lines[1][0].numbers, lines[1][0].weights, first, column, column + 1)
+                _apply(extended, beside.numbers, beside.weights, first, column, column + 1)
             turned = np.zeros((wanted[1].size, wanted[0].size))
-            _apply(np.ascontiguousarray(first.T), lines[0][1].numbers, lines[0][1].weights, turned, 0, wanted[0].size)
+            _apply(np.ascontiguousarray(first.T), lines[1].numbers, lines[1].weights, turned, 0, wanted[0].size)
             out[k] = turned.T
         return out
 

@@ -69,8 +69,8 @@ def equidistributed(
         ]
         found: list[list[tuple[Array, Array]]] = [[] for _ in lines]
         for patch in patches:
-            for axis, family in enumerate(patch.families):
-                slopes = _along(u, patch, lines, few, axis)
+            for axis, slopes in enumerate(_along(u, patch, lines, few)):
+                family = patch.families[axis]
                 if not np.isfinite(slopes).all():
                     return None
                 across = patch.families[1 - axis]
@@ -113,15 +113,17 @@ def _together(crossed: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     return np.concatenate(slopes, axis=1), np.concatenate(shares)
 
 
-def _along(u: Field, patch: Patch, lines: Sequence[Array], few: Sequence[Array], axis: int) -> Array:
-    """The derivative of u along one family of a patch where ``few`` lines of the other cross it: ``(lines, few)``."""
-    s, t = (
-        1.0 - at[::-1] if is_turned else at
-        for at, is_turned in (((lines if axis == k else few)[patch.families[k]], patch.turned[k]) for k in (0, 1))
+def _along(u: Field, patch: Patch, lines: Sequence[Array], few: Sequence[Array]) -> tuple[Array, Array]:
+    """The derivatives of u along both families of a patch where ``few`` lines of the other cross: ``(lines, few)``."""
+    (s, few_s), (t, few_t) = (
+        [1.0 - at[family][::-1] if is_turned else at[family] for at in (lines, few)]
+        for family, is_turned in zip(patch.families, patch.turned, strict=True)
     )
-    slopes = _finite_slopes(u, patch, s, t)[axis]
-    slopes = slopes.T if axis == 1 else slopes
-    return -slopes[::-1] if patch.turned[axis] else slopes
+    along_s, along_t = _finite_slopes(u, patch, s, few_t)
+    if s.size > few_s.size or t.size > few_t.size:
+        along_t = _finite_slopes(u, patch, few_s, t)[1]
+    along_t = along_t.T
+    return -along_s[::-1] if patch.turned[0] else along_s, -along_t[::-1] if patch.turned[1] else along_t
 
 
 def product(s: Array, t: Array) -> Array:

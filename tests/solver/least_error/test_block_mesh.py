@@ -44,7 +44,7 @@ def test_nodes_slide_on_their_curve_and_are_lifted_on_it() -> None:
     domain = disc(1500)
     coarse, fine = (BlockMesh.of(domain, level) for level in block_levels(domain.mesh)[-2:])
     place = moved(coarse, 0.01)
-    lifted = place.lifted(fine, Judged(lambda _: 1.0))
+    lifted = place.lifted(coarse.first, fine.first, Judged(lambda _: 1.0))
     for here in (place, lifted):
         on_circle = domain.node_curve[here.mesh.level.nodes] >= 0
         assert np.hypot(*here.points[:, on_circle]) == pytest.approx(1.0, abs=1e-13)
@@ -56,7 +56,7 @@ def test_nodes_slide_on_their_curve_and_are_lifted_on_it() -> None:
 def test_a_mesh_whose_positions_fold_is_replaced_by_the_initial_one() -> None:
     domain = disc(1500)
     coarse, fine = (BlockMesh.of(domain, level) for level in block_levels(domain.mesh)[-2:])
-    assert moved(coarse, 0.01).lifted(fine, Judged(lambda _: -1.0)) is fine.first
+    assert moved(coarse, 0.01).lifted(coarse.first, fine.first, Judged(lambda _: -1.0)) is fine.first
 
 
 def test_points_are_taken_over_with_their_nearest_places_on_closed_curves() -> None:
@@ -97,7 +97,7 @@ def test_displacements_that_fold_are_mended() -> None:
         errors.append(unknowns)
         return float(len(errors))
 
-    lifted = place.lifted(fine, Judged(share, error))
+    lifted = place.lifted(coarse.first, fine.first, Judged(share, error))
     assert share(lifted.unknowns) > 0.0
     kept = inside & (np.abs(lifted.points - cubic).max(axis=0) < 1e-13)
     assert 0.5 < kept.sum() / inside.sum() < 1.0
@@ -106,5 +106,8 @@ def test_displacements_that_fold_are_mended() -> None:
     assert all(share(one) > 0.0 for one in errors)
     last = errors[-1]
     assert np.array_equal(
-        place.lifted(fine, Judged(share, lambda one: float(not np.array_equal(one, last)))).unknowns, last
+        place.lifted(
+            coarse.first, fine.first, Judged(share, lambda one: float(not np.array_equal(one, last)))
+        ).unknowns,
+        last,
     )

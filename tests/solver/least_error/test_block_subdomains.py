@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error.block_iteration import BlockSolve
 from equimesh.least_error.block_subdomains import BlockSubdomains
+from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.least_error.steps import Descent
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.numerics.types import Array
@@ -18,12 +18,12 @@ SETTINGS = em.BlockSchwarz(overlap=3, local_steps=4, max_exchanges=2)
 DOMAIN = obstacle(1500)
 
 
-def solve_on(channel: Channel | None, smoothness: float = 1.0) -> BlockSolve:
+def solve_on(channel: Channel | None, smoothness: float = 1.0) -> LeastErrorSolve:
     subdomains = (
         BlockSubdomains(settings=SETTINGS) if channel is None else BlockSubdomains(settings=SETTINGS, channel=channel)
     )
     monitor = em.LeastError(u=FRONT, smoothness=smoothness).on(DOMAIN)
-    return BlockSolve(monitor=monitor, domain=DOMAIN, subdomains=subdomains)
+    return LeastErrorSolve(monitor=monitor, domain=DOMAIN, subdomains=subdomains)
 
 
 def points_of(records: list[Descent]) -> Array:
@@ -42,9 +42,9 @@ def test_parts_that_follow_share_the_work_and_the_mesh_stays_the_same(parts: int
             BlockSubdomains(settings=SETTINGS, channel=channel).dismiss()
             return records
         followed = 0
-        for weights, first in BlockSubdomains(settings=SETTINGS, channel=channel).orders():
+        for weights, start, first in BlockSubdomains(settings=SETTINGS, channel=channel).orders():
             assert weights[:2] == [em.LeastError.distortion, 0.5]
-            solve_on(channel).with_weights(weights).follow(first)
+            solve_on(channel).with_weights(weights).follow(start, first)
             followed += 1
         return followed
 
@@ -58,7 +58,7 @@ def test_parts_that_follow_share_the_work_and_the_mesh_stays_the_same(parts: int
 def test_only_the_finest_mesh_has_subdomains_and_its_records_count_exchanges() -> None:
     subdomains, whole = (
         list(solve_on(None).steps()),
-        list(BlockSolve(monitor=solve_on(None).monitor, domain=DOMAIN).steps()),
+        list(LeastErrorSolve(monitor=solve_on(None).monitor, domain=DOMAIN).steps()),
     )
     finest = [record for record in subdomains if record.level == record.levels - 1]
     coarse = [record.error for record in subdomains if record.level < record.levels - 1]

@@ -7,20 +7,20 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.ways import Way, coordinates_of, mesh_of
-from solver.bent import WEIGHTS, bent, uniform
+from solver.bent import bent, uniform
 
 COARSE = em.Grid(n_xi=9, n_eta=7)
 FINE = [em.Grid(n_xi=17, n_eta=13), em.Grid(n_xi=16, n_eta=7), em.Grid(n_xi=9, n_eta=12), em.Grid(n_xi=14, n_eta=13)]
 GRADED = np.array([0.0, 0.001, 0.003, 0.01, 0.1, 0.4, 0.8, 1.0])
-STRAIGHT = Way(name="rectilinear", s=GRADED, t=1.0 - GRADED[::-1], weights=WEIGHTS)
-EVEN = Way.uniform(WEIGHTS)
+STRAIGHT = Way(name="rectilinear", s=GRADED, t=1.0 - GRADED[::-1])
+EVEN = Way.uniform()
 
 
 def test_the_uniform_way_begins_with_uniform_meshes() -> None:
     for grid in (COARSE, *FINE):
         assert EVEN.start(grid) == pytest.approx(uniform(grid), abs=1e-15)
         assert EVEN.start(grid) is EVEN.start(grid)
-    assert (EVEN.name, Way.uniform(WEIGHTS, "given").name) == ("uniform", "given")
+    assert (EVEN.name, Way.uniform("given").name) == ("uniform", "given")
 
 
 @pytest.mark.parametrize("way", [EVEN, STRAIGHT], ids=lambda way: way.name)
@@ -78,7 +78,7 @@ def test_coordinates_and_meshes_are_the_same() -> None:
 
 def test_a_given_mesh_is_the_first_one_on_its_own_grid_alone() -> None:
     mesh = bent(COARSE)
-    way = Way.given(WEIGHTS, mesh_of(mesh, COARSE))
+    way = Way.given(mesh_of(mesh, COARSE))
     assert np.array_equal(way.start(COARSE), mesh)
     assert way.start(FINE[0]) == pytest.approx(uniform(FINE[0]), abs=1e-15)
     assert way.name == "given"

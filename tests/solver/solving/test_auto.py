@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 
 import equimesh as em
+from equimesh.least_error.levels import coarse_level, nested_levels
 from equimesh.quality.measures import measure_interpolation
-from equimesh.solving.auto import choose_monitor, coarse_level
+from equimesh.solving.auto import choose_monitor
 from equimesh.solving.options import SolveOptions
 
 FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")
@@ -61,8 +62,8 @@ def test_subdomains_choose_among_metrics() -> None:
 @pytest.mark.parametrize("shape", [(33, 33), (65, 65), (4, 4), (5, 300), (40, 171), (1025, 257)])
 def test_the_coarse_grid_has_few_points(shape: tuple[int, int]) -> None:
     grid = em.Grid(n_xi=shape[0], n_eta=shape[1])
-    assert coarse_level(grid).grid.points <= 1600
-    assert all(n <= m for n, m in zip(coarse_level(grid).grid.shape, shape, strict=True))
+    assert coarse_level(nested_levels(grid)).grid.points <= 1600
+    assert all(n <= m for n, m in zip(coarse_level(nested_levels(grid)).grid.shape, shape, strict=True))
 
 
 @pytest.mark.parametrize("shape", [(4, 4), (5, 4), (9, 9), (5, 40)])
