@@ -62,7 +62,7 @@ for one map on all meshes.
 """
 IRREGULAR_STEPS = 1.5
 """How many times the usual steps are taken where lines end inside the domain: nodes there have longer ways."""
-IRREGULAR_DISTORTION = 2.5
+IRREGULAR_DISTORTION = 6.0
 """How many times the usual weight distortion has there: cells are bent around such nodes."""
 OBLIQUENESS_WEIGHT = 10.0
 """The weight of corners with small angles, where these have a limit."""

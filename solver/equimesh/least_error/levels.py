@@ -72,21 +72,16 @@ AnyLevel = TypeVar("AnyLevel", bound=Level)
 
 def nested_levels(grid: Grid) -> list[GridLevel]:
     """The levels up to ``grid``. The coarsest has about as many points in both directions, whatever the grid has."""
-    counts = nested_counts([n - 1 for n in grid.shape], COARSEST_CELLS)
-    grids = [Grid(n_xi=max(3, one) + 1, n_eta=max(3, other) + 1) for one, other in counts]
-    return [GridLevel(number=number, count=len(grids), grid=grid) for number, grid in enumerate(grids)]
-
-
-def nested_counts(finest: Sequence[int], coarsest: float) -> list[list[int]]:
-    """The cells along families of lines on each level, from about ``coarsest`` of each family up to ``finest``.
-
-    Families with the most lines are halved first.
-    """
-    halvings = [max(0, round(math.log2(cells / coarsest))) for cells in finest]
-    return [
-        [max(1, round(cells / 2 ** max(halved - number, 0))) for cells, halved in zip(finest, halvings, strict=True)]
-        for number in range(max(halvings) + 1)
-    ]
+    halvings = [max(0, round(math.log2((n - 1) / COARSEST_CELLS))) for n in grid.shape]
+    count = max(halvings) + 1
+    levels = []
+    for number in range(count):
+        cells = [
+            max(3, round((n - 1) / 2 ** max(halved - number, 0)))
+            for n, halved in zip(grid.shape, halvings, strict=True)
+        ]
+        levels.append(GridLevel(number=number, count=count, grid=Grid(n_xi=cells[0] + 1, n_eta=cells[1] + 1)))
+    return levels
 
 
 def last_compared(levels: Sequence[Level]) -> int:

@@ -47,7 +47,7 @@ def test_meshes_follow_a_front_and_keep_integrals() -> None:
         assert np.abs(step.fields["x"] - step.mesh.x).max() < 1e-12
         assert np.array_equal(step.velocity, step.mesh.points - before.points)
         assert step.solution.interpolation.gain_l2 > 0.8 * first().interpolation.gain_l2
-        assert 0.1 < step.moved < 3.0
+        assert 0.1 < step.moved < 20.0  # in lengths of cells, which are short across the front
         assert step.warnings[: len(step.notes)] == step.notes
     assert "2" in repr(step)
 

@@ -74,7 +74,7 @@ def test_weights_are_chosen_by_the_error() -> None:
 
 
 def test_weights_are_chosen_on_a_mesh_that_has_no_coarser_one() -> None:
-    asked = replace(problem(nodes=200), monitor=em.Auto(u=FRONT))
+    asked = replace(problem(nodes=60), monitor=em.Auto(u=FRONT))
     solution = em.solve(asked)
     assert {record["level"] for record in solution.descent} == {0}
     assert solution.interpolation is not None
