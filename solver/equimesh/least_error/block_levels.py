@@ -15,8 +15,10 @@ from equimesh.numerics.types import Array, IntArray
 COARSEST_CELLS = 4
 """Cells along each edge of a block on the coarsest mesh, or up to a half more; fewer where the block has fewer.
 """
-COARSEST_POINTS = 9 * 9
-"""Points of the coarsest mesh, at least: those of the coarsest square grid."""
+COARSEST_POINTS = 300
+"""Points of the coarsest mesh, at least."""
+COARSEST_REGULAR_POINTS = 9 * 9
+"""The same for a regular domain: those of the coarsest square grid."""
 MAX_COARSE_SHARE = 0.6
 """Cells of a mesh, at most, over those of the next finer one."""
 
@@ -79,10 +81,15 @@ class BlockLevel(Level):
         return self.nodes.size
 
 
-def block_levels(mesh: QuadMesh, families: Families | None = None) -> list[BlockLevel]:
-    """The nested meshes up to ``mesh``, with about half as many lines each way on each coarser one."""
+def block_levels(
+    mesh: QuadMesh, families: Families | None = None, coarsest_points: int = COARSEST_POINTS
+) -> list[BlockLevel]:
+    """The nested meshes up to ``mesh``, with about half as many lines each way on each coarser one.
+
+    The coarsest one has at least ``coarsest_points``.
+    """
     families = families or Families(mesh)
-    counts = _thinned(families.nested_counts(), families.of_blocks)
+    counts = _thinned(families.nested_counts(coarsest_points), families.of_blocks)
     return [_level(mesh, families, number, len(counts), lines) for number, lines in enumerate(counts)]
 
 
@@ -139,7 +146,7 @@ class Families:
         """The families along i and j of each block."""
         self.turned = [(bool(a), bool(b)) for a, b in turned]
 
-    def nested_counts(self) -> list[list[int]]:
+    def nested_counts(self, coarsest_points: int) -> list[list[int]]:
         """The cells along each family on each level, from coarse to fine.
 
         All are halved together, as far as each can be. Where the longest were halved first, a cylinder in a channel
@@ -150,7 +157,7 @@ class Families:
             [max(1, round(cells / 2 ** min(halved, end))) for cells, end in zip(self.finest, most, strict=True)]
             for halved in range(max(most), -1, -1)
         ]
-        return [counts for counts in levels[:-1] if self._points(counts) >= COARSEST_POINTS] + levels[-1:]
+        return [counts for counts in levels[:-1] if self._points(counts) >= coarsest_points] + levels[-1:]
 
     def _points(self, counts: Sequence[int]) -> int:
         """Nodes of all blocks, about."""

@@ -9,9 +9,18 @@ from functools import cached_property
 import numpy as np
 
 from equimesh.blocks.blocks import Blocks
+from equimesh.blocks.curves import Line
 from equimesh.fields.field import Field
 from equimesh.least_error import kernels
-from equimesh.least_error.block_levels import BlockLevel, Families, block_levels, only_level, originals_of
+from equimesh.least_error.block_levels import (
+    COARSEST_POINTS,
+    COARSEST_REGULAR_POINTS,
+    BlockLevel,
+    Families,
+    block_levels,
+    only_level,
+    originals_of,
+)
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.elements import Norm
@@ -159,7 +168,10 @@ class BlockNest:
     @cached_property
     def levels(self) -> list[BlockLevel]:
         """The nested meshes."""
-        return [only_level(self.domain.mesh)] if self.is_paved else block_levels(self.domain.mesh, self.families)
+        if self.is_paved:
+            return [only_level(self.domain.mesh)]
+        coarsest = COARSEST_REGULAR_POINTS if self.is_regular else COARSEST_POINTS
+        return block_levels(self.domain.mesh, self.families, coarsest)
 
     @cached_property
     def families(self) -> Families:
@@ -173,7 +185,9 @@ class BlockNest:
 
     @cached_property
     def is_regular(self) -> bool:
-        """Whether lines run from side to side: inside through nodes of four cells, along sides through nodes of two."""
+        """Whether sides are straight, and lines run on to them: nodes inside have four cells, others at most two."""
+        if any(not isinstance(curve, Line) for curve in self.domain.curves):
+            return False
         mesh, count = self.domain.mesh, len(self.domain.mesh.points)
         corners = originals_of(count, mesh.ties)[mesh.cells]
         used = np.bincount(corners.ravel(), minlength=count)

@@ -44,7 +44,8 @@ class Nest(Protocol[AnyLevel]):
 
     @property
     def is_regular(self) -> bool:
-        """Whether lines of nodes run from side to side: no line ends inside, or at a corner that turns inwards."""
+        """Whether lines of nodes run from side to side, and sides are simple: no line ends inside, or at a corner that
+        turns inwards, and the sides of blocks are straight. Other domains have larger weights, and more steps."""
         ...
 
     def chart(self, level: AnyLevel) -> Chart:

@@ -25,6 +25,7 @@ from equimesh.numerics.threads import thread_count
 from equimesh.solving.announcer import Announcer
 from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.courses import Descending, descent_work
+from equimesh.solving.least_error import other_ways
 from equimesh.solving.nodal_solution import solve_block_round
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks
@@ -99,10 +100,27 @@ def solve_blocks(
         found = _finish(problem, solve, start, options, None)
     if start is not None:
         found = _or_given(found, start)
+    elif subdomains is None:
+        found = _or_another_way(found, options)
     found = bounded_blocks(found, _again(problem, options, subdomains))
     if is_no_worse(found):
         return found
     return replace(found, mesh=problem.domain.mesh, note=NO_BETTER)
+
+
+def _or_another_way(found: BlockSolution, options: SolveOptions) -> BlockSolution:
+    """The solution, with the mesh of another way where its own is worse than the initial one."""
+    problem, monitor = found.problem, found.problem.monitor
+    if is_no_worse(found) or isinstance(monitor, NodalSolution):
+        return found
+    least = monitor.least_error() if isinstance(monitor, Auto) else monitor
+    solve = _solve(problem, least, options, None)
+    for steps in other_ways(solve, found.descent[-1]["start"]):
+        telling = options.part(None, doing="another way", course=_course(solve.levels))
+        other = _ended(problem, solve, [telling.observe(record) for record in steps], options)
+        if is_no_worse(other):
+            return replace(other, comparison=found.comparison)
+    return found
 
 
 def _again(problem: BlockProblem, options: SolveOptions, subdomains: BlockSubdomains | None) -> AgainOnBlocks:
@@ -226,7 +244,13 @@ def _finish(
     """The solution at the end of a descent."""
     done = -1 if coarse is None else coarse.level.number
     telling = options.part(course=_course(solve.levels[done + 1 :], 2 if start is None else 1))
-    records = [telling.observe(record) for record in solve.steps(start, coarse=coarse)]
+    return _ended(problem, solve, [telling.observe(record) for record in solve.steps(start, coarse=coarse)], options)
+
+
+def _ended(
+    problem: BlockProblem, solve: LeastErrorSolve, records: Sequence[Descent], options: SolveOptions
+) -> BlockSolution:
+    """The solution with the mesh of the last of the ``records``."""
     mesh = records[-1].mesh if records else problem.domain.mesh
     if not isinstance(mesh, QuadMesh):
         raise TypeError("a descent on blocks has meshes of quadrilaterals")

@@ -46,7 +46,7 @@ def solve_least_error(
         found = _or_given(found, start, problem.monitor.norm)
     if is_no_worse(found, problem.monitor.norm):
         return found
-    for other in _others(solve, records[-1]):
+    for other in other_ways(solve, records[-1].start):
         telling = options.part(None, doing="another way", course=_course(problem, None, initial, None))
         again = _finish(problem, other, telling, records)
         if is_no_worse(again, problem.monitor.norm):
@@ -63,12 +63,12 @@ def _course(problem: Problem, start: Mesh | None, initial: Initial | Mesh, coars
     return Descending(levels[0 if coarse is None else coarse.level.number + 1 :], starts, compared)
 
 
-def _others(solve: LeastErrorSolve, last: Descent) -> Iterator[Iterator[Descent]]:
-    """Further ways to a mesh: from the uniform start, and by the error of u where that of its gradient is requested.
+def other_ways(solve: LeastErrorSolve, start: str) -> Iterator[Iterator[Descent]]:
+    """Further ways than from a ``start``: from the uniform or initial mesh, and by the error of u in place of its slope.
 
     The least error of the gradient of a steep front can cost the values of u more than it gains.
     """
-    if last.start != "uniform":
+    if start not in {"uniform", "initial"}:
         yield solve.steps(uniform_only=True)
     if solve.monitor.norm == "h1":
         yield replace(solve, monitor=replace(solve.monitor, norm="l2").on(solve.domain)).steps()

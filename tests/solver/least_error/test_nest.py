@@ -1,4 +1,4 @@
-"""Descent on domains in blocks: the records, threads, given meshes, and what stays on the boundary."""
+"""Descent on domains in blocks, as on grids: the records, threads, given meshes, and what stays on the boundary."""
 
 from __future__ import annotations
 
