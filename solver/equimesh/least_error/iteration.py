@@ -20,7 +20,7 @@ from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.levels import Level, last_compared
-from equimesh.least_error.nest import AnyWay, Nest
+from equimesh.least_error.nest import Nest, Way
 from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.paved import descend_paved, paved_steps
 from equimesh.least_error.restricted import Merged
@@ -89,7 +89,7 @@ def weights_of(distortion: float, smoothness: float, cells: int) -> Weights:
 class Reached:
     """The end of a descent on one of the nested meshes."""
 
-    way: AnyWay
+    way: Way
     level: Level
     mesh: Array
     """The unknowns, shape ``(2, nodes)``: reference coordinates on a grid."""
@@ -115,7 +115,7 @@ class LeastErrorSolve:
     """The weight of corners near and beyond that angle."""
 
     @cached_property
-    def nest(self) -> Nest[Any]:
+    def nest(self) -> Nest[Any, Any, Any]:
         """The nested meshes."""
         if isinstance(self.domain, Blocks):
             return BlockNest(domain=self.domain, is_nested=self.subdomains is not None)
@@ -224,13 +224,13 @@ class LeastErrorSolve:
         """The error of a mesh on the next finer level."""
         return self._error(reached.way, level, self._lifted(reached, level))
 
-    def _error(self, way: AnyWay, level: Level, mesh: Array) -> float:
+    def _error(self, way: Way, level: Level, mesh: Array) -> float:
         """The error of a mesh of a level."""
         objective = self._objective(level, way, self._norm(level))
         objective.cut(mesh)
         return objective.error(mesh)
 
-    def _ways(self, level: Level) -> Iterator[AnyWay]:
+    def _ways(self, level: Level) -> Iterator[Way]:
         """The ways that are compared: from the uniform mesh, and from the best rectilinear one if that is better."""
         uniform = self.nest.uniform()
         yield uniform
@@ -261,7 +261,7 @@ class LeastErrorSolve:
         return [(yield from self._descend(self.nest.from_coarse(start), level, sampled))]
 
     def _climb(
-        self, way: AnyWay, levels: Sequence[Level], before: Reached | None = None
+        self, way: Way, levels: Sequence[Level], before: Reached | None = None
     ) -> Generator[Descent, None, Reached]:
         """Descent on each of the levels, from the mesh of the level before it; a way begins where it is not folded."""
         if before is None:
@@ -274,7 +274,7 @@ class LeastErrorSolve:
             raise AssertionError("there is at least one level")
         return before
 
-    def _descend(self, way: AnyWay, level: Level, start: Array) -> Generator[Descent, None, Reached]:
+    def _descend(self, way: Way, level: Level, start: Array) -> Generator[Descent, None, Reached]:
         """Descent on one level."""
         norm = self._norm(level)
         objective = self._objective(level, way, norm)
@@ -314,7 +314,7 @@ class LeastErrorSolve:
             yield last
         return Reached(way=way, level=level, mesh=mesh, record=last)
 
-    def _enough(self, objective: Objective, level: Level, way: AnyWay, start: Array) -> Objective:
+    def _enough(self, objective: Objective, level: Level, way: Way, start: Array) -> Objective:
         """The objective with enough Gauss points for the mesh that a descent begins with.
 
         Where u is singular at a corner that turns inwards, or a front narrower than a cell, few points see little of
@@ -367,7 +367,7 @@ class LeastErrorSolve:
         return isinstance(self.nest, BlockNest) and self.nest.is_paved
 
     def _moves(
-        self, objective: Objective, level: Level, way: AnyWay, start: Array
+        self, objective: Objective, level: Level, way: Way, start: Array
     ) -> Iterator[tuple[Array, Evaluation | Merged]]:
         """The meshes of a descent on one level: of all nodes, of straight lines, or of subdomains."""
         least, steps, nest = MIN_DECREASE / self.effort, self._most_steps(level), self.nest
@@ -391,13 +391,13 @@ class LeastErrorSolve:
         """Cells of the finest mesh."""
         if isinstance(self.domain, Blocks):
             return len(self.domain.mesh.cells)
-        return self.nest.levels[-1].grid.cells
+        return int(self.nest.levels[-1].grid.cells)
 
     def _norm(self, level: Level) -> Norm:
         """The norm of the error that the descent on a level lowers."""
         return "l2" if level.points <= MAX_VALUE_POINTS and not level.is_finest else self.monitor.norm
 
-    def _objective(self, level: Level, way: AnyWay, norm: Norm, gauss_points: int | None = None) -> Objective:
+    def _objective(self, level: Level, way: Way, norm: Norm, gauss_points: int | None = None) -> Objective:
         points = (gauss_points or level.gauss_points) + (MORE_SLOPE_POINTS if norm == "h1" else 0)
         # Cells that move far are cut the other way, which a descent on triangles does not see.
         kind = self.monitor.cells if level.is_finest else "quad"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from equimesh.fields.field import Field
 from equimesh.least_error.cells import Cells
@@ -17,7 +17,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 
 
-class AnyWay(Protocol):
+class Way(Protocol):
     """Where a descent starts on each of the nested meshes; its distortion is relative to these first meshes."""
 
     @property
@@ -31,7 +31,11 @@ class AnyWay(Protocol):
         ...
 
 
-class Nest(Protocol[AnyLevel]):
+AnyMesh = TypeVar("AnyMesh", bound=Mesh | QuadMesh)
+AnyWay = TypeVar("AnyWay", bound=Way)
+
+
+class Nest(Protocol[AnyLevel, AnyMesh, AnyWay]):
     """What a solve has to know of a grid on a domain, or of a domain in blocks.
 
     Meshes are arrays of the unknowns of the chart of their level, of shape ``(2, nodes)``.
@@ -75,15 +79,15 @@ class Nest(Protocol[AnyLevel]):
         """
         ...
 
-    def given(self, mesh: Mesh | QuadMesh) -> AnyWay:
+    def given(self, mesh: AnyMesh) -> AnyWay:
         """The way from a mesh of the finest level, where no mesh with a lower objective has a larger error."""
         ...
 
-    def from_coarse(self, mesh: Mesh | QuadMesh) -> AnyWay:
+    def from_coarse(self, mesh: AnyMesh) -> AnyWay:
         """The way that continues from such a mesh on a coarse level."""
         ...
 
-    def sampled(self, mesh: Mesh | QuadMesh, level: AnyLevel) -> Array | None:
+    def sampled(self, mesh: AnyMesh, level: AnyLevel) -> Array | None:
         """A mesh of the finest level on a coarser one; ``None`` where it is folded there."""
         ...
 
@@ -101,7 +105,7 @@ class Nest(Protocol[AnyLevel]):
         """The grid of a level; ``None`` on blocks."""
         ...
 
-    def mesh(self, level: AnyLevel, mesh: Array) -> Mesh | QuadMesh:
+    def mesh(self, level: AnyLevel, mesh: Array) -> AnyMesh:
         """The mesh for the records."""
         ...
 

@@ -64,7 +64,7 @@ def _course(problem: Problem, start: Mesh | None, initial: Initial | Mesh, coars
 
 
 def other_ways(solve: LeastErrorSolve, start: str) -> Iterator[Iterator[Descent]]:
-    """Further ways than from a ``start``: from the uniform or initial mesh, and by the error of u in place of its slope.
+    """Further ways than from a ``start``: from the uniform or initial mesh, and by the error of u itself.
 
     The least error of the gradient of a steep front can cost the values of u more than it gains.
     """
