@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -26,7 +27,7 @@ MAX_COARSE_POINTS = 40 * 40
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Level:
+class Level(ABC):
     """One of the nested meshes."""
 
     number: int
@@ -35,9 +36,9 @@ class Level:
     """How many meshes there are."""
 
     @property
+    @abstractmethod
     def points(self) -> int:
         """Number of nodes."""
-        raise NotImplementedError
 
     @property
     def is_finest(self) -> bool:
