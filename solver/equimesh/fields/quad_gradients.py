@@ -15,6 +15,8 @@ First only nodes with small turns have a gradient and give it to their neighbour
 """
 MIN_SINE = 0.02
 """The smallest sine of the angle between two directions that give a gradient together."""
+MIN_FIT_SINE = 0.3
+"""The same for a gradient that is fitted to the slopes along edges."""
 ROUNDS = 2
 """How often the gradients that are still missing are sought by those of neighbours."""
 
@@ -106,7 +108,7 @@ def from_neighbours(
                     ex, ey, slope = line[0], line[1], line[2]
                     a, b, d, p, q = a + ex * ex, b + ex * ey, d + ey * ey, p + slope * ex, q + slope * ey
         det = a * d - b * b
-        if det > MIN_SINE * MIN_SINE:
+        if det > MIN_FIT_SINE * MIN_FIT_SINE:
             gradients[0, node], gradients[1, node] = (d * p - b * q) / det, (a * q - b * p) / det
             new[node] = True
             number += 1

@@ -59,3 +59,18 @@ def test_each_part_fills_in_what_is_missing_alone() -> None:
     mean_of_cells(nodes, links, values, gradients, known)
     assert rest.any()
     assert np.abs(gradients - np.array([[1.0], [0.0]])).max() < 1e-12
+
+
+def test_a_gradient_is_not_fitted_to_slopes_that_are_nearly_along_one_line() -> None:
+    """They say nothing of the slope across: their errors would be many times as large there."""
+    x = np.array([[-1.0, -1.0, -1.0], [0.1, 0.0, 0.1], [1.0, 1.0, 1.0]])
+    y = np.array([[-1.6, -0.6, 0.4], [-1.0, 0.0, 1.0], [-1.6, -0.6, 0.4]])
+    mesh = merged([(x, y)])
+    nodes, links = arguments(mesh)
+    u = np.tanh(mesh.x + mesh.y / 2)
+    gradients, known = np.stack([1.0 - u**2, 0.5 * (1.0 - u**2)]), mesh.x == 0.1
+    assert known.sum() == 2
+    from_neighbours(nodes, links, u, np.cos(MAX_TURNS[1]), (gradients, known))
+    assert not known[(mesh.x == 0.0) & (mesh.y == 0.0)].any()
+    u_x, _ = quad_gradients(nodes, links, u)
+    assert 0.3 < u_x[(mesh.x == 0.0) & (mesh.y == 0.0)].item() < 1.0
