@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 from equimesh_schema.document import (
     CoreSchema,
@@ -13,6 +13,7 @@ from equimesh_schema.document import (
     Parameters,
     before,
     by_key,
+    keys_of,
     one_of,
     types_of,
 )
@@ -33,6 +34,32 @@ class ExpressionSource(Document):
     """Value of the name t."""
 
 
+Table: TypeAlias = Annotated[list[Numbers], Limits(fail_fast=True)]
+
+
+class SamplesSource(Document):
+    """A function as samples: its only key has them."""
+
+    COUNTED: ClassVar[str] = "values"
+    """The key of the samples whose rows are counted; of values all numbers are."""
+
+    @property
+    def key(self) -> str:
+        """The only key."""
+        return keys_of(type(self))[0]
+
+    @property
+    def samples(self) -> Any:
+        """The samples."""
+        return getattr(self, self.key)
+
+    @property
+    def count(self) -> int:
+        """How many samples there are."""
+        rows = getattr(self.samples, self.COUNTED)
+        return sum(map(len, rows)) if self.COUNTED == "values" else len(rows)
+
+
 @dataclass(frozen=True, kw_only=True)
 class GridValues(Document):
     """Samples on a rectilinear grid that covers the box of the domain."""
@@ -41,12 +68,12 @@ class GridValues(Document):
     """Increasing, from one side of the domain's box to the other."""
     y: Numbers
     """Increasing, from one side of the domain's box to the other."""
-    values: Annotated[list[Numbers], Limits(fail_fast=True)]
+    values: Table
     """values[i][j] is u at (x[i], y[j])."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class GridSource(Document):
+class GridSource(SamplesSource):
     """A function as samples on a grid."""
 
     grid: GridValues
@@ -56,16 +83,16 @@ class GridSource(Document):
 class NodalValues(Document):
     """u at the nodes of a mesh of the domain; the first index runs along xi."""
 
-    x: Annotated[list[Numbers], Limits(fail_fast=True)]
+    x: Table
     """x[i][j] of the node (i, j)."""
-    y: Annotated[list[Numbers], Limits(fail_fast=True)]
+    y: Table
     """y[i][j] of the node (i, j)."""
-    values: Annotated[list[Numbers], Limits(fail_fast=True)]
+    values: Table
     """values[i][j] is u at the node (i, j)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class NodalSource(Document):
+class NodalSource(SamplesSource):
     """A function as values at the nodes of a mesh."""
 
     nodal: NodalValues
@@ -82,9 +109,10 @@ class ScatteredValues(Document):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScatteredSource(Document):
+class ScatteredSource(SamplesSource):
     """A function as samples at scattered points."""
 
+    COUNTED = "points"
     scattered: ScatteredValues
 
 
@@ -99,9 +127,10 @@ class BlockNodes(Document):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlockNodesSource(Document):
+class BlockNodesSource(SamplesSource):
     """A function as values at the nodes of a mesh of blocks."""
 
+    COUNTED = "nodes"
     block_nodes: BlockNodes
 
 

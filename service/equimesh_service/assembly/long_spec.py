@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from equimesh_schema.sources import AnySource, BlockNodesSource, GridSource, NodalSource, ScatteredSource
+from equimesh_schema.sources import AnySource, SamplesSource
 from equimesh_service.assembly.problem import packed_check, translate_errors
 from equimesh_service.assembly.samples import canonical_arrays, write
 from equimesh_service.problems.problem import Problem, problem_at, repointed
@@ -39,14 +39,8 @@ class SpecLimits:
     def check(self, sources: Mapping[str, AnySource]) -> None:
         """Raise a 422 problem for more samples than the service takes."""
         for pointer, source in sources.items():
-            if isinstance(source, GridSource):
-                self.check_number(sum(map(len, source.grid.values)), f"{pointer}/grid/values")
-            elif isinstance(source, NodalSource):
-                self.check_number(sum(map(len, source.nodal.values)), f"{pointer}/nodal/values")
-            elif isinstance(source, ScatteredSource):
-                self.check_number(len(source.scattered.points), f"{pointer}/scattered/points")
-            elif isinstance(source, BlockNodesSource):
-                self.check_number(len(source.block_nodes.nodes), f"{pointer}/block_nodes/nodes")
+            if isinstance(source, SamplesSource):
+                self.check_number(source.count, f"{pointer}/{source.key}/{source.COUNTED}")
 
     def check_number(self, number: int, pointer: str) -> None:
         """Raise a 422 problem at ``pointer`` for more samples than the service takes."""
@@ -90,7 +84,7 @@ def _shorten(spec: CheckedSpec, folder: Path, limits: SpecLimits) -> ShortSpec:
     packed = None if spec.stored else packed_check(spec.canonical, {})
     document, summaries = {**spec.canonical}, {}
     for pointer, source in spec.sources.items():
-        if isinstance(source, GridSource | NodalSource | ScatteredSource | BlockNodesSource):
+        if isinstance(source, SamplesSource):
             name = f"inline-{secrets.token_hex(8)}"  # no other spec can name it
             summaries[name] = _write(source, pointer, _file(folder, name))
             document = _replaced(document, pointer.split("/")[1:], {"samples": name})
@@ -101,13 +95,10 @@ def _file(folder: Path, name: str) -> Path:
     return folder / f"{name}.npz"
 
 
-def _write(
-    source: GridSource | NodalSource | ScatteredSource | BlockNodesSource, pointer: str, path: Path
-) -> dict[str, Any]:
+def _write(source: SamplesSource, pointer: str, path: Path) -> dict[str, Any]:
     """Write samples to a file; returns their summary."""
-    ((kind, values),) = vars(source).items()
-    with translate_errors(f"{pointer}/{kind}"), path.open("wb") as file:
-        return write(canonical_arrays(vars(values)), file)
+    with translate_errors(f"{pointer}/{source.key}"), path.open("wb") as file:
+        return write(canonical_arrays(vars(source.samples)), file)
 
 
 def _replaced(document: Any, tokens: list[str], value: Any) -> Any:

@@ -41,12 +41,7 @@ FindSamples: TypeAlias = Callable[[str, Box], Field]
 """The function whose samples have a name, on a box that they must cover."""
 CHUNKED = (".zarr", *HDF5_SUFFIXES)
 """Suffixes of samples that are read part by part."""
-ONE_KEY = (
-    sources_schema.GridSource,
-    sources_schema.NodalSource,
-    sources_schema.ScatteredSource,
-    sources_schema.BlockNodesSource,
-)
+ONE_KEY = [made for made in sources_schema.SOURCES.documents.values() if issubclass(made, sources_schema.SamplesSource)]
 """Documents whose one key has the samples."""
 
 
