@@ -21,10 +21,20 @@ from dask_processes import DaskProcesses
 from equimesh.meshes import parts as parts_of_grids
 from equimesh.meshes import strips
 from equimesh.numerics.types import Array
-from equimesh_cluster import ClusterError, Progress, RunCancelledError, connect, run_parts, solve, solving
+from equimesh_cluster import (
+    PARTED_FORMATS,
+    ClusterError,
+    Progress,
+    RunCancelledError,
+    connect,
+    read_parts,
+    run_parts,
+    solve,
+    solving,
+)
 from equimesh_cluster.channel import PLUGIN
 from equimesh_cluster.parts.solve import coarse_solution
-from meshes_on_workers import PROBLEM
+from meshes_on_workers import PROBLEM, handle_on
 
 RING = em.ArcLength(u=em.Expression("tanh(12*(hypot(x, y) - 0.7))"))
 SMALL = em.Problem(monitor=RING, grid=em.Grid(n_xi=257, n_eta=129))
@@ -247,3 +257,38 @@ def test_bad_arguments_are_refused_before_a_scheduler_is_asked(field: str, chang
     with pytest.raises(em.InputError) as error:
         solve(**{"problem": SMALL, "client": "tcp://127.0.0.1:9", **change})
     assert error.value.field == field
+
+
+# Files of a mesh on a cluster.
+
+
+@pytest.mark.parametrize("name", PARTED_FORMATS)
+def test_every_worker_writes_its_part_and_the_caller_the_head(client: Client, tmp_path: Path, name: str) -> None:
+    solution = em.solve(PROBLEM)
+    head = tmp_path / f"mesh{PARTED_FORMATS[name].suffix}"
+    with handle_on(client, solution, 10, 20) as handle:
+        assert handle.write(head) == head
+    found = read_parts(head)
+    assert found.nodes == ("u",)
+    assert sorted(found.cells) == ["Q_eq", "subdomain"]
+    assert found.cuts == (10, 20)
+    for array, whole in (("x", solution.mesh.x), ("y", solution.mesh.y), ("u", solution.u)):
+        assert np.array_equal(found.rows(array, 0, 33), whole)
+    assert found.rows("Q_eq", 0, 32) == pytest.approx(solution.data().q_eq, rel=1e-12, abs=0)
+    assert not list(tmp_path.glob(".equimesh-*"))
+
+
+def test_q_eq_is_left_out_on_request(client: Client, tmp_path: Path) -> None:
+    with handle_on(client, em.solve(PROBLEM), 16) as handle:
+        handle.write(tmp_path / "mesh.pvtu", q_eq=False)
+    assert tuple(read_parts(tmp_path / "mesh.pvtu").cells) == ("subdomain",)
+
+
+def test_a_folder_that_is_not_there_is_refused(client: Client, tmp_path: Path) -> None:
+    with (
+        handle_on(client, em.solve(PROBLEM), 16) as handle,
+        pytest.raises(em.InputError, match=r"there is no folder .*nowhere on this machine"),
+    ):
+        handle.write(tmp_path / "nowhere" / "mesh.pvtu")
+    with handle_on(client, em.solve(PROBLEM), 16) as handle, pytest.raises(em.InputError, match="pvtu"):
+        handle.write(tmp_path / "mesh.doc")

@@ -18,7 +18,7 @@ from equimesh_schema.document import keys_of, types_of
 from equimesh_schema.domains import DOMAINS
 from equimesh_schema.monitors import MONITORS
 from equimesh_service.spec.mesh import read_spec
-from schema.test_defaults import ARC, DOCUMENTS
+from schema.test_document import ARC, DOCUMENTS
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 

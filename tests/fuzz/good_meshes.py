@@ -14,7 +14,7 @@ from equimesh.io.solver_files import foam_files, gmsh_text, su2_text
 from equimesh.io.vtk import write_vtu
 from solver.io.reading.cgns_files import cgns
 from solver.io.reading.plain import small
-from solver.io.reading.test_plot3d import text, two_blocks
+from solver.io.reading.test_structured import text, two_blocks
 
 MESH_PARTS = [
     b"$Elements\n999999999\n",

@@ -11,10 +11,12 @@ import pytest
 
 import equimesh as em
 from cases import problem
+from equimesh.meshes.parts import Parts
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.iteration import iterations_on, schwarz_iterations
 from equimesh.schwarz.records import Iteration, IterationNumbers
-from equimesh_cluster.parts.holding import OnChannel, holder
+from equimesh.sweeps.sweep import Sweep, memory_needed
+from equimesh_cluster.parts.holding import HeldSweep, OnChannel, cuts_of_rows, holder, rows_of
 from solver.schwarz.bent import bent
 
 CASE = problem("tanh20", 25, 17)
@@ -189,3 +191,67 @@ def test_the_sides_of_the_grid_are_closed_wherever_they_are() -> None:
     assert (found.x[0] == 0.0).all() and (found.x[-1] == 1.0).all()  # noqa: PT018
     assert (found.y[:, 0] == 0.0).all() and (found.y[:, -1] == 1.0).all()  # noqa: PT018
     assert np.array_equal(found.x[1:-1], off.x[1:-1]), "all other nodes stay"
+
+
+# Line corrections in windows: those of a sweep on the whole grid.
+
+
+SECTOR = em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0))
+
+
+@pytest.mark.parametrize("boundary", em.Boundary)
+@pytest.mark.parametrize("domain", [em.Rectangle(x=(0, 1), y=(0, 1)), SECTOR], ids=["square", "sector"])
+def test_two_corrections_are_those_of_the_whole_grid(boundary: em.Boundary, domain: em.Domain) -> None:
+    """From a mesh whose sides move, too: they push the ends of all lines."""
+    square = problem("tanh20", 26, 21, boundary=boundary)
+    case = em.Problem(monitor=square.monitor, grid=square.grid, boundary=boundary, domain=domain)
+    start, shape = bent(case, 0.005), square.grid.shape
+    whole = Sweep(case.metric, boundary, Parts.of(shape), np.empty(memory_needed(shape)))
+    x, y, expected = start.x.copy(), start.y.copy(), []
+    for _ in range(2):
+        found = whole.correct(x, y)
+        smallest = whole.smallest_jacobian
+        x, y = whole.swap(x, y)
+        expected.append((found.deviation, found.move, smallest))
+    decomposition = em.Decomposition(grid=case.grid, subdomains=(3, 2), overlap=2)
+
+    def correct(channel: Channel) -> em.Mesh | None:
+        holding = OnChannel(channel, decomposition)
+        sweep, mesh = HeldSweep(case, holding), holding.cut(start)
+        held_x, held_y = mesh.x, mesh.y
+        for numbers in expected:
+            here = sweep.correct(held_x, held_y)
+            assert (here.deviation, here.move, sweep.smallest_jacobian) == pytest.approx(numbers, rel=1e-9)
+            held_x, held_y = sweep.swap(held_x, held_y)
+        return holding.assembled(em.Mesh(held_x, held_y), "shown")
+
+    mesh = ThreadChannels(4).run(correct)[0]
+    assert mesh is not None
+    assert max(abs(mesh.x - x).max(), abs(mesh.y - y).max()) < 1e-14
+    assert expected[0][1] > 1e-3, "the nodes do move"
+
+
+# Windows become strips of rows.
+
+
+GRID = em.Grid(n_xi=20, n_eta=13)
+
+
+@pytest.mark.parametrize(("subdomains", "parts"), [((5, 1), 2), ((5, 1), 5), ((2, 3), 4), ((1, 3), 3)], ids=str)
+def test_every_part_has_its_rows_and_one_more_each_way(subdomains: tuple[int, int], parts: int) -> None:
+    decomposition = em.Decomposition(grid=GRID, subdomains=subdomains, overlap=2)
+    mesh = em.Mesh(*np.random.default_rng(4).normal(size=(2, *GRID.shape)))
+
+    def rows(channel: Channel) -> tuple[list[int], dict[str, int]]:
+        holding = OnChannel(channel, decomposition)
+        held, cuts = rows_of(holding, holding.cut(mesh)), cuts_of_rows(holding)
+        number = channel.number
+        assert (held.begin, held.end) == (max(cuts[number] - 1, 0), min(cuts[number + 1] + 1, 20))
+        assert np.array_equal(held.x, mesh.x[held.begin : held.end])
+        assert np.array_equal(held.y, mesh.y[held.begin : held.end])
+        return cuts, holding.sent
+
+    found = ThreadChannels(parts).run(rows)
+    assert all(cuts == found[0][0] for cuts, _ in found)
+    if subdomains[1] == 1:
+        assert sum(sent["rows"] for _, sent in found) == 2 * (parts - 1) * 13 * 16, "strips stay where they are"

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from equimesh.errors import ExpressionError
 from equimesh.fields.expression import Expression
+from equimesh.formulas.spelling import describe, scan, shorten
 from equimesh.formulas.vocabulary import LIMITS
 from solver.formulas.random_formulas import Tree, refusal, seeded, sparse_text, trees, write
 from solver.formulas.texts import check_refused_at
@@ -229,3 +230,50 @@ def test_what_was_understood_is_a_formula_of_the_language(words: list[str], spac
     again = Expression(found.understood, parameters={"k": 0.75}, t=0.3)
     assert again.understood == found.understood
     np.testing.assert_array_equal(found.evaluate(0.3, 0.6, order=2), again.evaluate(0.3, 0.6, order=2))
+
+
+# The pieces of a text: their spelling in the language, and the place where each was typed.
+
+
+@pytest.mark.parametrize(
+    ("text", "pieces"),
+    [
+        ("x^2", [("name", "x", 0, 1), ("sign", "**", 1, 2), ("number", "2", 2, 3)]),
+        ("np.arcsin(x)", [("name", "asin", 0, 9), ("sign", "(", 9, 10), ("name", "x", 10, 11), ("sign", ")", 11, 12)]),
+        ("x⁻¹²", [("name", "x", 0, 1), ("raised", "-12", 1, 4)]),
+        ("a²b", [("name", "a", 0, 1), ("raised", "2", 1, 2), ("name", "b", 2, 3)]),
+        ("2e3", [("number", "2e3", 0, 3)]),
+        ("2e", [("number", "2", 0, 1), ("name", "e", 1, 2)]),
+        ("x\u00a0\u2009y", [("name", "x", 0, 1), ("name", "y", 3, 4)]),
+    ],
+)
+def test_a_piece_keeps_its_place(text: str, pieces: list[tuple[str, str, int, int]]) -> None:
+    assert [(piece.kind, piece.text, piece.start, piece.end) for piece in scan(text, ("x", "y"))] == pieces
+
+
+@pytest.mark.parametrize("sign", "×·⋅∙∗÷∕⁄−–‐‑≤≥≠^")
+def test_signs_of_printed_formulas_have_a_sign_of_the_language(sign: str) -> None:
+    (piece,) = scan(sign, ())
+    assert piece.text.isascii()
+    assert piece.text in ("*", "/", "-", "<=", ">=", "!=", "**")
+
+
+def test_names_that_are_known_stay_what_they_are() -> None:
+    assert [piece.text for piece in scan("π ln np.pi", ())] == ["pi", "log", "pi"]
+    assert [piece.text for piece in scan("π ln np.pi", ("π", "ln"))] == ["π", "ln", "pi"]
+
+
+@pytest.mark.parametrize("text", ["x — y", "√x", "½", "x ⁻ y", "ⅹ\u200b"])
+def test_other_characters_are_refused_in_their_place(text: str) -> None:
+    with pytest.raises(ExpressionError) as caught:
+        list(scan(text, ()))
+    place = caught.value.position
+    assert place is not None
+    assert not text[place.offset].isascii()
+
+
+def test_names_of_characters_and_short_texts() -> None:
+    assert describe("$") == "'$'"
+    assert describe("\u200b") == "(U+200B ZERO WIDTH SPACE)"
+    assert shorten("a\n b") == "a b"
+    assert len(shorten("x" * 100)) == 40

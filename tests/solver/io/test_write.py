@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import os
@@ -9,6 +10,7 @@ import re
 import subprocess
 import sys
 import time
+import xml.etree.ElementTree as ET
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -18,12 +20,38 @@ import h5py
 import meshio
 import numpy as np
 import pytest
+import skfem
 
 import equimesh
+from block_cases import data_of, l_shape
 from equimesh.errors import InputError
-from equimesh.io.write import FORMATS, Cells, write_mesh
+from equimesh.io.write import (
+    FORMATS,
+    Cells,
+    cell_data,
+    corners_of,
+    node_groups,
+    per_quad,
+    point_data,
+    side_data,
+    write_mesh,
+)
 from equimesh.meshes.mesh import SIDES
-from solver.io.files import CELL_COUNT, DATA, EDGES, KINDS, adapted, check_cells, check_edges, check_mesh, written
+from solver.io.files import (
+    CELL_COUNT,
+    DATA,
+    EDGES,
+    KINDS,
+    N_ETA,
+    N_XI,
+    READS_TAGS,
+    adapted,
+    check_cells,
+    check_edges,
+    check_mesh,
+    per_cell,
+    written,
+)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -232,3 +260,237 @@ def test_vectors_have_three_components(tmp_path: Path, name: str, kind: Cells) -
     np.testing.assert_array_equal(
         found.cell_data["w"][0], np.repeat(per_cell.reshape(-1, 3), 1 if kind == "quad" else 2, axis=0)
     )
+
+
+# The data of a mesh as files take them.
+
+
+def test_fields_are_rows_and_only_grids_have_computational_coordinates() -> None:
+    data = data_of(l_shape())
+    found = point_data(data)
+    assert [*found] == ["u", "rho", "flow"]
+    assert found["flow"].shape == (65, 3)
+    assert not found["flow"][:, 2].any()
+    assert [*point_data(DATA)] == ["u", "xi", "eta"]
+    many = replace(data, fields={"all": np.arange(65 * 4.0).reshape(65, 4)})
+    assert point_data(many)["all_3"][:2].tolist() == [3.0, 7.0]
+
+
+def test_triangles_inherit_the_values_of_their_quadrilateral() -> None:
+    data = data_of(l_shape())
+    quads, triangles = cell_data(data, "quad"), cell_data(data, "triangle")
+    for name, values in quads.items():
+        assert np.array_equal(np.repeat(values, per_quad("triangle"), axis=0), triangles[name]), name
+    assert corners_of(data, "triangle").shape == (96, 3)
+    assert corners_of(data, "quad") is data.mesh.cells
+
+
+def test_sides_of_blocks_are_arrays_of_edges_and_groups_of_nodes() -> None:
+    data = data_of(l_shape())
+    assert {name: len(edges) for name, edges in side_data(data).items()} == {
+        "sides/inlet": 8,
+        "sides/outlet": 4,
+        "sides/wall": 20,
+    }
+    assert side_data(DATA) == {}
+    groups = node_groups(data)
+    assert groups[data.mesh.blocks[0][0, 0]] == 13
+    assert {*groups.tolist()} == {0, 1, 2, 3, 13, 23}
+
+
+def test_ten_sides_have_two_digits_each() -> None:
+    mesh = l_shape()
+    wall = mesh.sides["wall"]
+    sides = {"inlet": mesh.sides["inlet"], "outlet": mesh.sides["outlet"]}
+    sides |= {f"wall {k}": wall[2 * k : 2 * k + 2] for k in range(10)}
+    found = node_groups(data_of(replace(mesh, sides=sides)))
+    assert found.max() == 1112
+    assert found[mesh.blocks[0][0, 0]] == 103
+
+
+# Gmsh files, read back by meshio, by scikit-fem, and by a plain reading of their text.
+
+
+def sections(text: str) -> dict[str, list[list[str]]]:
+    """The sections of a Gmsh file as lists of lines; data sections under their field's name."""
+    found = {}
+    for name, body in re.findall(r"^\$(\w+)\n(.*?)^\$End\1$", text, re.DOTALL | re.MULTILINE):
+        lines = body.splitlines()
+        found[lines[1].strip('"') if name.endswith("Data") else name] = lines
+    return found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_msh_by_meshio(tmp_path: Path, kind: Cells) -> None:
+    found = meshio.gmsh.read(written(tmp_path, "msh", kind))
+    np.testing.assert_array_equal(found.points[:, :2], DATA.mesh.points)
+    assert [block.type for block in found.cells] == ["line", kind]
+    lines, cells = (block.data for block in found.cells)
+    check_cells(found.points, cells, kind)
+    names = {name: tuple(map(int, tag)) for name, tag in found.field_data.items()}
+    assert names == {"left": (1, 1), "right": (2, 1), "bottom": (3, 1), "top": (4, 1), "domain": (5, 2)}
+    tags = found.cell_data["gmsh:physical"]
+    for side in SIDES:
+        check_edges(DATA.mesh.points, lines[tags[0] == names[side][0]], side)
+    assert np.all(tags[1] == 5)
+    np.testing.assert_array_equal(found.point_data["u"], DATA.u.ravel())
+    assert sorted(found.point_data) == ["eta", "u", "xi"]
+    entities = found.cell_data["gmsh:geometrical"]
+    np.testing.assert_array_equal(entities[0], tags[0])
+    np.testing.assert_array_equal(entities[1], 1 + per_cell(DATA.subdomain, kind))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_msh_by_scikit_fem(tmp_path: Path, kind: Cells) -> None:
+    path = written(tmp_path, "msh", kind)
+    found = (skfem.MeshTri if kind == "triangle" else skfem.MeshQuad).load(path)
+    assert found.p.shape == (2, N_XI * N_ETA)
+    assert set(SIDES) <= set(found.boundaries)
+    for side, (axis, at) in READS_TAGS.items():
+        middles = found.p[:, found.facets[:, found.boundaries[side]]].mean(axis=1)
+        assert middles.shape[1] == EDGES[side]
+        np.testing.assert_array_equal(middles[axis], at)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_msh_by_its_text(tmp_path: Path, kind: Cells) -> None:
+    text = written(tmp_path, "msh", kind).read_text(encoding="ascii")
+    assert text.startswith('$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n5\n1 1 "left"\n')
+    assert "float64" not in text
+    assert "np." not in text
+    found = sections(text)
+    assert list(found)[:4] == ["MeshFormat", "PhysicalNames", "Nodes", "Elements"]
+    assert list(found)[4:] == ["u", "xi", "eta", "Q_eq", "subdomain"]
+    nodes = np.array([line.split() for line in found["Nodes"][1:]], dtype=float)
+    assert int(found["Nodes"][0]) == len(nodes) == N_XI * N_ETA
+    np.testing.assert_array_equal(nodes[:, 0], np.arange(1, len(nodes) + 1))
+    np.testing.assert_array_equal(nodes[:, 1:3], DATA.mesh.points)
+    elements = [list(map(int, line.split())) for line in found["Elements"][1:]]
+    assert int(found["Elements"][0]) == len(elements)
+    assert [e[0] for e in elements] == list(range(1, len(elements) + 1))
+    shape, corners = (2, 3) if kind == "triangle" else (3, 4)
+    lines = np.array([e for e in elements if e[1] == 1])
+    cells = np.array([e for e in elements if e[1] == shape])
+    assert len(lines) + len(cells) == len(elements)
+    assert cells.shape[1] == 5 + corners
+    check_cells(DATA.mesh.points, cells[:, 5:] - 1, kind)
+    for number, side in enumerate(SIDES, start=1):
+        check_edges(DATA.mesh.points, lines[lines[:, 3] == number][:, 5:] - 1, side)
+    for name in ("u", "Q_eq", "subdomain"):
+        assert found[name][:8] == ["1", f'"{name}"', "1", "0.0", "3", "0", "1", str(len(found[name]) - 8)]
+    u = np.array([line.split() for line in found["u"][8:]], dtype=float)
+    np.testing.assert_array_equal(u, np.column_stack([nodes[:, 0], DATA.u.ravel()]))
+    assert text.count("$ElementNodeData\n") == 2
+    for name, expected in (("Q_eq", DATA.q_eq), ("subdomain", DATA.subdomain)):
+        rows = np.array([line.split() for line in found[name][8:]], dtype=float)
+        assert rows.shape == (len(cells), 2 + corners)
+        np.testing.assert_array_equal(rows[:, 0], cells[:, 0])
+        assert np.all(rows[:, 1] == corners)
+        np.testing.assert_array_equal(rows[:, 2:].T, np.tile(per_cell(expected, kind), (corners, 1)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_vectors_are_read_by_meshio(tmp_path: Path, kind: Cells) -> None:
+    x = DATA.mesh.x
+    data = replace(
+        DATA, fields={"velocity": np.stack([x, 2 * x], axis=-1)}, cell_fields={"w": np.dstack([DATA.q_eq] * 3)}
+    )
+    path = write_mesh(tmp_path / "mesh.msh", data, cells=kind)[0]
+    found = meshio.gmsh.read(path)
+    np.testing.assert_array_equal(
+        found.point_data["velocity"], np.column_stack([x.ravel(), 2 * x.ravel(), 0 * x.ravel()])
+    )
+    of_cells = sections(path.read_text())["w"]
+    assert of_cells[7] == str(len(found.cells[1].data))
+    assert len(of_cells[8].split()) == 2 + 3 * (4 if kind == "quad" else 3)
+
+
+# Medit files, read back by meshio.
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_medit(tmp_path: Path, kind: Cells) -> None:
+    path = written(tmp_path, "medit", kind)
+    found = meshio.medit.read(path)
+    np.testing.assert_array_equal(found.points, DATA.mesh.points)
+    assert [block.type for block in found.cells] == ["line", kind]
+    edges, labels = found.cells[0].data, found.cell_data["medit:ref"][0]
+    for number, side in enumerate(SIDES, start=1):
+        check_edges(found.points, edges[labels == number], side)
+    check_cells(found.points, found.cells[1].data, kind)
+    np.testing.assert_array_equal(found.cell_data["medit:ref"][1], 1 + per_cell(DATA.subdomain, kind))
+    inside = found.point_data["medit:ref"].reshape(N_XI, N_ETA)[1:-1, 1:-1]
+    assert not inside.any()
+    assert np.count_nonzero(found.point_data["medit:ref"]) == N_XI * N_ETA - inside.size
+    assert "float64" not in path.read_text(encoding="ascii")
+
+
+# SU2 files, read back by meshio and by a plain reading of their text.
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_su2(tmp_path: Path, kind: Cells) -> None:
+    text = written(tmp_path, "su2", kind).read_text(encoding="ascii")
+    found = meshio.su2.read(tmp_path / "mesh.su2")
+    np.testing.assert_array_equal(found.points, DATA.mesh.points)
+    cells = next(block.data for block in found.cells if block.type == kind)
+    check_cells(found.points, cells, kind)
+    markers = dict(re.findall(r"^MARKER_TAG= (\w+)\nMARKER_ELEMS= (\d+)$", text, re.MULTILINE))
+    assert {side: int(count) for side, count in markers.items()} == EDGES
+    for side in SIDES:
+        body = text.split(f"MARKER_TAG= {side}\n")[1].split("\n", 1)[1].split("MARKER_TAG")[0]
+        rows = np.array([line.split() for line in body.splitlines()], dtype=int)
+        assert np.all(rows[:, 0] == 3)
+        check_edges(DATA.mesh.points, rows[:, 1:], side)
+    assert text.startswith("NDIME= 2\nNELEM= ")
+    assert "float64" not in text
+
+
+# VTS files: the text itself, since meshio reads no structured grids; VTK and ParaView read them in tests/solvers.
+
+
+NUMBERS = {"Float64": "<f8", "Int32": "<i4"}
+
+
+def arrays_of(section: ET.Element | None) -> dict[str, np.ndarray]:
+    """The arrays of a section; each is the count of its bytes in 64 bits, and the bytes."""
+    assert section is not None
+    found = {}
+    for array in section:
+        data = base64.b64decode(array.text or "")
+        assert int.from_bytes(data[:8], "little") == len(data) - 8
+        found[array.attrib["Name"]] = np.frombuffer(data[8:], NUMBERS[array.attrib["type"]])
+    return found
+
+
+def test_rows_run_along_xi(tmp_path: Path) -> None:
+    root = ET.parse(written(tmp_path, "vts", "quad")).getroot()
+    assert root.attrib["type"] == "StructuredGrid"
+    grid = root.find("StructuredGrid")
+    piece = root.find("StructuredGrid/Piece")
+    assert grid is not None
+    assert piece is not None
+    extent = f"0 {N_XI - 1} 0 {N_ETA - 1} 0 0"
+    assert (grid.attrib["WholeExtent"], piece.attrib["Extent"]) == (extent, extent)
+    points = arrays_of(piece.find("Points"))["Points"].reshape(N_ETA, N_XI, 3)
+    np.testing.assert_array_equal(points[:, :, 0], DATA.mesh.x.T)
+    np.testing.assert_array_equal(points[:, :, 1], DATA.mesh.y.T)
+    assert np.all(points[:, :, 2] == 0)
+    nodes, cells = arrays_of(piece.find("PointData")), arrays_of(piece.find("CellData"))
+    xi, eta = DATA.computational
+    assert DATA.u is not None
+    for name, values in {"u": DATA.u, "xi": xi, "eta": eta}.items():
+        np.testing.assert_array_equal(nodes[name].reshape(N_ETA, N_XI), values.T)
+    for name, values in {"Q_eq": DATA.q_eq, "subdomain": DATA.subdomain}.items():
+        np.testing.assert_array_equal(cells[name].reshape(N_ETA - 1, N_XI - 1), values.T)
+    assert (sorted(nodes), sorted(cells)) == (["eta", "u", "xi"], ["Q_eq", "subdomain"])
+
+
+def test_vectors_follow_their_points(tmp_path: Path) -> None:
+    x = DATA.mesh.x
+    data = replace(DATA, fields={"v": np.stack([x, 2 * x], axis=-1)}, cell_fields={"rho": DATA.q_eq})
+    piece = ET.parse(write_mesh(tmp_path / "mesh.vts", data)[0]).getroot().find("StructuredGrid/Piece")
+    assert piece is not None
+    vectors = arrays_of(piece.find("PointData"))["v"].reshape(N_ETA, N_XI, 3)
+    np.testing.assert_array_equal(vectors, np.stack([x.T, 2 * x.T, 0 * x.T], axis=-1))
+    np.testing.assert_array_equal(arrays_of(piece.find("CellData"))["rho"].reshape(N_ETA - 1, N_XI - 1), DATA.q_eq.T)

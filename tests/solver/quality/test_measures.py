@@ -6,16 +6,38 @@ import json
 import math
 import tracemalloc
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import equimesh as em
+from block_cases import channel, in_blocks, l_shape
+from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.quality import measures
-from equimesh.quality.measures import equidistribution, measure
-from solver.quality.handmade import CONSTANT, CUBIC_Y, ERRORS, PAPER, TANH20, Analytic, folded, uniform, wavy
+from equimesh.quality.cells import BilinearCells, QuadCells, cells_of
+from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, interpolation_errors, probe_errors, sample
+from equimesh.quality.measures import alignment, equidistribution, measure, measure_all, shape_regularity
+from equimesh.quality.survey import ROWS
+from equimesh.quality.tally import ErrorRule, ErrorTally
+from equimesh.quality.triangles import triangle_errors
+from solver.quality.handmade import (
+    CONSTANT,
+    CUBIC_Y,
+    ERRORS,
+    PAPER,
+    SLOPE,
+    SQUARE,
+    TANH20,
+    Analytic,
+    constant,
+    folded,
+    one_quad,
+    uniform,
+    wavy,
+)
 
 
 def test_uniform_mesh_has_the_q_eq_of_table_1() -> None:
@@ -179,3 +201,233 @@ def test_summary_is_plain_json() -> None:
     full = q.summary(arrays=True)
     assert np.array_equal(np.array(full["q_geo"]["cells"]), q.q_geo.cells)
     assert {type(value) for row in full["q_eq"]["cells"] for value in row} == {float}
+
+
+# Measures of the shape of cells: exact values on cells made by hand.
+
+
+@pytest.mark.parametrize("ratio", [1.0, 3.0, 0.2])
+def test_rectangles(ratio: float) -> None:
+    mesh = one_quad((0, 0), (ratio, 0), (ratio, 1), (0, 1))
+    assert shape_regularity(mesh)[0, 0] == pytest.approx((ratio + 1 / ratio) / 2)
+
+
+def test_a_rectangle_that_is_square_in_the_metric_is_aligned() -> None:
+    # u = 2x, a = 1, b = 0: M = diag(5, 1), so a cell sqrt(5) times as tall as wide is a square to M.
+    mesh = one_quad((0, 0), (0.2, 0), (0.2, 0.2 * math.sqrt(5)), (0, 0.2 * math.sqrt(5)))
+    monitor = ArcLength(u=SLOPE, a=1.0, b=0.0, scaled=False)
+    assert alignment(mesh, monitor)[0, 0] == pytest.approx(1.0)
+    assert shape_regularity(mesh)[0, 0] == pytest.approx(3 / math.sqrt(5))
+
+
+def test_alignment_sees_the_off_diagonal_of_the_metric() -> None:
+    diagonal = Analytic(lambda x, y: x + y, constant(1.0), constant(1.0))
+    monitor = ArcLength(u=diagonal, a=1.0, b=0.0, scaled=False)  # M = [[2, 1], [1, 2]], det 3
+    square = one_quad((0, 0), (1, 0), (1, 1), (0, 1))
+    assert alignment(square, monitor)[0, 0] == pytest.approx(4 / (2 * math.sqrt(3)))
+    # F' = sheared so that F'^T M F' = diag(2, 3/2): columns (1, 0) and (-1/2, 1).
+    sheared = one_quad((0, 0), (1, 0), (0.5, 1), (-0.5, 1))
+    assert alignment(sheared, monitor)[0, 0] == pytest.approx(3.5 / (2 * math.sqrt(3)))
+
+
+def test_a_skewed_quadrilateral_by_hand() -> None:
+    # (0,0) (2,0) (2,1) (0,2): a right trapezium. Corner angles 90, 90, 90 + t, 90 - t with tan t = 1/2.
+    tilt = math.atan(0.5)
+    quad = one_quad((0, 0), (2, 0), (2, 1), (0, 2))
+    # F' = [[2, 0], [-t, 2 - s]]: Q = (4 + t^2 + (2 - s)^2) / (4 (2 - s)), largest at s = t = 1.
+    assert shape_regularity(quad)[0, 0] == pytest.approx(6 / 4)
+    # The same quadrilateral tiled side by side, mirrored, so that the mesh is large enough to measure.
+    columns = np.array([0.0, 2.0, 4.0, 6.0]) / 6
+    low, high = np.zeros(4), np.array([2.0, 1.0, 2.0, 1.0]) / 6
+    tiled = Mesh(
+        np.repeat(columns[:, None], 4, axis=1),
+        np.stack([low, high, high + 1 / 3, high + 2 / 3], axis=1),
+    )
+    q = measure(tiled, ArcLength(u=CONSTANT, scaled=False))
+    row = np.s_[:, 0]
+    assert q.q_geo.cells[row] == pytest.approx([1.5, 1.5, 1.5])
+    assert q.scaled_jacobian.cells[row] == pytest.approx([math.cos(tilt)] * 3)
+    assert q.skewness.cells[row] == pytest.approx([tilt / (math.pi / 2)] * 3)
+    assert q.aspect_ratio.cells[row] == pytest.approx([math.sqrt(5)] * 3)  # edges 2, 1, sqrt 5, 2
+
+
+def test_the_largest_misalignment_of_a_cell_is_at_a_corner() -> None:
+    rng = np.random.default_rng(5)
+    s, t = np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21))
+    m11, m12, m22 = 3.0, 1.2, 0.8
+    monitor = em.Tensor(m11=em.Expression("3.0"), m12=em.Expression("1.2"), m22=em.Expression("0.8"))
+    valid = 0
+    for _ in range(50):
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = SQUARE + rng.uniform(-0.4, 0.4, (4, 2))
+        x_s, y_s = (1 - t) * (x1 - x0) + t * (x2 - x3), (1 - t) * (y1 - y0) + t * (y2 - y3)
+        x_t, y_t = (1 - s) * (x3 - x0) + s * (x2 - x1), (1 - s) * (y3 - y0) + s * (y2 - y1)
+        det = x_s * y_t - x_t * y_s
+        if not det.min() > 0:
+            continue
+        valid += 1
+        trace = m11 * (x_s**2 + x_t**2) + 2 * m12 * (x_s * y_s + x_t * y_t) + m22 * (y_s**2 + y_t**2)
+        got = alignment(one_quad((x0, y0), (x1, y1), (x2, y2), (x3, y3)), monitor)[0, 0]
+        assert got == pytest.approx((trace / det).max() / (2 * math.sqrt(m11 * m22 - m12**2)), rel=1e-12)
+    assert valid > 25, "most of the random quadrilaterals are valid cells"
+
+
+@pytest.mark.parametrize("reach", [0.6, 1.8], ids=["the widest angle decides", "the narrowest angle decides"])
+def test_skewness_of_a_kite(reach: float) -> None:
+    mesh = uniform(4)
+    x, y = mesh.x.copy(), mesh.y.copy()
+    x[2, 2] = y[2, 2] = (1 + reach) / 3  # the unit kite (0,0) (1,0) (reach,reach) (0,1), a third of its size
+    tip = 2 * math.degrees(math.atan2(0.5, reach - 0.5))
+    angles = [90, tip, (270 - tip) / 2]
+    expected = max(max(angles) - 90, 90 - min(angles)) / 90
+    assert (max(angles) - 90 > 90 - min(angles)) == (reach == 0.6)
+    assert measure(Mesh(x, y), ArcLength(u=CONSTANT, scaled=False)).skewness.cells[1, 1] == pytest.approx(expected)
+
+
+def test_size_ratio_takes_the_worst_neighbour_along_both_directions() -> None:
+    x = np.array([0.0, 0.1, 0.4, 1.0])  # widths 1, 3, 6
+    y = np.array([0.0, 0.4, 0.8, 1.0])  # heights 2, 2, 1
+    q = measure(Mesh(*np.meshgrid(x, y, indexing="ij")), ArcLength(u=CONSTANT, scaled=False))
+    assert q.size_ratio.cells == pytest.approx(np.array([[3, 3, 3], [3, 3, 3], [2, 2, 2]], dtype=float))
+    tall = measure(Mesh(*np.meshgrid(y, x, indexing="ij")), ArcLength(u=CONSTANT, scaled=False))
+    assert tall.size_ratio.cells == pytest.approx(q.size_ratio.cells.T)
+
+
+def test_the_measures_of_shape_do_not_see_scale_or_rotation() -> None:
+    mesh, c, s = wavy(), math.cos(0.7), math.sin(0.7)
+    moved = Mesh(5 + 1e-3 * (c * mesh.x - s * mesh.y), 1e-3 * (s * mesh.x + c * mesh.y))
+    assert shape_regularity(moved) == pytest.approx(shape_regularity(mesh), rel=1e-9)
+    first, second = (measure(m, ArcLength(u=CONSTANT, scaled=False)) for m in (mesh, moved))
+    for name in ("scaled_jacobian", "skewness", "aspect_ratio", "size_ratio"):
+        assert getattr(second, name).cells == pytest.approx(getattr(first, name).cells, rel=1e-9), name
+    assert second.min_jacobian_over_mean == pytest.approx(first.min_jacobian_over_mean)
+    assert second.min_jacobian == pytest.approx(first.min_jacobian)
+
+
+def test_a_collapsed_cell_is_degenerate() -> None:
+    mesh = uniform(6)
+    x = mesh.x.copy()
+    x[2, :] = x[1, :]
+    q = measure(Mesh(x, mesh.y), ArcLength(u=PAPER, scaled=False))
+    assert np.isinf(q.q_ali.cells[1]).all()
+    assert np.isinf(q.aspect_ratio.cells[1]).all()
+    assert q.scaled_jacobian.cells[1] == pytest.approx(np.zeros(5))
+    assert (q.skewness.cells[1] == 1.0).all()
+
+
+# The measures of a mesh of blocks: those of a grid where it is one, and what only blocks have.
+
+
+MONITOR = em.ArcLength(u=TANH20, scaled=False)
+
+
+@pytest.mark.parametrize("kind", ["quad", "triangle"])
+@pytest.mark.parametrize("shape", [(13, 9), (61, 45)])
+def test_a_grid_as_blocks_has_the_quality_of_the_grid(shape: tuple[int, int], kind: str) -> None:
+    grid, plain = wavy(*shape), uniform(*shape)
+    turned = kind == "quad"  # of two equal diagonals the one from the first corner is taken
+    whole, before = in_blocks(grid, turned=turned), in_blocks(plain, turned=turned)
+    expected = measure_all(grid, MONITOR, kind=kind)
+    found = measure_all(whole.mesh, MONITOR, uniform=before.mesh, kind=kind)
+    for name in ROWS:
+        values = getattr(found, name).cells
+        assert values.shape == whole.mesh.cell_shape
+        assert values == pytest.approx(getattr(expected, name).cells.ravel()[whole.cells], rel=1e-11), name
+        assert getattr(found, name).rms == pytest.approx(getattr(expected, name).rms, rel=1e-12)
+    assert found.min_jacobian == pytest.approx(expected.min_jacobian, rel=1e-12)
+    assert found.interpolation_error is not None
+    for name in ERRORS:
+        there = getattr(expected.interpolation_error, name)
+        assert getattr(found.interpolation_error, name) == pytest.approx(there, rel=1e-9), name
+    assert isinstance(found.summary(arrays=True)["q_geo"]["cells"][0], float)
+
+
+def test_threads_and_single_measures_agree() -> None:
+    mesh = in_blocks(wavy(150, 141)).mesh
+    two = measure_all(mesh, MONITOR, uniform=mesh, threads=2)
+    assert two.q_eq.cells == pytest.approx(equidistribution(mesh, MONITOR), rel=1e-14)
+    assert two.q_ali.cells == pytest.approx(alignment(mesh, MONITOR), rel=1e-14)
+    assert two.q_geo.cells == pytest.approx(shape_regularity(mesh), rel=1e-14)
+    assert two.interpolation_error.gain_l2 == 1.0
+
+
+def test_without_a_mesh_to_compare_with_there_is_no_gain() -> None:
+    mesh = l_shape()
+    found = measure(mesh, MONITOR).interpolation_error
+    assert found.l2 == pytest.approx(interpolation_errors(mesh, TANH20).l2, rel=0.05)
+    assert math.isnan(found.l2_uniform)
+    assert math.isnan(found.gain_l2)
+    assert measure(mesh, MONITOR).summary()["interpolation_error"]["gain_l2"] is None
+    assert math.isnan(triangle_errors(mesh, TANH20).gain_l2)
+    for other in (l_shape(4), wavy()):
+        with pytest.raises(InputError, match="compare it with the mesh that it began with"):
+            interpolation_errors(mesh, TANH20, other)
+
+
+def test_a_folded_cell_spoils_what_it_touches() -> None:
+    whole = in_blocks(folded())
+    quality = measure(whole.mesh, MONITOR, uniform=whole.mesh)
+    expected = measure(folded(), MONITOR)
+    for name in ("q_eq", "q_geo", "size_ratio"):
+        found = getattr(quality, name).cells
+        assert np.array_equal(np.isinf(found), np.isinf(getattr(expected, name).cells.ravel()[whole.cells])), name
+    assert quality.interpolation_error.l2 == math.inf
+    broken = replace(whole.mesh, points=np.where(np.arange(36)[:, None] == 7, np.nan, whole.mesh.points))
+    assert not cells_of(broken).all_valid
+
+
+def test_cells_across_a_join_are_neighbours() -> None:
+    """The cells at both ends of the channel differ in size from those next to them by the join alone."""
+    mesh = channel()
+    x = mesh.points[:, 0].copy()
+    x[mesh.blocks[0][1]] -= 0.5 * (x[mesh.blocks[0][1]] - x[mesh.blocks[0][0]])
+    narrow = mesh.moved(np.column_stack([x, mesh.points[:, 1]]))
+    ratios = measure(narrow, em.ArcLength(u=SLOPE, scaled=False)).size_ratio.cells[narrow.block_cells[0]]
+    cut = replace(narrow, ties=mesh.ties[:0])
+    apart = measure(cut, em.ArcLength(u=SLOPE, scaled=False)).size_ratio.cells[narrow.block_cells[0]]
+    assert ratios[-1] == pytest.approx(np.full(4, 2.0), rel=0.2)
+    assert apart[-1] == pytest.approx(np.full(4, 1.0), rel=0.2)
+    assert ratios[1:-1] == pytest.approx(apart[1:-1])
+
+
+def test_a_sample_of_many_cells_gives_the_errors_of_all() -> None:
+    mesh, plain = in_blocks(wavy(460, 400)).mesh, in_blocks(uniform(460, 400)).mesh
+    cells = QuadCells(mesh)
+    numbers = sample(cells.rows)
+    assert numbers is not None
+    assert MIN_SAMPLED_CELLS <= numbers.size <= 3 * MIN_SAMPLED_CELLS
+    found = interpolation_errors(mesh, TANH20, plain)
+    tally = ErrorTally.of(cells, TANH20, ErrorRule.lean())
+    tally.add_all(2)
+    tally.add_edges()
+    assert found.l2 == pytest.approx(math.sqrt(tally.sums[0].sum()), rel=0.01)
+
+
+def test_probes_find_the_largest_error_of_a_spike() -> None:
+    u = em.Expression("exp(-400*((x - 0.613)**2 + (y - 0.307)**2))")
+    grid = wavy(31, 21)
+    (error, x, y), variation = probe_errors(in_blocks(grid).mesh, u)
+    expected, of_grid = probe_errors(grid, u)
+    assert (error, variation) == pytest.approx((expected.value, of_grid), rel=0.05)
+    assert math.hypot(x - expected.x, y - expected.y) < 0.1
+
+
+def test_corners_areas_and_values() -> None:
+    grid = wavy()
+    whole = in_blocks(grid)
+    cells, plain = QuadCells(whole.mesh), BilinearCells(grid)
+    assert cells.area == pytest.approx(plain.area[whole.cells], rel=1e-12)
+    assert cells.total_area == pytest.approx(plain.total_area, rel=1e-12)
+    chosen = np.array([0, 5, 70])
+    corners = cells.corners(chosen)
+    assert cells.corner_values(whole.mesh.x, chosen) == pytest.approx(corners[:4])
+    turned = [sorted(zip(column[:4], column[4:], strict=True)) for column in corners.T]
+    there = [sorted(zip(column[:4], column[4:], strict=True)) for column in plain.corners(whole.cells[chosen]).T]
+    assert turned == there
+    assert {*cells.cuts} == {int(np.flatnonzero(whole.cells == k)[0]) for k in plain.cuts}
+    assert isinstance(cells_of(grid), BilinearCells)
+
+
+def test_the_l_has_its_area() -> None:
+    cells = QuadCells(l_shape(bend=0.0))
+    assert cells.total_area == pytest.approx(3.0)
+    assert cells.all_valid

@@ -7,8 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from equimesh.quality.cells import BilinearCells
-from equimesh.quality.tally import ErrorRule, ErrorTally
+from equimesh.quality.cell_maps import locate
+from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.tally import (
+    MIDDLE_WEIGHT,
+    ErrorRule,
+    ErrorTally,
+    add_errors,
+    add_middles,
+    add_values,
+    mean_metrics,
+)
 from solver.quality.handmade import TANH20, wavy
 
 
@@ -40,3 +49,55 @@ def test_a_block_with_nan_has_no_part_in_the_range() -> None:
     assert found.range == before
     found.ends.append((-9.0, 0.0))
     assert found.range == (-9.0, before[1])
+
+
+# Integrals over cells: exact values, and the same errors whether an edge is evaluated once or twice.
+
+
+GAUSS = CellPoints.gauss(3)
+
+
+def test_the_mean_of_a_linear_metric_is_its_value_at_the_centroid() -> None:
+    cells = BilinearCells(wavy())
+    corners = cells.corners(slice(0, cells.count))
+    x, y = np.empty((2, GAUSS.s.size, cells.count))
+    locate(corners, GAUSS.s, GAUSS.t, x, y)
+    out = np.empty((3, cells.count))
+    mean_metrics(corners, cells.area, GAUSS, (np.ones_like(x), x, y), out)
+    assert out[0] == pytest.approx(np.ones(cells.count), rel=1e-13)
+    x0, x1, x2, x3, y0, y1, y2, y3 = corners
+    first, second = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0), (x2 - x0) * (y3 - y0) - (x3 - x0) * (y2 - y0)
+    centre = (first * (x0 + x1 + x2) + second * (x0 + x2 + x3)) / (3.0 * (first + second))
+    assert out[1] == pytest.approx(centre, rel=1e-12)
+
+
+def test_errors_of_a_square_by_hand() -> None:
+    # u = x^2 on the unit square: e = x - x^2 has the squared integral 1/30, its gradient 1 - 2x the integral 1/3
+    corners = np.array([[0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]]).T
+    x, values = GAUSS.s[:, None], np.array([[0.0, 1.0, 1.0, 0.0]]).T
+    sums, largest = np.zeros((4, 1)), np.zeros(1)
+    add_errors(corners, values, x**2, (2.0 * x, np.zeros_like(x)), GAUSS, sums, largest)
+    assert sums[:, 0] == pytest.approx([1 / 30, 1 / 3, 0.0, 0.0], abs=1e-15)
+    assert largest[0] == pytest.approx(0.25)
+    alone, peak = np.zeros(1), np.zeros(1)
+    add_values(corners, values, x**2, GAUSS, alone, peak)
+    assert (alone[0], peak[0]) == (pytest.approx(1 / 30), largest[0])
+
+
+def test_middles_shared_by_two_cells_are_those_of_each() -> None:
+    cells, edge = BilinearCells(wavy()), ErrorRule.lean().edge
+    assert edge.weights == pytest.approx(MIDDLE_WEIGHT)
+    x, y = cells.nodes
+    (nodal,) = TANH20.evaluate(x, y)
+    (of_xi,) = TANH20.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))
+    (of_eta,) = TANH20.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))
+    once, once_largest = np.zeros(cells.count), np.zeros(cells.count)
+    add_middles((x, y), nodal, (of_xi, of_eta), once, once_largest)
+    corners = cells.corners(slice(0, cells.count))
+    px, py = np.empty((2, edge.s.size, cells.count))
+    locate(corners, edge.s, edge.t, px, py)
+    twice, twice_largest = np.zeros(cells.count), np.zeros(cells.count)
+    values = cells.corner_values(nodal, np.arange(cells.count))
+    add_values(corners, values, TANH20.evaluate(px, py)[0], edge, twice, twice_largest)
+    assert once == pytest.approx(twice, rel=1e-10)
+    assert once_largest == pytest.approx(twice_largest, rel=1e-10)

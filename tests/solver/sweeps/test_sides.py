@@ -6,7 +6,10 @@ import numpy as np
 
 import equimesh as em
 from cases import problem
+from equimesh.meshes.parts import Parts
+from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.single_domain import iteration
+from equimesh.sweeps.sides import WHOLE, Frame, SideNodes
 
 
 def test_the_sides_move_with_the_interior() -> None:
@@ -19,3 +22,44 @@ def test_the_sides_move_with_the_interior() -> None:
             equations.vector(last.mesh)
         )
         assert abs(last.mesh.x[:, 0] - np.linspace(0, 1, 33)).max() > 1e-3
+
+
+# Frames: where the lines of a window begin and end.
+
+
+def test_lines_end_one_node_before_a_side_that_yields() -> None:
+    frame = Frame(physical=((False, True), (False, False)), beyond=((7.0, 0.0), (0.0, 3.0)))
+    assert frame.span(0, 12) == (1, 11)
+    assert frame.span(1, 9) == (0, 7)
+
+
+def test_the_lines_of_the_whole_grid_are_whole() -> None:
+    assert WHOLE.physical == ((True, True), (True, True))
+    assert (WHOLE.span(0, 12), WHOLE.span(1, 9)) == ((0, 11), (0, 8))
+
+
+# The nodes along the sides, in full.
+
+
+SHAPE = (130, 2049)
+X, Y = np.random.default_rng(5).random((2, *SHAPE))
+
+
+def test_every_part_gets_all_sides() -> None:
+    def work(channel: Channel) -> SideNodes:
+        parts = Parts.of(SHAPE, 1, channel)
+        return SideNodes.gathered(X[parts.held], Y[parts.held], parts)
+
+    whole = SideNodes.of(X, Y)
+    assert np.array_equal(whole.along_eta, Y[[0, -1]])
+    assert np.array_equal(whole.along_xi, X[:, [0, -1]].T)
+    for count in (1, 2, 3, 5):
+        for found in ThreadChannels(count).run(work):
+            assert all(np.array_equal(one, other) for one, other in zip(found, whole, strict=True))
+
+
+def test_moved_sides_are_new_ones() -> None:
+    whole = SideNodes.of(X, Y)
+    moved = whole.moved(whole.along_eta, -whole.along_xi)
+    assert np.array_equal(moved.along_eta, 2 * Y[[0, -1]])
+    assert not moved.along_xi.any()

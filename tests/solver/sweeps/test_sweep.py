@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import Cells
+from equimesh.meshes.closed import Closed, padded
 from equimesh.meshes.parts import Parts
 from equimesh.single_domain import iteration
 from equimesh.sweeps.deviation import deviation
-from equimesh.sweeps.sweep import Correction, Sweep, halve_moves, memory_needed, take_midpoints
+from equimesh.sweeps.kernels import copy_ends
+from equimesh.sweeps.sides import Frame
+from equimesh.sweeps.sweep import Correction, Sweep, error_left, halve_moves, memory_needed, take_midpoints
 from solver.sweeps.windows import distance, disturbed, sweep_on
 
 
@@ -116,3 +121,58 @@ def test_each_way_to_halve_a_move_keeps_its_rounding() -> None:
     assert (halved == old + (new - old) * 0.5).all()
     assert (middle == (new + old) * 0.5).all()
     assert 0.0 < abs(halved - middle).max() < 1e-16
+
+
+# The kernels of closed lines: means along lines, and rows of copies.
+
+
+PERIODIC = {(True, False): "x", (False, True): "y", (True, True): "both"}
+
+
+@pytest.mark.parametrize("closed", PERIODIC)
+def test_every_closed_line_keeps_its_mean_from_the_first_sweep(closed: Closed) -> None:
+    monitor = em.ArcLength(u=em.Expression("sin(2*pi*x)*cos(2*pi*y)+0.3*sin(2*pi*(x+y))"))
+    domain = em.Rectangle(periodic=PERIODIC[closed])  # type: ignore[arg-type]
+    problem = em.Problem(monitor=monitor, grid=em.Grid(n_xi=41, n_eta=29), domain=domain)
+    start = padded(em.Mesh.uniform(problem.grid), closed)
+    x, y = start.x, start.y
+    sweep = Sweep(
+        problem.metric, problem.boundary, Parts.of(x.shape), np.empty(memory_needed(x.shape)), Frame.around(closed)
+    )
+    for _ in range(2):
+        sweep.correct(x, y)
+        x, y = sweep.swap(x, y)
+    lines = slice(1, -1)
+    if closed[1]:
+        assert np.abs(y[lines, lines].mean(axis=1) - 0.5 * 27 / 28).max() < 1e-14
+    elif closed[0]:
+        assert np.abs(x[lines, lines].mean(axis=0) - 0.5 * 39 / 40).max() < 1e-7
+    for axis, q in enumerate((x, y)):
+        if closed[axis]:
+            moved = np.moveaxis(q, axis, 0)
+            assert np.array_equal(moved[-1], moved[1] + 1.0)
+            assert np.array_equal(moved[0], moved[-2] - 1.0)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_outermost_lines_are_copies_of_the_other_side(axis: int) -> None:
+    q = np.arange(20.0).reshape(4, 5)
+    copy_ends(q, axis, 100.0)
+    lines = np.moveaxis(q, axis, 0)
+    assert np.array_equal(lines[0], lines[-2] - 100.0)
+    assert np.array_equal(lines[-1], lines[1] + 100.0)
+
+
+# The error that moves leave which shrink by a factor each.
+
+
+@pytest.mark.parametrize("contraction", [0.0, 0.1, 0.5, 0.9])
+def test_it_is_the_sum_of_the_moves_to_come(contraction: float) -> None:
+    moves = [3.0 * contraction**k for k in range(1, 1000)]
+    assert error_left(3.0, contraction) == pytest.approx(sum(moves), abs=1e-12)
+
+
+@pytest.mark.parametrize("contraction", [1.0, 1.5])
+def test_moves_that_do_not_shrink_leave_an_error_without_bound(contraction: float) -> None:
+    assert error_left(1e-9, contraction) == math.inf
+    assert error_left(0.0, contraction) == 0.0

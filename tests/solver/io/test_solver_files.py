@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from equimesh.io.solver_files import foam_files, plane_faces
+from block_cases import data_of, in_blocks, l_shape
+from equimesh.io.solver_files import (
+    foam_files,
+    integer_rows,
+    neutral_map,
+    plane_faces,
+    plot3d_text,
+    quoted,
+    with_time,
+    words,
+)
 from equimesh.io.write import Cells, write_mesh
 from equimesh.meshes.grid import Grid
+from equimesh.meshes.interfaces import contacts
 from equimesh.meshes.joins import joins_of
 from equimesh.meshes.mesh import SIDES, Mesh
 from solver.io.files import DATA, KINDS, areas, check_edges, written
+from solver.quality.handmade import wavy
 
 NAMES = ["points", "faces", "owner", "neighbour", "boundary"]
 NUMBER = re.compile(r"-?[\d.]+(?:e-?\d+)?")
@@ -162,3 +175,94 @@ class TestJoins:
         assert inner == 17
         assert np.array_equal(right[:, 0], left[:, 0] + 16)
         assert np.array_equal(right[:, ::-1][:, :3], left[:, 1:] + 16)
+
+
+# Rows of a text file from tables of integers.
+
+
+def test_every_row_has_its_numbers_in_the_form() -> None:
+    table = np.array([[1, -2, 3], [40, 5, 2**40]])
+    assert integer_rows("3(%d %d %d)", table) == ["3(1 -2 3)", f"3(40 5 {2**40})"]
+    assert integer_rows("%d", np.empty((0, 1), dtype=np.int64)) == []
+
+
+# Plot3D grids and their neutral map files, and what VTK's rules say of them.
+
+
+def test_the_grid_has_its_blocks_one_after_the_other_with_i_first() -> None:
+    x, y = np.meshgrid([0.0, 1.0, 2.5], [0.0, 0.1], indexing="ij")
+    text = plot3d_text([(x, y), (x + 5, y)])
+    assert text.splitlines()[:3] == ["2", "3 2 1", "3 2 1"]
+    numbers = np.array(text.split()[7:], dtype=float).reshape(2, 3, 2, 3)
+    assert numbers[0, 0].tolist() == [[0.0, 1.0, 2.5], [0.0, 1.0, 2.5]]
+    assert numbers[1, 1].tolist() == [[0.0] * 3, [0.1] * 3]
+    assert not numbers[:, 2].any()
+
+
+def test_the_map_names_the_faces_of_interfaces_and_sides() -> None:
+    mesh = l_shape(3)
+    rows = neutral_map([(3, 3)] * 3, contacts(mesh)).splitlines()
+    assert rows[1:5] == ["3", "1 3 3 1", "2 3 3 1", "3 3 3 1"]
+    assert "'ONE_TO_ONE' 1 4 1 3 1 1 2 3 1 3 1 1 FALSE" in rows
+    assert "'ONE_TO_ONE' 1 6 1 1 1 3 3 5 1 1 1 3 FALSE" in rows
+    assert "'outlet' 2 4 1 3 1 1" in rows
+
+
+def test_the_ranges_of_a_turned_block_fall_and_are_swapped() -> None:
+    mesh = in_blocks(wavy(), column=3).mesh
+    (row,) = [row for row in neutral_map([(4, 9), (9, 10)], contacts(mesh)).splitlines() if "ONE" in row]
+    found = re.fullmatch(r"'ONE_TO_ONE' 1 4 1 9 1 1 2 ([56]) 1 1 (\d) (\d) TRUE", row)
+    assert found
+    first, last = int(found[2]), int(found[3])
+    there = {"5": mesh.blocks[1][:, 0], "6": mesh.blocks[1][:, -1]}[found[1]]
+    assert np.array_equal(there[:: 1 if last > first else -1], mesh.blocks[0][-1])
+
+
+def test_files_of_blocks_and_of_a_grid(tmp_path: Path) -> None:
+    assert write_mesh(tmp_path / "mesh.p3d", data_of(l_shape())) == (tmp_path / "mesh.p3d", tmp_path / "mesh.nmf")
+    assert write_mesh(tmp_path / "mesh.p3d.zip", DATA) == (tmp_path / "mesh.p3d.zip",)
+    with zipfile.ZipFile(tmp_path / "mesh.p3d.zip") as archive:
+        assert archive.namelist() == ["mesh.xyz", "mesh.nmf"]
+        assert archive.read("mesh.xyz").split()[:4] == [b"1", b"7", b"5", b"1"]
+        assert b"'left' 1 3 1 5 1 1" in archive.read("mesh.nmf")
+
+
+# Names of sides in formats that take words only.
+
+
+def test_words_are_kept_and_others_made_to_words() -> None:
+    assert words(["inlet", "the wall", "top.1"]) == {"inlet": "inlet", "the wall": "the_wall", "top.1": "top.1"}
+    assert words(["", "ä{}"]) == {"": "side", "ä{}": "___"}
+
+
+def test_words_differ() -> None:
+    found = words(["a b", "a_b", "a;b", "a(b"])
+    assert found == {"a b": "a_b_2", "a_b": "a_b", "a;b": "a_b_3", "a(b": "a_b_4"}
+    assert words(["frontAndBack"], taken=["frontAndBack"]) == {"frontAndBack": "frontAndBack_2"}
+
+
+def test_quotes_and_line_ends_leave_names_between_quotes() -> None:
+    assert quoted(['the "big" wall', "a b\n"]) == {'the "big" wall': "the _big_ wall", "a b\n": "a b_"}
+
+
+# The time of an XDMF file; readers of several programs take it in tests/solvers.
+
+
+TEXT = '<Xdmf Version="3.0"><Domain><Grid Name="Grid"><Geometry/><Topology/></Grid></Domain></Xdmf>'
+
+
+def test_the_grid_refers_to_one_with_a_time() -> None:
+    root = ET.fromstring(with_time(TEXT))
+    (grid,) = root.findall("Domain/Grid")
+    assert [child.tag for child in grid] == ["Geometry", "Topology", "Information"]
+    referred = root.find("." + grid.attrib["Reference"].removeprefix("/Xdmf"))
+    assert referred is not None
+    assert [child.tag for child in referred] == ["Time", "Geometry", "Topology"]
+    assert referred[0].attrib == {"Value": "0"}
+    assert ET.fromstring(grid[2].text or "").tag == "nothing"  # meshio reads this text as XML
+
+
+@pytest.mark.parametrize("text", ["", "<Xdmf/>", '<Grid Name="Grid">'])
+def test_a_text_without_a_grid_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="holds no grid"):
+        with_time(text)

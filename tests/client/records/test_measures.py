@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+import pickle
 
-from equimesh_client import Convergence
+import numpy as np
+import pytest
+
+from equimesh_client import Convergence, Quality, SequenceRecord
+from equimesh_client.records.measures import align, number
 
 
 def test_convergence_speaks() -> None:
@@ -44,3 +48,44 @@ def test_a_descent_is_told_by_the_last_step_on_each_grid() -> None:
     assert lines[3].split() == ["17", "x", "9", "uniform", "0", "0.1250", "-", "0.5000"]
     assert convergence.column("error").tolist() == [0.5, 0.25, 0.125]
     assert np.isnan(convergence.column("gain")[2])
+
+
+# Quality measures, from JSON to a table.
+
+
+def test_quality_speaks_and_lacks_nothing_it_was_not_given() -> None:
+    errors = {"l2": 1e-4, "l2_uniform": 2e-3, "h1": 1.0, "h1_uniform": 2.0}
+    q_eq = {"max": 1.6375, "rms": 1.0, "cells": [[1, 2]]}
+    quality = Quality.from_json({"q_eq": q_eq, "min_jacobian": 0.1, "interpolation_error": errors, "new": 3})
+    assert quality.q_eq.max == 1.6375
+    assert np.isnan(quality.q_eq.min)
+    assert quality.q_eq.cells is not None
+    assert quality.q_eq.cells.shape == (1, 2)
+    with pytest.raises(AttributeError, match="no measure 'q_foo'"):
+        _ = quality.q_foo
+    assert "1.6375" in str(quality)
+    assert "1.000e-04" in str(quality)
+    assert str(Quality.from_json({}))
+    assert pickle.loads(pickle.dumps(quality)).min_jacobian == 0.1
+
+
+# Sequences in a list.
+
+
+def test_a_sequence_of_a_list() -> None:
+    mesh = {"id": "m-1", "status": "succeeded", "certificate": {"status": "relaxed", "warnings": ["a warning"]}}
+    record = {"id": "q-1", "step": 3, "keep": 2, "created_at": "2026-01-01", "used_at": "2026-01-02", "mesh": mesh}
+    found = SequenceRecord.from_json(record)
+    assert (found.id, found.number, found.mesh_id, found.status, found.keep) == ("q-1", 3, "m-1", "succeeded", 2)
+    assert found.warnings == ("a warning",)
+    begun = SequenceRecord.from_json({**record, "mesh": {"id": "m-1", "status": "running", "certificate": None}})
+    assert (begun.status, begun.certificate, begun.warnings) == ("running", None, ())
+
+
+# Tables of text, and the numbers in them.
+
+
+def test_tables() -> None:
+    assert align(["a", "bb"], [["ccc", "1"]]) == "a    bb\n-------\nccc   1"
+    cases = {0.0: "0.0000", 1e-3: "0.0010", 9e-4: "9.000e-04", -2e5: "-2.000e+05", np.inf: "inf", np.nan: "-"}
+    assert {value: number(value) for value in cases} == cases
