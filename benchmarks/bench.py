@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from equimesh_cli.compiling import load_solver
+from equimesh_cli.report import load_solver
 
 if TYPE_CHECKING:
     from costs.rows import Row

@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from equimesh_cli.compiling import THREAD_COUNTS
+from equimesh_cli.report import THREAD_COUNTS
 
 if __name__ == "__main__":
     os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))  # before the linear algebra is loaded

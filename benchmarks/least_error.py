@@ -13,7 +13,7 @@ import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from equimesh_cli.compiling import THREAD_COUNTS
+from equimesh_cli.report import THREAD_COUNTS
 
 if __name__ == "__main__":
     os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))  # before the linear algebra is loaded

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from equimesh_cli.compiling import THREAD_COUNTS
+from equimesh_cli.report import THREAD_COUNTS
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from equimesh_cli.compiling import THREAD_COUNTS
+from equimesh_cli.report import THREAD_COUNTS
 
 if __name__ == "__main__":
     os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))  # before the linear algebra is loaded

@@ -19,8 +19,7 @@ from equimesh_cli.commands import (
     solve,
     worker,
 )
-from equimesh_cli.exits import GENERAL, Exit, code_of, table_of_exits
-from equimesh_cli.parser import GroupedParser, Parser
+from equimesh_cli.parser import GENERAL, Exit, GroupedParser, Parser, code_of, table_of_exits
 
 EXAMPLES = """\
 examples:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_cli.compiling import announce_compiling
+from equimesh_cli.report import announce_compiling
 
 COMMAND = [sys.executable, "-m", "equimesh_cli"]
 

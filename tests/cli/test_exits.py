@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from equimesh_cli import main
-from equimesh_cli.exits import Exit, NotInstalled, Refused, code_of
+from equimesh_cli.parser import Exit, NotInstalled, Refused, code_of
 from equimesh_client import errors
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_cli import viewer
-from equimesh_cli.viewer import open_picture, told
+from equimesh_cli import report
+from equimesh_cli.report import open_picture, told
 
 
 @pytest.fixture
@@ -48,5 +48,5 @@ def test_the_viewer_gets_the_file_and_is_not_waited_for(picture: Path, monkeypat
 
 
 def test_a_program_that_cannot_run_is_no_viewer(picture: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(viewer, "_opener", lambda: [str(picture)])
+    monkeypatch.setattr(report, "_opener", lambda: [str(picture)])
     assert not open_picture(picture)

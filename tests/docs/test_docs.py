@@ -45,8 +45,8 @@ from equimesh.io.write import CELLS, FORMATS
 from equimesh.quality.measures import PER_CELL
 from equimesh.upload.samples import READERS
 from equimesh_cli.command import build_parser
-from equimesh_cli.exits import Exit
 from equimesh_cli.options.monitors import flag as flag_of
+from equimesh_cli.parser import Exit
 from equimesh_client import Client
 from equimesh_client.spec.request import DEFAULTS
 from equimesh_cluster.part_files.formats import PARTED_FORMATS

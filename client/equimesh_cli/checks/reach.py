@@ -38,7 +38,7 @@ def port(settings: Settings) -> Finding:
 
 def exposure(settings: Settings) -> Finding:
     """Whether others can use the service without a key."""
-    from equimesh_cli.checks.storage import has_tables, open_inspection
+    from equimesh_cli.checks.installation import has_tables, open_inspection
     from equimesh_service.upkeep.exposure import is_loopback
 
     if is_loopback(settings.host):

@@ -5,11 +5,10 @@ import importlib.util
 import json
 from typing import Any
 
-from equimesh_cli.exits import Exit
 from equimesh_cli.options.mesh import parameter
 from equimesh_cli.options.monitors import domain, domain_file
 from equimesh_cli.options.service import DEFAULT_URL, add_url
-from equimesh_cli.parser import add_command
+from equimesh_cli.parser import Exit, add_command
 
 EXAMPLES = """\
 examples:

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from equimesh_cli.exits import Exit
-from equimesh_cli.parser import Parser, add_command
+from equimesh_cli.parser import Exit, Parser, add_command
 
 SHELLS = ("bash", "zsh", "tcsh")
 # Options whose values are names of folders, and those that have names of files without being of that type.

@@ -12,9 +12,8 @@ from dataclasses import asdict, dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import Exit, NotInstalled
 from equimesh_cli.options.service import add_settings, explicit_settings, merged_settings
-from equimesh_cli.parser import add_command
+from equimesh_cli.parser import Exit, NotInstalled, add_command
 
 if TYPE_CHECKING:
     from equimesh_service.settings import Settings

@@ -5,9 +5,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.service import add_database_options, database_settings, refusing_database_errors
-from equimesh_cli.parser import add_action, add_command
+from equimesh_cli.parser import Exit, Refused, add_action, add_command
 
 EXAMPLES = """\
 examples:

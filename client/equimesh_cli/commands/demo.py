@@ -11,9 +11,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import Exit, NotInstalled, Refused
 from equimesh_cli.options.service import start_error
-from equimesh_cli.parser import add_command
+from equimesh_cli.parser import Exit, NotInstalled, Refused, add_command
 
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh

@@ -8,11 +8,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.checks import installation, reach, storage
+from equimesh_cli.checks import installation, reach
 from equimesh_cli.checks.installation import Finding, Level, failed
-from equimesh_cli.exits import Exit, NotInstalled, Refused
 from equimesh_cli.options.service import add_settings, add_url, cause, explicit_settings, merged_settings
-from equimesh_cli.parser import add_command
+from equimesh_cli.parser import Exit, NotInstalled, Refused, add_command
 
 if TYPE_CHECKING:
     from equimesh_client import Client
@@ -43,11 +42,11 @@ HERE: dict[str, Callable[[Settings], Finding | None]] = {
     "solve": installation.solve,
     "processors": installation.processors,
     "memory": installation.memory,
-    "folder": storage.folder,
-    "disk": storage.disk,
-    "database": storage.database,
-    "clock": storage.clock,
-    "files": storage.files,
+    "folder": installation.folder,
+    "disk": installation.disk,
+    "database": installation.database,
+    "clock": installation.clock,
+    "files": installation.files,
     "cluster": reach.cluster,
     "port": reach.port,
     "exposure": reach.exposure,
@@ -103,7 +102,7 @@ def _here(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
     except ImportError as error:
         raise NotInstalled("service", error) from error
     settings = merged_settings(explicit_settings(options))
-    checks = {**HERE, **({"stored": storage.stored_files} if options.stored else {})}
+    checks = {**HERE, **({"stored": installation.stored_files} if options.stored else {})}
     for name, check in checks.items():
         finding = _try_check(check, settings)
         if finding is not None:

@@ -7,7 +7,6 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.mesh import (
     MESH_SUFFIXES,
     PART_SUFFIXES,
@@ -21,8 +20,8 @@ from equimesh_cli.options.mesh import (
 )
 from equimesh_cli.options.monitors import monitor_of, number_or
 from equimesh_cli.options.service import DEFAULT_URL, add_url
-from equimesh_cli.parser import add_command
-from equimesh_cli.viewer import told
+from equimesh_cli.parser import Exit, Refused, add_command
+from equimesh_cli.report import told
 
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh

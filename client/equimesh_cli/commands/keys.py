@@ -9,9 +9,8 @@ from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.service import add_database_options, database_settings, refusing_database_errors
-from equimesh_cli.parser import add_action, add_command
+from equimesh_cli.parser import Exit, Refused, add_action, add_command
 
 if TYPE_CHECKING:
     from equimesh_service.store.key_secrets import KeyRow

@@ -6,9 +6,8 @@ import sys
 import threading
 from typing import Any
 
-from equimesh_cli.exits import Exit, NotInstalled, Refused
 from equimesh_cli.options.service import add_settings, explicit_settings, merged_settings, start_error
-from equimesh_cli.parser import add_command
+from equimesh_cli.parser import Exit, NotInstalled, Refused, add_command
 
 EXAMPLES = """\
 Every option is also an environment variable: --data-dir is EQUIMESH_DATA_DIR. The option wins.

@@ -9,11 +9,9 @@ import sys
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.compiling import announce_compiling, load_solver
-from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.mesh import Picture, add_mesh_options, check_options, picture_of, points_of
-from equimesh_cli.parser import add_command
-from equimesh_cli.viewer import told
+from equimesh_cli.parser import Exit, Refused, add_command
+from equimesh_cli.report import announce_compiling, load_solver, told
 
 if TYPE_CHECKING:
     from typing import TypeAlias

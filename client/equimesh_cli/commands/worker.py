@@ -3,9 +3,8 @@
 import argparse
 from typing import Any
 
-from equimesh_cli.exits import Exit, NotInstalled, Refused
 from equimesh_cli.options.service import merged_settings
-from equimesh_cli.parser import add_command
+from equimesh_cli.parser import Exit, NotInstalled, Refused, add_command
 
 EXAMPLES = """\
 Every option is also an environment variable, as of `equimesh serve`: --workers is EQUIMESH_WORKERS.

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 
-from equimesh_cli.exits import Refused
 from equimesh_cli.options.monitors import (
     add_field,
     add_monitor_options,
@@ -20,6 +19,7 @@ from equimesh_cli.options.monitors import (
     foreign_to,
     given_of,
 )
+from equimesh_cli.parser import Refused
 from equimesh_schema.document import types_of
 from equimesh_schema.mesh import Grid, MeshSpec, Target
 from equimesh_schema.schwarz import TRANSMISSIONS, Schwarz

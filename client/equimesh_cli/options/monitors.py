@@ -9,7 +9,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from equimesh_cli.exits import Refused
+from equimesh_cli.parser import Refused
 from equimesh_schema.document import docs_of, types_of
 from equimesh_schema.domains import AnnulusSector, MeshFile, Rectangle
 from equimesh_schema.monitors import MONITORS, REQUIRED_FUNCTIONS, AnyMonitor, Intersection

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from equimesh import Blocks, Domain, Expression, ExpressionError, specs
-from equimesh_cli.exits import Refused
 from equimesh_cli.options.mesh import points_of, schwarz_of, target_of
 from equimesh_cli.options.monitors import monitor_of
+from equimesh_cli.parser import Refused
 from equimesh_client.errors import caret
 from equimesh_client.spec.domains import domain_json
 from equimesh_client.spec.request import MeshOptions, mesh_spec, monitor_json

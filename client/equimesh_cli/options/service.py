@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
-from equimesh_cli.exits import Exit, NotInstalled, Refused
-from equimesh_cli.parser import Parser
+from equimesh_cli.parser import Exit, NotInstalled, Parser, Refused
 
 if TYPE_CHECKING:
     from equimesh_service.settings import Settings

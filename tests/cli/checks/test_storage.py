@@ -14,7 +14,7 @@ import pytest
 from sqlalchemy import create_engine, insert, text
 
 from cli.conftest import look
-from equimesh_cli.checks import storage
+from equimesh_cli.checks import installation
 from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
 from equimesh_service.store.migration import upgrade
@@ -34,32 +34,32 @@ def test_a_network_file_system(here: Settings, tmp_path: Path, monkeypatch: pyte
     mounts.write_text(
         f"22 1 8:1 / / rw - ext4 /dev/sda1 rw\n23 22 0:44 / {tmp_path} rw shared:1 - nfs4 server:/export rw\n"
     )
-    monkeypatch.setattr(storage, "MOUNTS", mounts)
-    assert look(storage.folder, here).level is FAILED
+    monkeypatch.setattr(installation, "MOUNTS", mounts)
+    assert look(installation.folder, here).level is FAILED
     assert (
         look(
-            storage.folder,
+            installation.folder,
             here.model_copy(update={"database_url": Settings(database_url="postgresql://h/n").database_url}),
         ).level
         is OK
     )
     mounts.write_text(mounts.read_text().replace("nfs4", "xfs"))
-    assert look(storage.folder, here).level is OK
+    assert look(installation.folder, here).level is OK
 
 
 @pytest.mark.parametrize(("free", "level"), [(10**7, FAILED), (10**9, WARNING), (10**11, OK)])
 def test_a_full_disk(free: int, level: Level, here: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
-    assert look(storage.disk, here).level is level
+    assert look(installation.disk, here).level is level
 
 
 def test_a_read_only_folder(made: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(**_: object) -> None:
         raise OSError(errno.EROFS, "Read-only file system")
 
-    assert look(storage.files, made).level is OK
+    assert look(installation.files, made).level is OK
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
-    for check in (storage.folder, storage.files):
+    for check in (installation.folder, installation.files):
         found = look(check, made)
         assert found.level is FAILED
         assert "Read-only file system" in found.message
@@ -68,16 +68,16 @@ def test_a_read_only_folder(made: Settings, monkeypatch: pytest.MonkeyPatch) -> 
 def test_revisions_of_a_database(database_url: str, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, database_url=database_url)
     engine = create_engine(database_url)
-    assert look(storage.database, settings).level is OK
-    assert storage.clock(settings) is None
+    assert look(installation.database, settings).level is OK
+    assert installation.clock(settings) is None
     FIRST.create_all(engine)
-    found = look(storage.database, settings)
+    found = look(installation.database, settings)
     assert (found.level, "revision 0001" in found.message) == (WARNING, True)
     upgrade(database_url)
-    assert look(storage.database, settings).level is OK
+    assert look(installation.database, settings).level is OK
     with engine.begin() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
-    found = look(storage.database, settings)
+    found = look(installation.database, settings)
     assert (found.level, "newer release" in found.message) == (FAILED, True)
     engine.dispose()
 
@@ -87,7 +87,7 @@ def test_a_damaged_database(made: Settings) -> None:
     content = bytearray(file.read_bytes())
     content[-2 * 4096 :] = b"\x07" * 2 * 4096
     file.write_bytes(content)
-    assert look(storage.database, made).level is FAILED
+    assert look(installation.database, made).level is FAILED
 
 
 def test_a_database_that_does_not_answer() -> None:
@@ -95,7 +95,7 @@ def test_a_database_that_does_not_answer() -> None:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
         settings = Settings(database_url=f"postgresql://ada:hidden@127.0.0.1:{port}/meshes")
-        for check in (storage.database, storage.clock):
+        for check in (installation.database, installation.clock):
             found = look(check, settings)
             assert found.level is FAILED
             assert "does not answer" in found.message
@@ -111,12 +111,12 @@ def test_clocks_that_differ(
         row = {**MESH, "id": "m", "status": "queued", "created_at": time.time() + seconds}
         connection.execute(insert(meshes).values(row))
     engine.dispose()
-    assert look(storage.clock, made).level is level
+    assert look(installation.clock, made).level is level
     with postgres.database() as url:
         upgrade(url)
         now = time.time
         monkeypatch.setattr(time, "time", lambda: now() + seconds)
-        assert look(storage.clock, Settings(database_url=url)).level is level
+        assert look(installation.clock, Settings(database_url=url)).level is level
 
 
 def test_files_in_s3(tmp_path: Path) -> None:
@@ -125,11 +125,11 @@ def test_files_in_s3(tmp_path: Path) -> None:
         bucket = server.bucket("meshes")
         given = {"s3_endpoint": server.endpoint, "s3_access_key": ACCESS_KEY, "s3_secret_key": SECRET_KEY}
         settings = Settings(data_dir=tmp_path / "data", files_url="s3://meshes", **given)  # type: ignore[arg-type]
-        assert look(storage.files, settings).level is OK
+        assert look(installation.files, settings).level is OK
         assert not list(bucket.rglob("*"))
         other = settings.model_copy(update={"files_url": "s3://others"})
-        assert look(storage.files, other).level is FAILED
-    assert look(storage.files, settings.model_copy(update={"files_url": "ftp://h"})).level is FAILED
+        assert look(installation.files, other).level is FAILED
+    assert look(installation.files, settings.model_copy(update={"files_url": "ftp://h"})).level is FAILED
     assert not (tmp_path / "data").exists()
 
 
@@ -140,9 +140,9 @@ def test_files_that_the_database_names_and_are_lost(made: Settings) -> None:
     with engine.begin() as connection:
         connection.execute(insert(samples).values(row))
     engine.dispose()
-    assert look(storage.stored_files, made).level is FAILED
+    assert look(installation.stored_files, made).level is FAILED
     kept.parent.mkdir(parents=True)
     kept.write_bytes(b"12345")
-    assert look(storage.stored_files, made).level is OK
+    assert look(installation.stored_files, made).level is OK
     kept.write_bytes(b"123")
-    assert "1 are damaged" in look(storage.stored_files, made).message
+    assert "1 are damaged" in look(installation.stored_files, made).message

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from equimesh_cli import main
-from equimesh_cli.exits import Exit
+from equimesh_cli.parser import Exit
 
 
 def test_the_demo(tmp_path: Path) -> None:

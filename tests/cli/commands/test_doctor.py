@@ -8,7 +8,7 @@ import socket
 import pytest
 
 from equimesh_cli import main
-from equimesh_cli.checks import reach, storage
+from equimesh_cli.checks import installation, reach
 from equimesh_cli.commands import doctor
 from equimesh_client import Client
 from equimesh_service import Settings
@@ -36,7 +36,7 @@ def test_all_is_well_here_and_nothing_is_left_behind(
 def test_what_fails_is_said_with_a_remedy(
     here: Settings, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(doctor, "HERE", {"folder": storage.folder, "exposure": reach.exposure})
+    monkeypatch.setattr(doctor, "HERE", {"folder": installation.folder, "exposure": reach.exposure})
     here.data_dir.write_text("a file")
     words = ["doctor", "--data-dir", str(here.data_dir), "--host", "0.0.0.0", "--allow-anonymous", "true"]
     assert main(words) == 1

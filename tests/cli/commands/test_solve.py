@@ -182,7 +182,7 @@ def test_open_draws_the_pair_or_what_is_requested(
 ) -> None:
     pytest.importorskip("matplotlib")
     seen: list[Path] = []
-    monkeypatch.setattr("equimesh_cli.viewer.open_picture", lambda path: seen.append(path) is None)
+    monkeypatch.setattr("equimesh_cli.report.open_picture", lambda path: seen.append(path) is None)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert main(["solve", "x*y", "-n", "5", "--monitor", "arc-length", "--open"]) == 0
     said = capsys.readouterr()

@@ -7,9 +7,8 @@ import sqlite3
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.service import add_database_options, database_settings, refusing_database_errors
-from equimesh_cli.parser import Parser
+from equimesh_cli.parser import Exit, Parser, Refused
 
 pytestmark = pytest.mark.usefixtures("no_variables")
 

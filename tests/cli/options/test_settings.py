@@ -6,9 +6,8 @@ import errno
 
 import pytest
 
-from equimesh_cli.exits import Refused
 from equimesh_cli.options.service import add_settings, explicit_settings, merged_settings, start_error
-from equimesh_cli.parser import Parser
+from equimesh_cli.parser import Parser, Refused
 
 pytestmark = pytest.mark.usefixtures("no_variables")
 

@@ -11,7 +11,7 @@ import pytest
 
 from cli.conftest import look
 from equimesh_cli import main
-from equimesh_cli.checks import storage
+from equimesh_cli.checks import installation
 from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
 from equimesh_service.files.privacy import make_folder
@@ -64,10 +64,10 @@ def test_doctor_warns_of_a_database_that_others_can_read(tmp_path: Path) -> None
     folder = tmp_path / "data"
     assert main(["database", "upgrade", "--data-dir", str(folder)]) == 0
     settings = Settings(data_dir=folder)
-    assert look(storage.folder, settings).level is Level.OK
+    assert look(installation.folder, settings).level is Level.OK
     (folder / "equimesh.sqlite3").chmod(0o644)
-    assert look(storage.folder, settings).level is Level.OK  # the folder keeps others out
+    assert look(installation.folder, settings).level is Level.OK  # the folder keeps others out
     folder.chmod(0o755)
-    finding = look(storage.folder, settings)
+    finding = look(installation.folder, settings)
     assert finding.level is Level.WARNING
     assert f"chmod -R go= {folder}" in finding.remedy
