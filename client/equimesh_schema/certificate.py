@@ -219,8 +219,8 @@ class Certificate(Answer):
         l2, h1 = self.interpolation_gain.l2, self.interpolation_gain.h1
         if not (math.isfinite(l2) and l2 > 0.0):
             return "The mesh is finished. How much smaller the error of interpolation is, is not known."
-        (here, word), there = _compared(l2), "uniform" if self.compared_with == "uniform" else "initial"
-        of_gradient = f"; that of its gradient is {_compared(h1)[0]}" if math.isfinite(h1) and h1 > 0.0 else ""
+        (here, word), there = compared(l2), "uniform" if self.compared_with == "uniform" else "initial"
+        of_gradient = f"; that of its gradient is {compared(h1)[0]}" if math.isfinite(h1) and h1 > 0.0 else ""
         return f"The error of interpolating u is {here} {word} on the {there} mesh{of_gradient}."
 
     @property
@@ -267,15 +267,15 @@ def _short(value: float | None) -> str:
     """A number in two digits."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
-    return f"{value:.0f}" if 100 <= abs(value) < 1e5 else f"{value:.2g}"
+    return f"{value:.0f}" if 99.5 <= abs(value) < 1e5 else f"{value:.2g}"
 
 
 def _error(value: float | None) -> str:
     return "exact" if value == 0.0 else _short(value)
 
 
-def _compared(gain: float) -> tuple[str, str]:
-    """An error next to one that is ``gain`` times as large, and the word that leads to it."""
+def compared(gain: float) -> tuple[str, str]:
+    """An error next to one that is ``gain`` times as large, and the word that leads to it: ``as`` for the same."""
     if abs(gain - 1.0) < MIN_DIFFERENCE:
         return "the same", "as"
     ratio, word = (gain, "smaller") if gain > 1.0 else (1.0 / gain, "larger")

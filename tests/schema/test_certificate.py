@@ -30,6 +30,10 @@ def test_the_gains_of_blocks_refer_to_the_initial_mesh() -> None:
         ({"l2": 0.5, "h1": 1.001}, "is 2 times larger than on the uniform mesh; that of its gradient is the same."),
         ({"l2": 0.96, "h1": 1.0}, "is 4.2 % larger than on the uniform mesh; that of its gradient is the same."),
         ({"l2": 1.0, "h1": 2.0}, "is the same as on the uniform mesh; that of its gradient is 2 times smaller."),
+        (
+            {"l2": 99.6, "h1": 2.0},
+            "is 100 times smaller than on the uniform mesh; that of its gradient is 2 times smaller.",
+        ),
         ({"l2": None, "h1": 2.0}, "How much smaller the error of interpolation is, is not known."),
         (None, "There is no u, so no error of interpolation is measured."),
     ],

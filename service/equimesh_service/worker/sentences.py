@@ -4,11 +4,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Literal, TypedDict
 
 from equimesh_schema import Relaxed
+from equimesh_schema.certificate import compared
 
-# A mesh is called as good as the uniform one when the two errors differ by less than this share.
-MIN_DIFFERENCE = 0.005
-# Ratios up to this one are said in percent.
-MAX_PERCENT_RATIO = 1.1
 # The names of errors by their norms.
 ERRORS = {"l2": "The error", "h1": "The error of the gradient"}
 
@@ -58,20 +55,11 @@ def _about_gain(certificate: Mapping[str, Any], norm: str, before: str) -> Itera
     if not gain:
         return  # a warning or the failure says why it is not known
     one = "the initial" if before == "initial" else "a uniform"
-    if abs(gain - 1.0) < MIN_DIFFERENCE:
+    here, word = compared(gain)
+    if word == "as":
         yield {"tone": "note", "text": f"{ERRORS[norm]} is that of the {before} mesh."}
-    elif gain > 1.0:
-        yield {"tone": "good", "text": f"{ERRORS[norm]} is {_factor(gain, 'smaller')} than on {one} mesh."}
     else:
-        yield {"tone": "bad", "text": f"{ERRORS[norm]} is {_factor(1.0 / gain, 'larger')} than on {one} mesh."}
-
-
-def _factor(ratio: float, word: str) -> str:
-    """How much ``smaller`` or ``larger`` a number is than another one, ``ratio`` times or by some percent."""
-    if ratio < MAX_PERCENT_RATIO:
-        percent = 100.0 * (ratio - 1.0) if word == "larger" else 100.0 * (1.0 - 1.0 / ratio)
-        return f"{percent:.2g} % {word}"
-    return f"{ratio:.2g} times {word}" if ratio < 9.95 else f"{ratio:.0f} times {word}"
+        yield {"tone": "good" if gain > 1.0 else "bad", "text": f"{ERRORS[norm]} is {here} than on {one} mesh."}
 
 
 def _about_request(certificate: Mapping[str, Any]) -> Iterator[Sentence]:
