@@ -256,7 +256,7 @@ def test_a_stop_answers_everybody_and_hands_back_what_was_computed(tmp_path: Pat
         service.start()
         service.ready()
         with httpx.Client(base_url=service.url, timeout=60.0) as http:
-            spec = {**small(), "grid": {"n_xi": 300, "n_eta": 300}}
+            spec = {"monitor": {"kind": "weight", "rho": "1"}, "grid": {"n_xi": 300, "n_eta": 300}}
             made = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()["links"]["file"]
             big = f"{made}?format=su2"
             assert len(http.get(big).content) > 6_000_000  # more than the 4 MB that a connection buffers
