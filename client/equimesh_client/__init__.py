@@ -40,15 +40,14 @@ from equimesh_client.sequence import AsyncSequence, Sequence
 from equimesh_client.spec.domains import Blocks
 from equimesh_client.spec.fields import Field, Motion
 from equimesh_client.spec.sources import SampleFile, StoredSamples, Upload
-from equimesh_client.wire.arrays import MeshArrays
+from equimesh_client.wire.arrays import MeshArrays, Plot
 from equimesh_client.wire.part_downloads import PartArrays
-from equimesh_client.wire.pictures import Plot
-from equimesh_client.wire.retry import RetryPolicy
+from equimesh_client.wire.settings import RetryPolicy
 from equimesh_client.wire.steps import SequenceStep
 from equimesh_client.wire.stream import Event
 from equimesh_coupling.adaptation import Adaptation, AdaptRound
-from equimesh_coupling.cells import CellAverages, ErrorIndicator
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
+from equimesh_coupling.recovery import CellAverages, ErrorIndicator
 from equimesh_schema import (
     Aim,
     AnnulusSector,

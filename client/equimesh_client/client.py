@@ -19,14 +19,18 @@ from equimesh_client.spec.request import GenerateArguments, MeshOptions, complet
 from equimesh_client.spec.sources import StoredSamples, read_mesh_file
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve
-from equimesh_client.wire.arrays import MeshArrays
-from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
-from equimesh_client.wire.key import headers_with_key
-from equimesh_client.wire.outcome import raise_unless_succeeded
-from equimesh_client.wire.pages import Pages
-from equimesh_client.wire.retry import RetryPolicy, policy_of
-from equimesh_client.wire.session import Session
-from equimesh_client.wire.transport import Transport, base_url
+from equimesh_client.wire.arrays import MeshArrays, raise_unless_succeeded
+from equimesh_client.wire.protocol import Pages
+from equimesh_client.wire.settings import (
+    DEADLINE_SECONDS,
+    DEFAULT_URL,
+    Deadline,
+    RetryPolicy,
+    Settings,
+    headers_with_key,
+    policy_of,
+)
+from equimesh_client.wire.transport import Session, Transport, base_url
 from equimesh_coupling.adaptation import Adaptation
 from equimesh_schema.monitors import Norm
 

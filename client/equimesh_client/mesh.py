@@ -12,15 +12,12 @@ from equimesh_client.progress_bar import Watch
 from equimesh_client.records.measures import Array, Convergence, IntArray, Quality
 from equimesh_client.records.resources import MeshState, Parts
 from equimesh_client.wire import flows, part_downloads, protocol
-from equimesh_client.wire.archives import unpack_foam, unpack_xdmf
-from equimesh_client.wire.arrays import MeshArrays, arrays_of
-from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
-from equimesh_client.wire.downloads import PartFile
-from equimesh_client.wire.outcome import meshio_mesh, raise_unless_succeeded
+from equimesh_client.wire.arrays import MeshArrays, Plot, arrays_of, meshio_mesh, plot_format, raise_unless_succeeded
+from equimesh_client.wire.downloads import PartFile, unpack_foam, unpack_xdmf
 from equimesh_client.wire.part_downloads import DEFAULT_FORMAT, PartArrays
-from equimesh_client.wire.pictures import Plot, plot_format
-from equimesh_client.wire.session import Session
+from equimesh_client.wire.settings import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.stream import Event, StreamPosition
+from equimesh_client.wire.transport import Session
 from equimesh_coupling.parts import Cells, MeshParts
 
 M = TypeVar("M", bound="MeshOperations[Any]")

@@ -13,10 +13,10 @@ from equimesh_client.records.resources import SequenceRecord
 from equimesh_client.spec.fields import Field, Motion
 from equimesh_client.spec.request import GenerateArguments, MeshOptions, complete_options
 from equimesh_client.wire import protocol, steps
-from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
-from equimesh_client.wire.pages import SequencePages
-from equimesh_client.wire.session import Session
+from equimesh_client.wire.protocol import SequencePages
+from equimesh_client.wire.settings import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.steps import SequenceState, SequenceStep
+from equimesh_client.wire.transport import Session
 from equimesh_schema.monitors import AnyMonitor as Monitor
 
 S = TypeVar("S", bound="SequenceOperations[Any]")

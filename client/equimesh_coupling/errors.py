@@ -1,4 +1,4 @@
-"""The root of all exceptions of equimesh, and those of meshes that are coupled to other libraries.
+"""The errors of coupling, and the import of libraries when a mesh goes there, and never before.
 
 ::
 
@@ -8,6 +8,13 @@
         ├── OldLibrary        the library is older than what the adaptor needs (also an ImportError)
         └── BadValues         what a solver returned cannot be used on the mesh (also a ValueError)
 """
+
+from __future__ import annotations
+
+import importlib
+import re
+from importlib import metadata
+from typing import Any
 
 
 class EquimeshError(Exception):
@@ -28,3 +35,39 @@ class OldLibrary(CouplingError, ImportError):
 
 class BadValues(CouplingError, ValueError):
     """Values of a solver that cannot be used: another length, not finite, or cell averages in place of nodal ones."""
+
+
+def library(module: str, *, install: str, package: str = "", at_least: str = "") -> Any:
+    """The imported ``module`` of a library.
+
+    ``install`` is the command that installs it, ``package`` the name under which its version is known, ``at_least`` the
+    oldest version that has what the adaptor uses. Raises :class:`MissingLibrary` where the import fails, and
+    :class:`OldLibrary` for an older version.
+    """
+    try:
+        found = importlib.import_module(module)
+    except ImportError as error:
+        name = module.partition(".")[0]
+        missing = isinstance(error, ModuleNotFoundError) and (error.name or name).partition(".")[0] == name
+        fault = "is not installed" if missing else f"does not load ({error})"
+        raise MissingLibrary(f"this needs {package or name}, which {fault}: {install}", name=module) from error
+    version = _version(package or module)
+    if at_least and version and _numbers(version) < _numbers(at_least):
+        raise OldLibrary(
+            f"this needs {package or module} {at_least} or later, and {version} is installed: {install}", name=module
+        )
+    return found
+
+
+def _version(package: str) -> str:
+    """The installed version of a package; empty where its installer left none."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """The leading numbers of a version: (4, 0, 3) of 4.0.3rc1."""
+    found = re.match(r"\d+(?:\.\d+)*", version)
+    return tuple(map(int, found.group().split("."))) if found else ()

@@ -7,10 +7,9 @@ from typing import Any, Final
 
 from equimesh_coupling.adaptors import dmplex, dolfinx, fipy, mfem, ngsolve, pyvista, sfepy, skfem
 from equimesh_coupling.arrays import finite, real
-from equimesh_coupling.cells import CellAverages, ErrorIndicator, cell_counts, cell_values
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array, HasParts
-from equimesh_coupling.recovery import nodes_from_cells
+from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_counts, cell_values, nodes_from_cells
 
 __all__ = ["CellAverages", "ErrorIndicator", "cell_values", "is_field", "node_values"]
 

@@ -16,13 +16,12 @@ from equimesh.compiling import Line, announcing, is_live
 from equimesh.numerics.compiled import Compiled
 from equimesh_service.api.app import create_app
 from equimesh_service.errors import NotStartedError
-from equimesh_service.files.privacy import withhold_files
-from equimesh_service.opening import check_cluster, check_database, check_files, check_folder
-from equimesh_service.service import Service
+from equimesh_service.files.folder import withhold_files
+from equimesh_service.service import Service, check_cluster, check_database, check_files, check_folder
 from equimesh_service.settings import Settings, describe_unknown, find_unknown
 from equimesh_service.telemetry import logs
 from equimesh_service.upkeep.exposure import check_exposure
-from equimesh_service.wire.header_limit import MAX_HEAD_BYTES
+from equimesh_service.wire.headers import MAX_HEAD_BYTES
 
 _log = logging.getLogger(__name__)
 # Times between two looks at a service that starts, between two changes of its line, and between two lines of its log.

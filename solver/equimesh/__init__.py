@@ -76,8 +76,8 @@ from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.transfer import transfer
 from equimesh_coupling.adaptation import Adaptation, AdaptRound
-from equimesh_coupling.cells import CellAverages, ErrorIndicator
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
+from equimesh_coupling.recovery import CellAverages, ErrorIndicator
 from equimesh_schema import Aim, Candidate, Relaxed
 
 _compiling.watch()

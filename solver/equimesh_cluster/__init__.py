@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from equimesh_cluster.mesh_part import MeshPart, cut
 from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartData, PartedFormat
 from equimesh_cluster.part_files.parted_mesh import PartedMesh, read_parts, remove_parted, write_head, write_part
-from equimesh_coupling.libraries import library
+from equimesh_coupling.errors import library
 
 if TYPE_CHECKING:
     from equimesh_cluster.connection import connect

@@ -14,7 +14,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow, Rows
 from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array, IntArray
-from equimesh_coupling.cuts import quads_of
+from equimesh_coupling.parts import quads_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,7 +16,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, ConsoleMessage, Page
 
-from equimesh_service.api import site as site_routes
+from equimesh_service.api import pages as site_routes
 
 ROOT = Path(__file__).parents[2]
 # Pages of every kind; links to others lead nowhere in this part of the site.

@@ -14,7 +14,7 @@ from equimesh_cli import main
 from equimesh_cli.checks.installation import Finding
 from equimesh_cli.commands import doctor
 from equimesh_service import Settings
-from equimesh_service.store.migration import upgrade
+from equimesh_service.store.database import upgrade
 from service.conftest import database_url, document, finished, guarded_service, http, observed, postgres, settings, url
 from service.databases import ADDRESS, NEEDED
 

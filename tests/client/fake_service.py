@@ -18,7 +18,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
-from equimesh_client.wire.archives import FOAM_FILES
+from equimesh_client.wire.downloads import FOAM_FILES
 
 CERTIFICATE: dict[str, Any] = {
     "status": "relaxed",

@@ -21,8 +21,7 @@ from equimesh_client import (
     NotFound,
     Weight,
 )
-from equimesh_client.wire.session import Session
-from equimesh_client.wire.transport import BlockingTransport
+from equimesh_client.wire.transport import BlockingTransport, Session
 from equimesh_coupling import BadValues, ErrorIndicator
 from equimesh_service import Settings, running
 from service.conftest import until

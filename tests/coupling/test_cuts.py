@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh_coupling.cuts import CUTS, better_cuts, corner_cuts, quads_of, triangles_of
+from equimesh_coupling.parts import CUTS, better_cuts, corner_cuts, quads_of, triangles_of
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 

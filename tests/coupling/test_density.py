@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh_coupling.density import wanted_density
+from equimesh_coupling.adaptation import wanted_density
 
 AXES = np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * 2, indexing="ij")
 

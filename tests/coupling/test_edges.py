@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equimesh_coupling import MeshParts
-from equimesh_coupling.edges import edge_numbers, unique_edges
+from equimesh_coupling.recovery import edge_numbers, unique_edges
 
 
 def test_every_edge_is_there_once(parts: MeshParts) -> None:

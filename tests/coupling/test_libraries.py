@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from equimesh_coupling import MissingLibrary, OldLibrary
-from equimesh_coupling.libraries import library
+from equimesh_coupling.errors import library
 
 
 def test_a_library_is_imported() -> None:

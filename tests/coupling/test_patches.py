@@ -8,7 +8,7 @@ import pytest
 from block_cases import in_blocks, l_shape
 from coupling.conftest import bent
 from equimesh_coupling import BadValues, CellAverages, MeshParts, node_values
-from equimesh_coupling.patches import cells_near_nodes
+from equimesh_coupling.recovery import cells_near_nodes
 
 
 def near(cells: np.ndarray, count: int) -> dict[int, set[int]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_coupling.rounds import RoundNumbers, judge
+from equimesh_coupling.adaptation import RoundNumbers, judge
 
 
 def history(*estimates: float, unresolved: float | None = 0.05, moved: float = 0.0) -> list[RoundNumbers]:

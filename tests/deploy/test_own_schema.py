@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import create_engine, make_url, text
 from sqlalchemy.exc import DBAPIError
 
-from equimesh_service.store.migration import LATEST, current, upgrade
+from equimesh_service.store.database import LATEST, current, upgrade
 from programs import postgresql_program
 from service.databases import Postgres, postgres_server
 

@@ -29,8 +29,7 @@ from hypothesis import strategies as st
 from equimesh.errors import InputError
 from equimesh.upload.columns import Limits
 from equimesh.upload.samples import READERS
-from equimesh_service.assembly.domain_mesh import convert_mesh
-from equimesh_service.assembly.samples import convert
+from equimesh_service.assembly.samples import convert, convert_mesh
 from fuzz.good_meshes import MESH_PARTS, good_meshes
 from solver.upload.files import CLOUD, CLOUD_U, TABLE, X, Y, csv, npy, npz
 from solver.upload.markup import VTK_HEAD, vtu

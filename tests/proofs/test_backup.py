@@ -20,7 +20,7 @@ from sqlalchemy import create_engine, insert, make_url, text
 
 from equimesh_cli import main
 from equimesh_service import Settings, running
-from equimesh_service.store.migration import LATEST, current, upgrade
+from equimesh_service.store.database import LATEST, current, upgrade
 from equimesh_service.store.schema import samples
 from programs import postgresql_program
 from service.conftest import small

@@ -23,11 +23,11 @@ from pebble.pool.channel import WorkerChannel
 
 from equimesh_service import Settings, running
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
-from equimesh_service.engine import pool_watch
+from equimesh_service.engine import pebble
 from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import FolderInUseError, TimeLimitError, WorkerLostError
-from equimesh_service.opening import PRELOAD, open_service
+from equimesh_service.service import PRELOAD, open_service
 from equimesh_service.store.rows import Claim, NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import SLOW, small, until
@@ -368,7 +368,7 @@ def leave() -> None:
 def test_a_worker_that_dies_at_the_worst_moment_does_not_stop_the_others(
     function: Any, arguments: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pool_watch, "MAX_SILENT_SECONDS", 2.0)
+    monkeypatch.setattr(pebble, "MAX_SILENT_SECONDS", 2.0)
     engine = PebbleEngine(2, preload=PRELOAD)
     try:
         assert engine.wait_until_ready(60.0)
@@ -396,7 +396,7 @@ class Unreadable:
 
 
 def test_a_task_that_no_worker_can_read_is_lost_and_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool_watch, "MAX_SILENT_SECONDS", 2.0)
+    monkeypatch.setattr(pebble, "MAX_SILENT_SECONDS", 2.0)
     engine = PebbleEngine(2, preload=PRELOAD)
     try:
         assert engine.wait_until_ready(60.0)

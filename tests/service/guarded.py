@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 
 from equimesh_service import Settings, running
-from equimesh_service.store.key_secrets import KeyRow
+from equimesh_service.store.keys import KeyRow
 from equimesh_service.store.store import Store
 
 

@@ -14,9 +14,8 @@ from equimesh_service.files.address import files_address
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.store.rows import Artifact, Lease, NewMesh, Outcome
 from equimesh_service.store.store import Store
-from equimesh_service.worker.names import head_name, part_name
-from equimesh_service.worker.part_files import PartsLayout, write_head_file, write_part_file
-from equimesh_service.worker.part_formats import WRITTEN
+from equimesh_service.worker.in_parts import WRITTEN, PartsLayout, write_head_file, write_part_file
+from equimesh_service.worker.job import head_name, part_artifact
 
 SHAPE = (17, 9)
 CUTS = (6, 12)
@@ -52,7 +51,7 @@ def store_in_parts(settings: Settings, key_id: str = "") -> str:
             write_part_file(path, part, {"u": u_of}, WRITTEN)
             file = files.seal(path)
             files.publish(path, file, lambda _: False)
-        artifacts.append(Artifact(part_name(WRITTEN, part.number), file.sha256, file.size))
+        artifacts.append(Artifact(part_artifact(WRITTEN, part.number), file.sha256, file.size))
     with files.unfinished(".pvtu") as path:
         write_head_file(path, layout, WRITTEN)
         file = files.seal(path)

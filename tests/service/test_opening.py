@@ -6,23 +6,23 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_service import Settings, opening
+from equimesh_service import Settings, service
 from equimesh_service.errors import ClusterMissingError
-from equimesh_service.opening import check_cluster, pool_settings
+from equimesh_service.service import check_cluster, pool_settings
 from equimesh_service.worker.job import Storage
 
 
 def test_a_cluster_without_dask_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with_cluster = Settings(engine="dask", scheduler="tcp://host:8786", data_dir=tmp_path)
     check_cluster(with_cluster)
-    monkeypatch.setattr(opening, "find_spec", lambda _: None)
+    monkeypatch.setattr(service, "find_spec", lambda _: None)
     check_cluster(Settings(data_dir=tmp_path))
     with pytest.raises(ClusterMissingError, match=r"pip install 'equimesh\[dask\]'"):
         check_cluster(with_cluster)
 
 
 def test_services_with_the_same_limits_share_the_pools_of_workers(tmp_path: Path) -> None:
-    address = opening.files_address(Settings(data_dir=tmp_path))
+    address = service.files_address(Settings(data_dir=tmp_path))
     (tmp_path / "files").mkdir()
     storage = Storage(f"sqlite:///{tmp_path / 'a.sqlite3'}", address)
 
@@ -35,7 +35,7 @@ def test_services_with_the_same_limits_share_the_pools_of_workers(tmp_path: Path
 
 def test_workers_warm_up_unless_the_settings_say_otherwise(tmp_path: Path) -> None:
     (tmp_path / "files").mkdir()
-    storage = Storage(f"sqlite:///{tmp_path / 'a.sqlite3'}", opening.files_address(Settings(data_dir=tmp_path)))
+    storage = Storage(f"sqlite:///{tmp_path / 'a.sqlite3'}", service.files_address(Settings(data_dir=tmp_path)))
     warm, cold = (pool_settings(Settings(warm_up=how), storage) for how in ("all", "none"))
     assert warm.warm_up is not None
     assert cold.warm_up is None

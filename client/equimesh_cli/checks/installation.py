@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
     from equimesh_service.settings import Settings
-    from equimesh_service.store.inspection import InspectionStore
+    from equimesh_service.store.database import InspectionStore
 
 
 # The result of one check of an installation.
@@ -316,8 +316,7 @@ def disk(settings: Settings) -> Finding:
 
 def database(settings: Settings) -> Finding:
     """Whether the database answers and is undamaged, and its revision."""
-    from equimesh_service.store.database import sqlite_file
-    from equimesh_service.store.migration import LATEST, current
+    from equimesh_service.store.database import LATEST, current, sqlite_file
 
     file = sqlite_file(settings.database)
     if file is not None and not file.exists():
@@ -342,7 +341,7 @@ def clock(settings: Settings) -> Finding | None:
     """Whether this machine's clock agrees with the database; None where there is nothing to compare with."""
     if not has_tables(settings):
         return None
-    from equimesh_service.store.clock import describe_skew
+    from equimesh_service.store.database import describe_skew
 
     with open_inspection(settings) as inspection:
         ahead = inspection.clock_skew()
@@ -410,8 +409,7 @@ def file_system(path: Path) -> str:
 
 def has_tables(settings: Settings) -> bool:
     """Whether the database exists, with the tables of this release."""
-    from equimesh_service.store.database import sqlite_file
-    from equimesh_service.store.migration import LATEST, current
+    from equimesh_service.store.database import LATEST, current, sqlite_file
 
     file = sqlite_file(settings.database)
     return (file is None or file.exists()) and current(settings.database) == LATEST
@@ -420,8 +418,7 @@ def has_tables(settings: Settings) -> bool:
 @contextmanager
 def open_inspection(settings: Settings) -> Iterator[InspectionStore]:
     """The database, open for reading."""
-    from equimesh_service.store.database import Database
-    from equimesh_service.store.inspection import InspectionStore
+    from equimesh_service.store.database import Database, InspectionStore
 
     database = Database(settings.database, durable=False)
     try:

@@ -11,7 +11,7 @@ from equimesh_cli.checks.installation import Finding, failed, ok, warning
 
 if TYPE_CHECKING:
     from equimesh_client import Client
-    from equimesh_service.engine.packed_call import PackedCall
+    from equimesh_service.engine.port import PackedCall
     from equimesh_service.settings import Settings
 
 
@@ -178,7 +178,7 @@ def is_open(address: str) -> bool:
 
 def _check_of(settings: Settings) -> PackedCall | None:
     """The check of what workers reach; None before the first start, when there is nothing to reach."""
-    from equimesh_service.engine.packed_call import PackedCall
+    from equimesh_service.engine.port import PackedCall
     from equimesh_service.files.address import files_address
     from equimesh_service.worker.job import Storage
     from equimesh_service.worker.reach import Reach

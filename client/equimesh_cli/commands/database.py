@@ -49,8 +49,7 @@ def add_parser(commands: Any) -> None:
 
 def _current(options: argparse.Namespace) -> int:
     settings = database_settings(options)
-    from equimesh_service.store.database import sqlite_file
-    from equimesh_service.store.migration import LATEST, current
+    from equimesh_service.store.database import LATEST, current, sqlite_file
 
     file = sqlite_file(settings.database)
     with refusing_database_errors():
@@ -66,9 +65,8 @@ def _current(options: argparse.Namespace) -> int:
 
 def _upgrade(options: argparse.Namespace) -> int:
     settings = database_settings(options)
-    from equimesh_service.files.privacy import make_folder, withhold_files
-    from equimesh_service.store.database import sqlite_file
-    from equimesh_service.store.migration import upgrade
+    from equimesh_service.files.folder import make_folder, withhold_files
+    from equimesh_service.store.database import sqlite_file, upgrade
 
     withhold_files()
     file = sqlite_file(settings.database)
@@ -82,8 +80,8 @@ def _upgrade(options: argparse.Namespace) -> int:
 
 def _backup(options: argparse.Namespace) -> int:
     settings = database_settings(options)
-    from equimesh_service.files.privacy import withhold_files
-    from equimesh_service.store.inspection import back_up
+    from equimesh_service.files.folder import withhold_files
+    from equimesh_service.store.database import back_up
 
     withhold_files()
     try:

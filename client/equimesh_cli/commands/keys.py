@@ -13,8 +13,7 @@ from equimesh_cli.options.service import add_database_options, database_settings
 from equimesh_cli.parser import Exit, Refused, add_action, add_command
 
 if TYPE_CHECKING:
-    from equimesh_service.store.key_secrets import KeyRow
-    from equimesh_service.store.keys import KeyStore
+    from equimesh_service.store.keys import KeyRow, KeyStore
 
 SCOPES = ("read", "write", "admin")
 _SHARE_HELP = "meshes that this key starts while a key of share 1 starts one, if both have meshes waiting"
@@ -146,7 +145,7 @@ def _refusing_values() -> Iterator[None]:
 def _open_keys(options: argparse.Namespace, *, create: bool = False) -> Iterator[KeyStore]:
     """The keys in the database that the options name; a missing database is created only with ``create``."""
     settings = database_settings(options)
-    from equimesh_service.files.privacy import make_folder, withhold_files
+    from equimesh_service.files.folder import make_folder, withhold_files
     from equimesh_service.store.store import Store
 
     withhold_files()

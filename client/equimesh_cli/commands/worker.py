@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
         if (value := getattr(options, f"setting_{name}")) is not None
     }
     try:
-        from equimesh_service.files.privacy import withhold_files
+        from equimesh_service.files.folder import withhold_files
         from equimesh_service.telemetry import logs
     except ImportError as error:
         raise NotInstalled("service", error) from error

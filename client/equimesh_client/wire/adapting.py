@@ -13,10 +13,9 @@ from equimesh_client.records.measures import Array
 from equimesh_client.spec.domains import Domain, has_own_points
 from equimesh_client.spec.request import DEFAULT_POINTS, DEFAULTS, GenerateArguments, MeshOptions
 from equimesh_client.wire.arrays import MeshArrays
-from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on
-from equimesh_coupling.cells import ErrorIndicator, cell_values
-from equimesh_coupling.density import wanted_density
+from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
 from equimesh_coupling.errors import BadValues
+from equimesh_coupling.recovery import ErrorIndicator, cell_values
 from equimesh_coupling.values import node_values
 from equimesh_schema import Certificate
 from equimesh_schema.monitors import LeastError, NodalSolution, Norm, Weight

@@ -26,10 +26,9 @@ from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, box_around, doma
 from equimesh_client.spec.request import UPLOAD, GenerateArguments, MeshRequest
 from equimesh_client.spec.sources import needs_box, read_mesh_file, upload_of
 from equimesh_client.wire import protocol
-from equimesh_client.wire.deadline import Deadline, Settings
 from equimesh_client.wire.downloads import Download, PartFile
 from equimesh_client.wire.protocol import Call, Reply
-from equimesh_client.wire.retry import RETRIED, pause_before_retry, retry_after_of
+from equimesh_client.wire.settings import RETRIED, Deadline, Settings, pause_before_retry, retry_after_of
 from equimesh_client.wire.stream import StreamPosition
 from equimesh_schema.domains import MeshFile
 

@@ -17,11 +17,10 @@ from equimesh_client.spec.fields import Motion, motion_json, number_array, read_
 from equimesh_client.spec.request import GenerateArguments, Later, monitor_json
 from equimesh_client.spec.sources import StoredSamples, source_of
 from equimesh_client.wire import flows, protocol
-from equimesh_client.wire.arrays import MeshArrays, arrays_of
-from equimesh_client.wire.deadline import Deadline, Settings
+from equimesh_client.wire.arrays import MeshArrays, arrays_of, raise_unless_succeeded
 from equimesh_client.wire.flows import LONG_POLL_SECONDS, Flow, hold_seconds
-from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.protocol import Call, Reply
+from equimesh_client.wire.settings import Deadline, Settings
 from equimesh_coupling.values import is_field
 from equimesh_schema import Certificate
 from equimesh_schema.monitors import AnyMonitor as Monitor

@@ -1,23 +1,114 @@
-"""The only module that knows httpx: sends one request, once, and turns its failures into values.
+"""The transports of both clients, which alone know httpx, and the session that executes flows on one of them.
 
 A timeout of httpx starts again with every byte. A request is kept within its deadline by `asyncio.timeout` here, and
-for the blocking client by the connections of `punctual`.
+for the blocking client by connections of its own (:class:`Punctual`).
 """
+
+from __future__ import annotations
 
 import asyncio
 import ipaddress
+import ssl
+import threading
 import time
-from collections.abc import AsyncIterator, Mapping
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from typing import Any, Protocol
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from typing import Any, Protocol, TypeAlias, TypeVar
 
+import httpcore
 import httpx
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.wire.deadline import Deadline
-from equimesh_client.wire.flows import Disconnected, Send
+from equimesh_client.wire import flows, protocol
+from equimesh_client.wire.flows import Disconnected, Flow, Outcome, Pause, Report, Send
 from equimesh_client.wire.protocol import Call, Reply
-from equimesh_client.wire.punctual import Punctual
+from equimesh_client.wire.settings import Deadline, Settings
+from equimesh_client.wire.stream import Event, StreamPosition
+
+WRITE_BYTES = 65_536
+"""Size of one write. A larger one could last beyond the deadline with a slow reader."""
+
+
+class Punctual:
+    """The deadline of the current request of each thread."""
+
+    def __init__(self) -> None:
+        self._of_thread = threading.local()
+
+    @contextmanager
+    def until(self, deadline: Deadline) -> Iterator[None]:
+        """Reads and writes inside end with the deadline."""
+        self._of_thread.deadline = deadline
+        try:
+            yield
+        finally:
+            self._of_thread.deadline = None
+
+    def left(self, timeout: float | None) -> float | None:
+        """Seconds for the next read or write; raises ``httpcore.ReadTimeout`` after the deadline."""
+        deadline: Deadline | None = getattr(self._of_thread, "deadline", None)
+        if deadline is None:
+            return timeout
+        left = deadline.left
+        if left <= 0:
+            raise httpcore.ReadTimeout("the deadline has passed")
+        return left if timeout is None else min(timeout, left)
+
+    def over(self, backend: httpcore.NetworkBackend) -> httpcore.NetworkBackend:
+        """The backend, with connections that keep the deadline."""
+        return _Backend(backend, self)
+
+
+class _Backend(httpcore.NetworkBackend):
+    def __init__(self, backend: httpcore.NetworkBackend, punctual: Punctual) -> None:
+        self._backend = backend
+        self._punctual = punctual
+
+    def connect_tcp(
+        self,
+        host: str,
+        port: int,
+        timeout: float | None = None,
+        local_address: str | None = None,
+        socket_options: Iterable[Any] | None = None,
+    ) -> httpcore.NetworkStream:
+        limit = self._punctual.left(timeout)
+        return _Stream(self._backend.connect_tcp(host, port, limit, local_address, socket_options), self._punctual)
+
+    def connect_unix_socket(
+        self, path: str, timeout: float | None = None, socket_options: Iterable[Any] | None = None
+    ) -> httpcore.NetworkStream:
+        limit = self._punctual.left(timeout)
+        return _Stream(self._backend.connect_unix_socket(path, limit, socket_options), self._punctual)
+
+    def sleep(self, seconds: float) -> None:
+        self._backend.sleep(seconds)
+
+
+class _Stream(httpcore.NetworkStream):
+    def __init__(self, stream: httpcore.NetworkStream, punctual: Punctual) -> None:
+        self._stream = stream
+        self._punctual = punctual
+
+    def read(self, max_bytes: int, timeout: float | None = None) -> bytes:
+        return self._stream.read(max_bytes, self._punctual.left(timeout))
+
+    def write(self, buffer: bytes, timeout: float | None = None) -> None:
+        for start in range(0, len(buffer), WRITE_BYTES):
+            self._stream.write(buffer[start : start + WRITE_BYTES], self._punctual.left(timeout))
+
+    def close(self) -> None:
+        self._stream.close()
+
+    def start_tls(
+        self, ssl_context: ssl.SSLContext, server_hostname: str | None = None, timeout: float | None = None
+    ) -> httpcore.NetworkStream:
+        limit = self._punctual.left(timeout)
+        return _Stream(self._stream.start_tls(ssl_context, server_hostname, limit), self._punctual)
+
+    def get_extra_info(self, info: str) -> Any:
+        return self._stream.get_extra_info(info)
+
 
 LATE = "the answer did not arrive in time"
 
@@ -234,3 +325,71 @@ class AsyncTransport:
     async def close(self) -> None:
         """Close all connections."""
         await self._client.aclose()
+
+
+T = TypeVar("T")
+Reporter: TypeAlias = Callable[[Mapping[str, Any]], None]
+
+
+class Session:
+    """Settings and connections of a client."""
+
+    def __init__(self, settings: Settings, transport: Transport) -> None:
+        self.settings = settings
+        self._transport = transport
+
+    async def run(self, flow: Flow[T], report: Reporter | None = None) -> T:
+        """Drive a flow to its result."""
+        outcome: Outcome = None
+        while True:
+            try:
+                step = flow.send(outcome)
+            except StopIteration as stop:
+                result: T = stop.value
+                return result
+            outcome = None
+            match step:
+                case Send():
+                    outcome = await self._transport.send(step)
+                case Pause(seconds=seconds):
+                    await self._transport.sleep(seconds)
+                case Report(record=record):
+                    if report is not None:
+                        report(record)
+
+    async def fetch(self, call: Call, deadline: float | None = None) -> dict[str, Any]:
+        """The JSON object of the answer to a call, within ``deadline`` seconds."""
+        return await self.run(flows.fetch(call, self.settings, self.settings.deadline(deadline)))
+
+    async def delete(self, call: Call, deadline: float | None = None) -> None:
+        """Delete a resource within ``deadline`` seconds."""
+        await self.run(flows.delete(call, self.settings, self.settings.deadline(deadline)))
+
+    async def follow(self, mesh_id: str, position: StreamPosition, deadline: Deadline) -> AsyncIterator[Event]:
+        """The events of a mesh, over any number of connections."""
+        while not position.done:
+            opened = deadline.clock()
+            call = protocol.events(mesh_id, position)
+            ending: Reply | Disconnected = Disconnected(reason="closed by the service")
+            try:
+                silence = flows.silence_seconds(self.settings, deadline)
+                async with self._transport.stream(call, silence, deadline) as (head, chunks):
+                    if flows.is_stream(head, call, position):
+                        position.connected()
+                        async for chunk in chunks:
+                            for event in position.feed(chunk):
+                                yield event
+                            if position.done or deadline.left <= 0:
+                                break
+                    else:
+                        ending = head
+            except Dropped as error:
+                ending = Disconnected(reason=str(error))
+            if not position.done:
+                lived = deadline.clock() - opened
+                pause = flows.reconnect_pause(position, call, self.settings, deadline, ending=ending, lived=lived)
+                await self._transport.sleep(pause)
+
+    async def close(self) -> None:
+        """Close all connections."""
+        await self._transport.close()

@@ -6,12 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from equimesh_coupling.cells import CellAverages
-from equimesh_coupling.edges import edge_numbers, unique_edges
-from equimesh_coupling.errors import BadValues
-from equimesh_coupling.libraries import library
+from equimesh_coupling.errors import BadValues, library
 from equimesh_coupling.parts import Array, HasParts, MeshParts
-from equimesh_coupling.recovery import nodes_from_cells
+from equimesh_coupling.recovery import CellAverages, edge_numbers, nodes_from_cells, unique_edges
 
 OLDEST: Final = "3.4.5"
 INSTALL: Final = f"pip install 'fipy>={OLDEST}'"

@@ -6,8 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from equimesh_coupling.errors import BadValues
-from equimesh_coupling.libraries import library
+from equimesh_coupling.errors import BadValues, library
 from equimesh_coupling.parts import Array, HasParts, MeshParts
 
 OLDEST: Final = "2021.1"

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any, Final
 
 from equimesh_coupling.arrays import real
-from equimesh_coupling.edges import edge_numbers
-from equimesh_coupling.errors import BadValues
-from equimesh_coupling.libraries import library
+from equimesh_coupling.errors import BadValues, library
 from equimesh_coupling.parts import Array, HasParts, MeshParts
+from equimesh_coupling.recovery import edge_numbers
 
 OLDEST: Final = "9"
 INSTALL: Final = f"pip install 'scikit-fem>={OLDEST}'"

@@ -1,5 +1,7 @@
 """Admission: all checks of a request before its mesh enters the queue."""
 
+from __future__ import annotations
+
 import json
 import math
 from collections import OrderedDict
@@ -14,21 +16,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeAlias, TypeVar
 
+from equimesh import specs
 from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.columns import Limits
 from equimesh_schema.mesh import Grid
+from equimesh_schema.monitors import AnyMonitor
 from equimesh_schema.schwarz import BlockSchwarz, Schwarz
 from equimesh_schema.sources import UPLOAD
-from equimesh_service.admission import in_parts
-from equimesh_service.admission.block_points import count_points, require_kind
-from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.quotas import quota_problem
+from equimesh_service.admission.callers import Caller, quota_problem
 from equimesh_service.assembly import samples as intake
-from equimesh_service.assembly.domain_mesh import convert_mesh
-from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
+from equimesh_service.assembly.bodies import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
 from equimesh_service.assembly.problem import check, check_schwarz, packed_check, translate_errors
-from equimesh_service.assembly.samples import Arrays, Upload
-from equimesh_service.dispatch.side_workers import SideWorkers
+from equimesh_service.assembly.samples import MESH, Arrays, Upload, convert_mesh
+from equimesh_service.dispatch.worker_line import SideWorkers
 from equimesh_service.errors import EngineError, MemoryLimitError, QuotaError, TimeLimitError
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem, problem_at, repointed
@@ -38,6 +38,99 @@ from equimesh_service.spec.mesh import MESH_PLACE, CheckedSpec, read_spec
 from equimesh_service.store.rows import NewSamples, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
+
+_NO_MESH = "these are samples of a function: upload the file of a mesh with POST /v1/samples?kind=mesh"
+_NO_SAMPLES = "this is the mesh of a domain, which has no values: upload samples with POST /v1/samples"
+
+
+def require_kind(row: SamplesRow, pointer: str) -> SamplesRow:
+    """The row itself: samples for a function, a mesh for a domain; raises a 422 problem for one of the other."""
+    needs_mesh = pointer == MESH_PLACE
+    if (row.summary["kind"] == MESH) != needs_mesh:
+        raise problem_at(pointer, _NO_MESH if needs_mesh else _NO_SAMPLES)
+    return row
+
+
+def count_points(checked: CheckedSpec, rows: Mapping[str, SamplesRow]) -> tuple[str, int, str]:
+    """The JSON pointer of what gives the points of a mesh of blocks, their number, and how to have fewer.
+
+    Raises a 422 problem for a description that is wrong.
+    """
+    domain = checked.canonical["domain"]
+    if "file" in domain:
+        return MESH_PLACE, int(rows[domain["file"]].summary["shape"][0]), "take a coarser one"
+    with translate_errors():
+        return "/domain", specs.count_points(domain), "lower the cells of its blocks, or refine"
+
+
+# The sentences for monitors that are measured or moved on the whole grid, by their kinds.
+NO_PARTS = {
+    "auto": "auto compares whole meshes, which a mesh in parts is not: name a kind with a metric, such as curvature",
+    "least_error": "a least-error mesh is minimised on one machine: name a kind with a metric, such as curvature",
+    "nodal_solution": "a round of adapting takes place on one machine: name a kind with a metric, such as curvature",
+}
+_NO_CLUSTER = "meshes in parts need a cluster, and this service has none (EQUIMESH_ENGINE=dask): leave parts out"
+_NO_TARGET = "the grid of a target is found on one machine: give a grid in place of the target"
+_NO_BLOCKS = "a mesh of blocks is computed on one machine: take a domain with four sides"
+_NO_SCHWARZ = "a mesh in parts is solved by sweeps of its whole grid: leave schwarz out"
+_NO_GRADIENT = "a gradient map is solved on one machine: take the map lines"
+_NO_BOUND = "a bound of the angles is kept on one machine: leave orthogonality out"
+_NO_UNIFORM = "a mesh in parts begins from coarser grids: take the initial mesh nested"
+_NO_TRIANGLES = "the files of a mesh in parts hold quadrilaterals: take the cells quad"
+
+
+def assign_parts(checked: CheckedSpec, settings: Settings) -> CheckedSpec:
+    """The spec, which names its parts if a cluster computes it; raises a 422 problem for what no cluster takes.
+
+    One machine computes a mesh of at most ``max_points`` points whose spec names no parts. The caller checks the limits
+    of points.
+    """
+    if checked.spec.parts is not None:
+        if not settings.has_cluster:
+            raise problem_at("/parts", _NO_CLUSTER)
+        _check(checked, "leave parts out")
+        return checked
+    grid = checked.spec.grid
+    if not settings.has_cluster or grid is None or min(grid.n_xi, grid.n_eta) < 1:
+        return checked
+    if grid.n_xi * grid.n_eta <= settings.max_points:
+        return checked
+    _check(checked, f"request at most {settings.max_points} points, which one machine computes")
+    return checked.in_parts()
+
+
+def _check(checked: CheckedSpec, remedy: str) -> None:
+    """Raise a 422 problem for what a mesh in parts cannot have; the ``remedy`` asks for no parts."""
+    for pointer, message in _faults(checked):
+        raise problem_at(pointer, f"{message}, or {remedy}")
+
+
+def _faults(checked: CheckedSpec) -> Iterator[tuple[str, str]]:
+    """The pointer and the sentence of everything that a mesh in parts cannot have."""
+    spec = checked.spec
+    if spec.target is not None:
+        yield "/target", _NO_TARGET
+    if checked.has_blocks:
+        yield "/domain", _NO_BLOCKS
+    if spec.schwarz is not None:
+        yield "/schwarz", _NO_SCHWARZ
+    if spec.monitor.kind in NO_PARTS:
+        yield "/monitor/kind", NO_PARTS[spec.monitor.kind]
+    yield from _faults_of_monitor(spec.monitor, "/monitor")
+    for number, member in enumerate(getattr(spec.monitor, "monitors", ())):
+        yield from _faults_of_monitor(member, f"/monitor/monitors/{number}")
+    if spec.initial != "nested":
+        yield "/initial", _NO_UNIFORM
+    if spec.cells != "quad":
+        yield "/cells", _NO_TRIANGLES
+
+
+def _faults_of_monitor(monitor: AnyMonitor, pointer: str) -> Iterator[tuple[str, str]]:
+    if getattr(monitor, "map", "lines") != "lines":
+        yield f"{pointer}/map", _NO_GRADIENT
+    if monitor.orthogonality is not None:
+        yield f"{pointer}/orthogonality", _NO_BOUND
+
 
 # The most time of a side worker for the samples of one request.
 _MAX_WORK_SECONDS = 60.0
@@ -126,7 +219,7 @@ class Admission:
             raise repointed(problem, partial(sent_pointer, document)) from None
 
     def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
-        spec, files = in_parts.assign(short.spec, self.settings), short.files
+        spec, files = assign_parts(short.spec, self.settings), short.files
         self._check_limits(spec)
         mesh_row = self._mesh_row(spec, mesh, caller)
         if mesh_row is not None:

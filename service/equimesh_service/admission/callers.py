@@ -1,15 +1,30 @@
-"""The callers of requests, by their API keys, with a cache that spares the store most queries."""
+"""The callers of requests by their API keys, and the limits of each key."""
 
+from __future__ import annotations
+
+import math
 import time
-from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 
 from starlette.concurrency import run_in_threadpool
 
+from equimesh_service.errors import QuotaError
 from equimesh_service.problems.problem import Problem
-from equimesh_service.store.key_secrets import ADMIN, DEFAULT_SHARE, SCOPES, digest, expand_scopes, id_of
-from equimesh_service.store.keys import KeyStore
+from equimesh_service.settings import Settings
+from equimesh_service.store.keys import (
+    ADMIN,
+    DEFAULT_SHARE,
+    SCOPES,
+    KeyStore,
+    Quota,
+    QuotaStore,
+    digest,
+    expand_scopes,
+    id_of,
+)
 
 # How long a caller is cached: after this time a revoked key is refused, and the first key closes an open service.
 _CACHE_SECONDS = 1.0
@@ -95,3 +110,141 @@ class Callers:
         while len(self._cache) > _MAX_CACHED:
             self._cache.popitem(last=False)
         return caller
+
+
+_MINUTE_SECONDS = 60
+# Stored bytes are summed again after this time.
+_SUM_SECONDS = 5.0
+# They are summed again no sooner than after this many times the duration of the last sum.
+_SUM_COST_RATIO = 50.0
+# Deleted bytes count no longer than this.
+_MIN_SUM_SECONDS = 0.5
+# The value of Retry-After where it is not 10. Waits end soon; bytes are freed only when they are deleted.
+_RETRY_SECONDS = {"key_max_bytes": "3600", "key_max_waits": "2"}
+_LIMITS = {
+    "key_max_queued": ("unfinished meshes", "wait until some are finished, or cancel some"),
+    "key_max_points": ("points in unfinished meshes", "wait until some are finished, or request fewer points"),
+    "key_max_waits": ("open waits and event streams", "wait until some have ended, or send requests that do not wait"),
+    "key_max_bytes": ("bytes in files, samples and specs", "delete meshes and samples that are no longer needed"),
+}
+
+
+class _Minute:
+    """The numbers of requests in each of the last 60 seconds."""
+
+    def __init__(self) -> None:
+        self.total = 0
+        self._seconds: deque[tuple[int, int]] = deque()  # pairs of a second and its requests
+
+    def drop(self, now: float) -> None:
+        """Drop requests that are more than a minute old."""
+        while self._seconds and self._seconds[0][0] < math.floor(now) - _MINUTE_SECONDS:
+            self.total -= self._seconds.popleft()[1]
+
+    def add(self, now: float) -> None:
+        """Count a request."""
+        second, number = math.floor(now), 0
+        if self._seconds and self._seconds[-1][0] == second:
+            number = self._seconds.pop()[1]
+        self._seconds.append((second, number + 1))
+        self.total += 1
+
+    def seconds_to_drop(self, now: float) -> int:
+        """Seconds until the oldest requests are dropped."""
+        oldest = self._seconds[0][0] if self._seconds else math.floor(now)
+        return max(1, math.ceil(oldest + _MINUTE_SECONDS + 1 - now))
+
+
+@dataclass(frozen=True)
+class _Sum:
+    """The stored bytes of a key: the last sum and what was added since.
+
+    It is used up to the time ``until``. From the time ``again`` on, bytes are summed again before a request is refused.
+    """
+
+    size: int
+    until: float
+    again: float
+
+
+class Quotas:
+    """The limits of all keys. For one event loop; ``clock`` returns monotonic seconds.
+
+    Callers without a key share one limit of waits, and have no other limits than those of the service.
+    """
+
+    def __init__(self, settings: Settings, store: QuotaStore, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._settings, self._store, self._clock = settings, store, clock
+        self._minutes: dict[str, _Minute] = {}
+        self._sums: dict[str, _Sum] = {}
+        self._waits: Counter[str] = Counter()
+
+    def count_request(self, caller: Caller) -> dict[str, str]:
+        """Headers with the number of requests that are left; raises a 429 problem when none is."""
+        most = self._settings.key_requests_per_minute
+        if not caller.key_id or not most:
+            return {}
+        now, minute = self._clock(), self._minutes.setdefault(caller.key_id, _Minute())
+        minute.drop(now)
+        if minute.total < most:
+            minute.add(now)
+        else:
+            wait = minute.seconds_to_drop(now)
+            detail = (
+                f"This key has reached its limit of {most} requests a minute (EQUIMESH_KEY_REQUESTS_PER_MINUTE): "
+                f"try again in {wait} seconds; one GET /v1/meshes gives the states of many meshes."
+            )
+            raise Problem("rate-limited", detail, headers={**_rate(most, 0, wait), "Retry-After": str(wait)})
+        return _rate(most, most - minute.total, minute.seconds_to_drop(now))
+
+    def mesh_quota(self, caller: Caller) -> Quota | None:
+        """The limits of this caller for :meth:`MeshesStore.add`; None without a key."""
+        if not caller.key_id:
+            return None
+        return Quota(queued=self._settings.key_max_queued, points=self._settings.key_max_points)
+
+    @contextmanager
+    def count_wait(self, caller: Caller, seconds: float) -> Iterator[None]:
+        """Count a wait of the caller; one of 0 ``seconds`` does not count. Raises a 429 problem at the limit."""
+        key_id, most = caller.key_id, self._settings.key_max_waits
+        if not (seconds and most):
+            yield
+            return
+        if self._waits[key_id] >= most:
+            who = "This key has" if key_id else "Callers without a key have"
+            raise quota_problem(QuotaError("key_max_waits", self._waits[key_id], most), who)
+        self._waits[key_id] += 1
+        try:
+            yield
+        finally:
+            self._waits[key_id] -= 1
+            if not self._waits[key_id]:
+                del self._waits[key_id]
+
+    async def check_bytes(self, caller: Caller, more: int = 0) -> None:
+        """Raise a 429 problem when the caller has reached its limit of stored bytes, or would with ``more`` bytes."""
+        most = self._settings.key_max_bytes
+        if not caller.key_id or not most:
+            return
+        now, more = self._clock(), max(1, more)
+        found = self._sums.get(caller.key_id)
+        if found is None or now >= found.until or (found.size + more > most and now >= found.again):
+            size = await run_in_threadpool(self._store.stored_bytes, caller.key_id)
+            took = self._clock() - now
+            wait = _SUM_COST_RATIO * took
+            found = _Sum(size, now + max(_SUM_SECONDS, wait), now + max(_MIN_SUM_SECONDS, wait))
+        fits = found.size + more <= most
+        self._sums[caller.key_id] = replace(found, size=found.size + more) if fits else found
+        if not fits:
+            raise quota_problem(QuotaError("key_max_bytes", found.size, most))
+
+
+def _rate(most: int, left: int, seconds: int) -> dict[str, str]:
+    return {"RateLimit-Policy": f'"key";q={most};w={_MINUTE_SECONDS}', "RateLimit": f'"key";r={left};t={seconds}'}
+
+
+def quota_problem(error: QuotaError, who: str = "This key has") -> Problem:
+    """The 429 problem for a limit that is reached."""
+    what, remedy = _LIMITS[error.limit]
+    detail = f"{who} {error.used} {what}; the limit is {error.most} (EQUIMESH_{error.limit.upper()}): {remedy}."
+    return Problem("quota-exceeded", detail, headers={"Retry-After": _RETRY_SECONDS.get(error.limit, "10")})

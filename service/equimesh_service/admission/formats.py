@@ -5,7 +5,7 @@ from typing import Any
 
 from equimesh.io.formats import FORMATS
 from equimesh_service.problems.problem import Problem, did_you_mean
-from equimesh_service.worker.part_formats import HEADED, PART_FORMATS
+from equimesh_service.worker.in_parts import HEADED, PART_FORMATS
 
 
 def known_format(name: str) -> str:

@@ -12,16 +12,15 @@ from typing import Any
 from starlette.concurrency import run_in_threadpool
 
 from equimesh_service.admission.admit import Admission, Admitted
-from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.callers import Caller, Quotas, quota_problem
 from equimesh_service.admission.formats import check_format
-from equimesh_service.admission.quotas import Quotas, quota_problem
 from equimesh_service.assembly.problem import PackedProblems
 from equimesh_service.dispatch.dispatcher import Dispatcher
 from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.errors import EngineError, KeyReusedError, QuotaError, SamplesGoneError, StepTakenError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.settings import Settings
-from equimesh_service.store.quotas import Quota
+from equimesh_service.store.keys import Quota
 from equimesh_service.store.rows import Claim, Draft, Ending, Lease, MeshInput, NewMesh, NewStep, Refused, Repeated
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, stopwatch, tracing

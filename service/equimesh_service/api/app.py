@@ -17,31 +17,17 @@ from starlette.responses import Response
 
 from equimesh_schema.mesh import ExpressionCheck, MeshSpec
 from equimesh_schema.sequences import StepSettings, StepSpec
-from equimesh_service.api import (
-    checks,
-    events,
-    mesh_parts,
-    meshes,
-    pages,
-    previews,
-    results,
-    samples,
-    sequences,
-    site,
-    workbench,
-)
+from equimesh_service.api import checks, events, mesh_parts, meshes, pages, previews, results, samples, sequences
 from equimesh_service.api import operations as operations_api
-from equimesh_service.api.middleware import Observation
+from equimesh_service.api.middleware import Observation, SiteGuard
 from equimesh_service.api.resources import MeshEvents, ProblemDetails
-from equimesh_service.api.site_guard import SiteGuard
-from equimesh_service.opening import open_service
 from equimesh_service.problems.problem import Problem, problem_of
 from equimesh_service.problems.storage import storage_problem
+from equimesh_service.service import open_service
 from equimesh_service.settings import Settings
 from equimesh_service.telemetry.tracer import open_tracer
 from equimesh_service.upkeep.metrics import Metrics
-from equimesh_service.wire.header_limit import HeaderLimit
-from equimesh_service.wire.security_headers import SecurityHeaders
+from equimesh_service.wire.headers import HeaderLimit, SecurityHeaders
 
 _DESCRIPTION = """Adaptive 2D meshes for PDE solvers: send a monitor function, get a mesh.
 
@@ -103,9 +89,7 @@ def create_app(settings: Settings) -> FastAPI:
         samples,
         checks,
         operations_api,
-        workbench,
         pages,
-        site,
     )
     for part in routes:
         app.include_router(part.router)

@@ -19,14 +19,14 @@ from equimesh_schema.sequences import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, OUT
 from equimesh_schema.settings import choices
 from equimesh_service.api.resources import DomainReport, ExpressionReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
-from equimesh_service.assembly.domain_mesh import blocks_of
 from equimesh_service.assembly.problem import translate_errors
+from equimesh_service.assembly.samples import blocks_of
 from equimesh_service.spec.document import parse
 from equimesh_service.spec.mesh import MESH_PLACE, read_expression_check
 from equimesh_service.spec.strict import to_json
 from equimesh_service.wire import body as bodies
-from equimesh_service.worker.names import PICTURES, PLOTS
-from equimesh_service.worker.part_formats import PART_FORMATS
+from equimesh_service.worker.in_parts import PART_FORMATS
+from equimesh_service.worker.job import PICTURES, PLOTS
 
 router = APIRouter(prefix="/v1", tags=["checks"])
 

@@ -20,7 +20,7 @@ from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, Servi
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import EventRow
-from equimesh_service.wire.negotiation import choose_offer
+from equimesh_service.wire.headers import choose_offer
 
 router = APIRouter(prefix="/v1/meshes/{id}", tags=["meshes"], responses=KEY_PROBLEMS)
 

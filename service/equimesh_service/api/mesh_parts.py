@@ -9,16 +9,16 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from equimesh_service.admission.formats import check_part
-from equimesh_service.api.mesh_files import check_done, parts_of
 from equimesh_service.api.resources import GridSize
+from equimesh_service.api.results import check_done, parts_of
 from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, problems
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import Artifact, MeshRow
 from equimesh_service.wire.sending import send_file
-from equimesh_service.worker.names import head_name, part_name
-from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN, PartFormat
+from equimesh_service.worker.in_parts import PART_FORMATS, WRITTEN, PartFormat
+from equimesh_service.worker.job import head_name, part_artifact
 
 router = APIRouter(prefix="/v1/meshes/{id}/parts", tags=["results"], responses=KEY_PROBLEMS)
 
@@ -116,7 +116,7 @@ async def get_part(
     count = len(parts["rows"])
     if number >= count:
         raise Problem("not-found", f"The mesh has {count} parts, with the numbers 0 to {count - 1}.")
-    artifact = await service.artifact(id, part_name(format, number))
+    artifact = await service.artifact(id, part_artifact(format, number))
     form, file = PART_FORMATS[format], StoredFile(artifact.sha256, artifact.size)
     return await send_file(request, service.files, file, form.media_type, filename=form.part_name(number))
 
@@ -155,7 +155,7 @@ def _manifest(
             file=_file(
                 form.path_of_part(parts["name"], number),
                 form.media_type,
-                artifacts.get(part_name(form.name, number)),
+                artifacts.get(part_artifact(form.name, number)),
                 f"{here}/parts/{number}?format={form.name}",
             ),
         )

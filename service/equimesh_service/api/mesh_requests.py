@@ -7,14 +7,14 @@ from fastapi import Header, Query, Request
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.admit import Admitted
 from equimesh_service.admission.callers import Caller
-from equimesh_service.assembly.packed import unpack
+from equimesh_service.assembly.bodies import unpack
 from equimesh_service.assembly.samples import Upload, is_light
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire import body as bodies
-from equimesh_service.wire.negotiation import MAX_PREFER, PREFER_PATTERN
-from equimesh_service.worker.part_formats import HEADED
+from equimesh_service.wire.headers import MAX_PREFER, PREFER_PATTERN
+from equimesh_service.worker.in_parts import HEADED
 
 # Parameters of requests that may wait for a mesh.
 Format = Annotated[

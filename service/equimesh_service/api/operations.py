@@ -12,7 +12,7 @@ from equimesh_service.api.resources import ReadinessReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Admin, ServiceDependency, problems
 from equimesh_service.problems.problem import KINDS, Problem, did_you_mean
 from equimesh_service.upkeep.readiness import OK
-from equimesh_service.wire.negotiation import choose_offer
+from equimesh_service.wire.headers import choose_offer
 
 router = APIRouter(tags=["operations"])
 

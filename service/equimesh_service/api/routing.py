@@ -1,5 +1,10 @@
-"""The parts that routes share: the service, the caller, and the problems that they document."""
+"""The parts that routes share: the service, the caller, problems, and the cursors of lists."""
 
+from __future__ import annotations
+
+import math
+import re
+from struct import pack, unpack
 from typing import Annotated, Any, cast
 
 from fastapi import Depends, Request, Security
@@ -11,9 +16,10 @@ from pydantic import BaseModel
 from equimesh_service.admission.callers import Caller
 from equimesh_service.problems.problem import MEDIA_TYPE, Problem, did_you_mean, problem_at
 from equimesh_service.service import Service
-from equimesh_service.store.key_secrets import ADMIN, READ, WRITE
+from equimesh_service.store.keys import ADMIN, READ, WRITE
+from equimesh_service.store.rows import MeshRow, Position
 from equimesh_service.telemetry import log_context
-from equimesh_service.wire.security_headers import add_headers
+from equimesh_service.wire.headers import add_headers
 
 MAX_NUMBER = 2**62
 
@@ -125,3 +131,42 @@ def _parameters(route: APIRoute) -> tuple[str, ...]:
 Reader = Annotated[Caller, Security(_caller, scopes=[READ])]
 Writer = Annotated[Caller, Security(_caller, scopes=[WRITE])]
 Admin = Annotated[Caller, Security(_caller, scopes=[ADMIN])]
+
+
+_NUMBER = re.compile(r"[0-9a-f]{1,16}")
+_MOMENT = re.compile(r"([0-9a-f]{16})([!-~]{1,40})")
+
+
+def cursor_of(row: MeshRow, key_id: str | None) -> str:
+    """The cursor of a page that ends with this mesh, for one key, or None for callers who see all meshes."""
+    return f"{row.number:x}" if key_id is None else cursor_at(row.created_at, row.id)
+
+
+def cursor_at(created_at: float, name: str) -> str:
+    """The cursor of a page that ends with what was made at this time and has this id."""
+    return f"{pack('>d', created_at).hex()}{name}"
+
+
+def position_of(cursor: str, key_id: str | None) -> Position:
+    """The end of the page of this cursor; raises a 422 problem."""
+    if key_id is None:
+        number = int(cursor, 16) if _NUMBER.fullmatch(cursor) else 0
+        if 0 < number < MAX_NUMBER:
+            return (number,)
+        raise _invalid_cursor()
+    return moment_of(cursor)
+
+
+def moment_of(cursor: str) -> tuple[float, str]:
+    """The time and the id of a cursor of :func:`cursor_at`; raises a 422 problem."""
+    found = _MOMENT.fullmatch(cursor)
+    if found is None:
+        raise _invalid_cursor()
+    [moment] = unpack(">d", bytes.fromhex(found[1]))
+    if not math.isfinite(moment):
+        raise _invalid_cursor()
+    return moment, found[2]
+
+
+def _invalid_cursor() -> Problem:
+    return problem_at("", "not a cursor of this list", parameter="cursor")

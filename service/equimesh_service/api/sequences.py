@@ -11,16 +11,24 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from equimesh_service.admission import moves, steps
+from equimesh_service.admission import steps
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, refusals
-from equimesh_service.api.cursors import cursor_at, moment_of
-from equimesh_service.api.mesh_files import MESH_CONTENT, check_done
 from equimesh_service.api.mesh_requests import MESH_BODY, NPZ, Format, IdempotencyKey, Prefer, check_key, receive_mesh
+from equimesh_service.api.meshes import Waiting
 from equimesh_service.api.resources import SequenceList, SequenceResource, sequence_resource
-from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, Writer, problems
-from equimesh_service.api.waiting import Waiting
-from equimesh_service.assembly.step_fields import read_velocity
+from equimesh_service.api.results import MESH_CONTENT, check_done
+from equimesh_service.api.routing import (
+    KEY_PROBLEMS,
+    MAX_NUMBER,
+    Reader,
+    ServiceDependency,
+    Writer,
+    cursor_at,
+    moment_of,
+    problems,
+)
+from equimesh_service.assembly.bodies import read_velocity
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Ending, MeshRow, NewStep
@@ -207,9 +215,9 @@ async def step(
         mesh = await service.mesh(sequence.mesh_id, caller)
         points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
         if kind == NPZ:
-            move = await service.check(moves.read_arrays, data, moves.max_bytes(service.settings, points))
+            move = await service.check(steps.read_arrays, data, steps.max_bytes(service.settings, points))
         else:
-            move = await service.check(moves.read_long_json, service.admission, data, points)
+            move = await service.check(steps.read_long_json, service.admission, data, points)
         del data  # a mesh that is waited for needs it no more
     start = await _start(service, caller, sequence.id, move.step)
     prepare = steps.Stepping(service.admission, service.store, service.files).prepare

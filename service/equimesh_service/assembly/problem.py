@@ -13,8 +13,7 @@ from equimesh import Blocks, Field, specs
 from equimesh.domains.domain import Box
 from equimesh.errors import InputError
 from equimesh.solving.target import require_reachable
-from equimesh_service.assembly.domain_mesh import blocks_of
-from equimesh_service.assembly.samples import Arrays, field_of
+from equimesh_service.assembly.samples import Arrays, blocks_of, field_of
 from equimesh_service.problems.problem import complaint_of, input_problem
 from equimesh_service.spec.document import escape_token
 

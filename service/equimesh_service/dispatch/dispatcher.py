@@ -19,7 +19,7 @@ from equimesh_service.store.rows import FAILED, Claim, Ending, Lease, MeshInput,
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 from equimesh_service.upkeep.metrics import Metrics
-from equimesh_service.worker.attempt import log_context_of
+from equimesh_service.worker.job import log_context_of
 
 _log = logging.getLogger(__name__)
 # The longest time between two rounds of a healthy thread; a wait for a locked database is half as long.

@@ -1,4 +1,4 @@
-"""The pool of processes that a Dask worker owns, in which jobs run, and the requests of a service to it.
+"""The pool of processes that a Dask worker owns, its settings, and the requests of a service to it.
 
 A task in a thread of a Dask worker can neither be killed nor be limited in its memory. So the worker runs none of the
 jobs itself: its task hands the job to a process of the pool and waits. When the scheduler gives up the task, for
@@ -8,23 +8,96 @@ instance because its client is gone, the process is killed.
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import logging
 import multiprocessing
+import platform
 import time
+from collections.abc import Mapping
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from distributed import Worker, WorkerPlugin, get_worker
 from distributed.worker_state_machine import SecedeEvent
 
-from equimesh_service.engine.packed_call import PackedCall, pack_error, pack_outcome
 from equimesh_service.engine.pebble import PebbleEngine
-from equimesh_service.engine.pool_report import PoolReport
-from equimesh_service.engine.pool_settings import PoolSettings
-from equimesh_service.engine.versions import versions
+from equimesh_service.engine.port import PackedCall, pack_error, pack_outcome
 from equimesh_service.errors import EngineError, WorkerLostError
+
+_PACKAGES = ("equimesh", "distributed", "cloudpickle", "numpy")
+# Of these, releases with the same first two numbers read each other's pickles.
+_BY_TWO_NUMBERS = ("Python", "numpy")
+_MISSING = "none"
+
+
+def versions() -> dict[str, str]:
+    """The versions in this process, by name."""
+    return {"Python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}}
+
+
+def describe_difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
+    """In what a worker ``there`` differs from ``here``, as words; "" where it does not."""
+    different = [name for name in here if _relevant(name, here) != _relevant(name, there)]
+    return ", ".join(f"{name} {there.get(name, _MISSING)} in place of {here[name]}" for name in different)
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return _MISSING
+
+
+def _relevant(name: str, found: Mapping[str, str]) -> str:
+    text = found.get(name, _MISSING)
+    return ".".join(text.split(".")[:2]) if name in _BY_TWO_NUMBERS else text
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoolReport:
+    """The state of a pool: how many jobs it takes at the same time, and whether it takes any now.
+
+    ``identity`` names the process of the worker; ``fault`` says why it cannot be used, "" while it starts.
+    """
+
+    identity: str
+    slots: int
+    versions: Mapping[str, str]
+    ready: bool
+    fault: str = ""
+
+    def packed(self) -> dict[str, Any]:
+        """The report as a record of plain values."""
+        return asdict(self)
+
+    @classmethod
+    def of(cls, packed: Mapping[str, Any]) -> PoolReport:
+        """The report in a record; unknown values, of other releases, are left out."""
+        known = {name: packed[name] for name in cls.__dataclass_fields__ if name in packed}
+        return cls(**known)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoolSettings:
+    """The settings of the pools of a service's workers, as of :class:`~equimesh_service.engine.pebble.PebbleEngine`.
+
+    ``check`` returns what a worker cannot reach, "" where it reaches everything. It is called in a process of the pool.
+    """
+
+    memory_limit: int | None = None
+    preload: tuple[str, ...] = ()
+    warm_up: PackedCall | None = None
+    prepare: PackedCall | None = None
+    check: PackedCall | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of the pool on each worker: services with the same settings share it."""
+        return f"equimesh-{hashlib.sha256(repr(self).encode()).hexdigest()[:16]}"
+
 
 _log = logging.getLogger(__name__)
 # A pool that no service has visited for this time is closed.

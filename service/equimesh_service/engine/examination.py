@@ -9,8 +9,8 @@ from typing import Any
 from distributed import Client, Worker
 from distributed.system import MEMORY_LIMIT
 
-from equimesh_service.engine.packed_call import PackedCall
-from equimesh_service.engine.versions import describe_difference, versions
+from equimesh_service.engine.cluster_pool import describe_difference, versions
+from equimesh_service.engine.port import PackedCall
 
 MIB = 1024 * 1024
 # The longest wait for the scheduler.

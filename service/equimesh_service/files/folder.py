@@ -1,6 +1,10 @@
-"""Files in a folder."""
+"""Files in a folder that its own user alone may read, and the temporary files that they are first."""
+
+from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 import time
 from collections.abc import AsyncGenerator, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -11,7 +15,54 @@ from pathlib import Path
 from anyio import to_thread
 
 from equimesh_service.files.port import PIECE_BYTES, SHA256, ListedFile, Removed, StoredFile, digest_of, key_of
-from equimesh_service.files.unfinished import clear, temporary
+
+# Permissions that no new file gives: all of the group's and of the others'.
+_WITHHELD = 0o077
+# Permissions of a new data folder: all of its owner's, none of the others'.
+_FOLDER_MODE = 0o700
+
+
+def withhold_files() -> None:
+    """Let every file that this process and its workers make from now on be readable by their user only.
+
+    For commands. A service in a thread of another program leaves the files of that program alone.
+    """
+    os.umask(os.umask(_WITHHELD) | _WITHHELD)
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder that only its owner may enter, unless it exists; an existing one keeps its permissions."""
+    path.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
+
+
+# Older files were left by a crash; younger ones another service may still be writing.
+_LEFT_OVER_SECONDS = 6 * 3600.0
+
+
+def clear(folder: Path, *, alone: bool) -> None:
+    """Make the folder, and remove leftover files: all when ``alone``, otherwise those that are hours old."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for left in folder.iterdir():
+        try:
+            old = alone or time.time() - left.stat().st_mtime > _LEFT_OVER_SECONDS
+        except FileNotFoundError:
+            continue  # another service has just removed it
+        if old and left.is_dir():  # writers of several files work in a folder of their own
+            shutil.rmtree(left, ignore_errors=True)
+        elif old:
+            left.unlink(missing_ok=True)
+
+
+@contextmanager
+def temporary(folder: Path, suffix: str) -> Iterator[Path]:
+    """A new empty file, removed at the end if it is still there."""
+    number, name = tempfile.mkstemp(suffix=suffix, dir=folder)
+    os.close(number)
+    path = Path(name)
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 from pydantic import SecretStr
 
 from equimesh_service.errors import FilesError
+from equimesh_service.files.folder import clear, temporary
 from equimesh_service.files.port import PIECE_BYTES, SHA256, ListedFile, Removed, StoredFile, digest_of, key_of
-from equimesh_service.files.unfinished import clear, temporary
 
 if TYPE_CHECKING:
     from obstore.store import S3Config, S3Store

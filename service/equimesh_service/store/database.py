@@ -1,13 +1,18 @@
-"""A database behind a URL: connections and transactions.
+"""A database behind a URL: its time, connections, transactions, revision, and whether it is sound.
 
 SQLite is used in WAL mode, by many processes. PostgreSQL is used with "read committed" transactions: a writer locks the
 rows that must not change meanwhile, or takes a lock by name.
 """
 
+from __future__ import annotations
+
 import json
+import logging
+import sqlite3
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import cache
 from hashlib import sha256
 from importlib.util import find_spec
@@ -15,14 +20,103 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from sqlalchemy import Connection, Table, create_engine, event, func, select, text
+from sqlalchemy import (
+    Column,
+    Connection,
+    MetaData,
+    String,
+    Table,
+    create_engine,
+    event,
+    func,
+    insert,
+    inspect,
+    select,
+    text,
+)
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError
 from sqlalchemy.sql.dml import ReturningInsert
 
-from equimesh_service.errors import UnusableDatabaseError
-from equimesh_service.store.clock import ServerClock
+from equimesh_service.errors import NewerDatabaseError, UnusableDatabaseError
+from equimesh_service.store.schema import artifacts, keys, meshes, metadata, samples
+
+# How old a reading of the database's clock may be.
+_MAX_READING_AGE_SECONDS = 10.0
+# A reading that takes longer is repeated: the time may be of its beginning or of its end.
+_MAX_READING_SECONDS = 0.5
+# How often it is repeated.
+_MAX_READINGS = 3
+# A machine's clock that is further off is reported. Nothing depends on it but logs, traces and signatures for S3.
+MAX_SKEW_SECONDS = 5.0
+_NOW = select(func.extract("epoch", func.clock_timestamp()))
+
+
+class ServerClock:
+    """The time of a PostgreSQL server, in seconds since 1970, for all threads.
+
+    The server is asked every ten seconds, by a transaction that begins anyway. In between the time goes on by the
+    machine's count of seconds since its start, which does not change with its date. ``begin`` begins a transaction
+    that calls :meth:`follow`.
+    """
+
+    def __init__(self, begin: Callable[[], AbstractContextManager[Connection]]) -> None:
+        self._begin = begin
+        self._lock = threading.Lock()  # held during a reading
+        self._reading: tuple[float, float] | None = None  # the time of the server, and the count of seconds then
+
+    def __call__(self) -> float:
+        """The time now."""
+        if self._reading is None:
+            with self._begin():
+                pass
+        assert self._reading is not None
+        server, count = self._reading
+        return server + count_seconds() - count
+
+    def follow(self, connection: Connection) -> None:
+        """Read the server's clock in this transaction, unless the last reading is young."""
+        if self._is_young() or not self._lock.acquire(blocking=self._reading is None):
+            return  # another thread reads it now
+        try:
+            for _ in range(_MAX_READINGS):
+                if self._is_young():
+                    return
+                before = count_seconds()
+                server = float(connection.execute(_NOW).scalar_one())
+                after = count_seconds()
+                if after - before <= _MAX_READING_SECONDS:
+                    break
+            self._reading = (server, (before + after) / 2)
+        finally:
+            self._lock.release()
+
+    def _is_young(self) -> bool:
+        return self._reading is not None and count_seconds() - self._reading[1] < _MAX_READING_AGE_SECONDS
+
+
+def count_seconds() -> float:
+    """Seconds since the start of the machine, also of the time that it was suspended where the system counts that."""
+    if hasattr(time, "CLOCK_BOOTTIME"):
+        return time.clock_gettime(time.CLOCK_BOOTTIME)
+    return time.monotonic()
+
+
+def skew(clock: Callable[[], float]) -> float:
+    """The seconds that this machine's clock is ahead of another one; negative when it is behind."""
+    before = time.time()
+    there = clock()
+    return (before + time.time()) / 2 - there
+
+
+def describe_skew(ahead: float) -> str | None:
+    """A sentence about a clock that is off by so many seconds; None where it is right."""
+    if abs(ahead) <= MAX_SKEW_SECONDS:
+        return None
+    word = "ahead of" if ahead > 0 else "behind"
+    return f"this machine's clock is {abs(ahead):.0f} s {word} that of the database"
+
 
 _ADDRESS_FORMS = "addresses are postgresql+psycopg://user:password@host/name and sqlite:////path/of/a/file"
 _POSTGRES = ("postgres", "postgresql", "postgresql+psycopg")
@@ -176,3 +270,138 @@ def _begin_sqlite(connection: Connection) -> None:
         connection.exec_driver_sql(f"PRAGMA synchronous={'FULL' if synced else 'NORMAL'}")
         connection.info["synced"] = synced
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+# The revision of the tables in `schema`: that of the last step in `migrations`.
+LATEST = "0008"
+_FIRST = "0001"
+# The revisions that this release can upgrade from.
+_OLDER = (_FIRST, "0002", "0003", "0006", "0007")
+_log = logging.getLogger(__name__)
+# The table of Alembic, as Alembic creates it.
+_version = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))
+
+
+def current(url: str) -> str | None:
+    """The revision of the database behind ``url``; None for one without tables."""
+    database = Database(url, durable=True)
+    try:
+        with database.read() as connection:
+            return _revision(connection)
+    finally:
+        database.close()
+
+
+def upgrade(url: str) -> str:
+    """Upgrade the database behind ``url`` to this release; returns its new revision.
+
+    Raises :class:`NewerDatabaseError`.
+    """
+    database = Database(url, durable=True)
+    try:
+        return prepare(database)
+    finally:
+        database.close()
+
+
+def prepare(database: Database) -> str:
+    """Create the tables, or upgrade those of an older release with their rows; returns the revision.
+
+    All in one transaction; other services that do the same wait for it. Raises :class:`NewerDatabaseError`.
+    """
+    with database.read() as connection:
+        if _revision(connection) == LATEST:
+            return LATEST  # most starts end here, without a lock and without alembic
+    with database.write() as connection:
+        lock(connection, ["migration"])
+        revision = _revision(connection)
+        if revision is None:
+            metadata.create_all(connection)
+            _version.create(connection)
+            connection.execute(insert(_version).values(version_num=LATEST))
+        elif revision != LATEST:
+            _log.info("the database has revision %s; it is upgraded to %s", revision, LATEST)
+            _run(connection)
+    return LATEST
+
+
+def _revision(connection: Connection) -> str | None:
+    tables = set(inspect(connection).get_table_names())
+    if _version.name not in tables:
+        # Release 0.1 stored no revision.
+        return _FIRST if {meshes.name, artifacts.name} <= tables else None
+    found = connection.execute(select(_version.c.version_num)).scalar()
+    if found != LATEST and found not in _OLDER:
+        raise NewerDatabaseError(
+            f"the database is of revision {found}, of a newer release of equimesh or a development version; "
+            f"this release knows {LATEST}: install that version again, or restore a backup from before it"
+        )
+    return str(found)
+
+
+def _run(connection: Connection) -> None:
+    from alembic import command
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", "equimesh_service.store:migrations")
+    config.attributes["connection"] = connection
+    command.upgrade(config, "head")
+
+
+class InspectionStore:
+    """Inspects a database of this release, without changes."""
+
+    def __init__(self, database: Database, clock: Callable[[], float] | None = None) -> None:
+        self._read = database.read
+        self._clock = clock or database.clock
+
+    def fault(self) -> str | None:
+        """The fault that SQLite finds in its file, None for a sound one; PostgreSQL checks its files itself."""
+        with self._read() as connection:
+            if connection.dialect.name != "sqlite":
+                return None
+            report = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
+        return None if report == "ok" else report.splitlines()[-1]
+
+    def clock_skew(self) -> float:
+        """The seconds that this machine's clock is ahead of the database's; negative when it is behind.
+
+        SQLite has no clock: a mesh from the future shows that this machine's clock is behind.
+        """
+        with self._read() as connection:
+            newest = connection.execute(select(func.max(meshes.c.created_at))).scalar() or 0.0
+        ahead = skew(self._clock)
+        return ahead if abs(ahead) > MAX_SKEW_SECONDS else min(ahead, self._clock() - newest)
+
+    def named_files(self) -> dict[str, int]:
+        """The size of every file that a mesh or samples name, by its SHA-256."""
+        with self._read() as connection:
+            rows = [
+                *connection.execute(select(artifacts.c.sha256, artifacts.c.size)),
+                *connection.execute(select(samples.c.sha256, samples.c.size)),
+            ]
+        return {row.sha256: row.size for row in rows}
+
+    def has_keys(self) -> bool:
+        """Whether an API key was ever created."""
+        with self._read() as connection:
+            return connection.execute(select(keys.c.id).limit(1)).first() is not None
+
+
+def back_up(url: str, target: Path) -> int:
+    """Copy a snapshot of an SQLite database, which may be in use; returns the bytes of the copy.
+
+    Raises :class:`UnusableDatabaseError` for PostgreSQL, which has its own programs, :class:`FileExistsError` when the
+    target exists, and :class:`FileNotFoundError` when the database does not.
+    """
+    source = sqlite_file(url)
+    if source is None:
+        raise UnusableDatabaseError("this copies SQLite databases; for PostgreSQL use pg_dump --format=custom")
+    source.stat()
+    target.touch(mode=0o600, exist_ok=False)  # it holds hashes of keys, and input of users
+    address = f"{source.resolve().as_uri()}?mode=ro"
+    with closing(sqlite3.connect(address, uri=True)) as live, closing(sqlite3.connect(target)) as copy:
+        live.backup(copy)  # in one step: a snapshot, during which others may write
+        copy.execute("PRAGMA journal_mode=DELETE")  # one file, without a log next to it
+    return target.stat().st_size

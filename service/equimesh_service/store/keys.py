@@ -1,13 +1,82 @@
-"""SQL of API keys. Keys are never deleted: after the first one, requests always need a key."""
+"""API keys and their SQL: secrets, scopes, and what a key uses."""
 
-from collections.abc import Callable, Sequence
+from __future__ import annotations
+
+import hmac
+import re
+import secrets
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any
 
-from sqlalchemy import Row, insert, select, update
+from sqlalchemy import BigInteger, Connection, Row, cast, func, insert, select, update
 
-from equimesh_service.store.database import Database
-from equimesh_service.store.key_secrets import DEFAULT_SHARE, SCOPES, KeyRow, check_share, digest, new_secret
-from equimesh_service.store.schema import keys
+from equimesh_service.errors import QuotaError
+from equimesh_service.store.database import Database, lock
+from equimesh_service.store.rows import QUEUED, RUNNING
+from equimesh_service.store.schema import artifacts, keys, meshes, samples, samples_keys
+
+# To look at meshes and samples.
+READ = "read"
+# To request, cancel and delete them, too.
+WRITE = "write"
+# To see those of all keys, too, and the metrics.
+ADMIN = "admin"
+SCOPES = (READ, WRITE, ADMIN)
+# The scopes that a scope includes.
+_INCLUDED = {READ: {READ}, WRITE: {READ, WRITE}, ADMIN: {READ, WRITE, ADMIN}}
+# How many meshes a key starts while another key starts one, when both have meshes waiting.
+DEFAULT_SHARE = 1
+# Larger shares would starve other keys for long.
+MAX_SHARE = 100
+_SECRET = re.compile(r"em_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyRow:
+    """A key as it is stored, with the hash of its secret."""
+
+    id: str
+    name: str
+    sha256: str
+    scopes: tuple[str, ...]
+    created_at: float
+    revoked_at: float | None = None
+    share: int = DEFAULT_SHARE
+
+    def is_valid(self, mark: str) -> bool:
+        """Whether the key has the secret with this hash, and is not revoked."""
+        # In a time that does not depend on the hashes.
+        return hmac.compare_digest(self.sha256, mark) and self.revoked_at is None
+
+
+def check_share(share: int) -> None:
+    """Raise ValueError for a share out of its bounds."""
+    if not 1 <= share <= MAX_SHARE:
+        raise ValueError(f"the share of a key is 1 to {MAX_SHARE}, not {share}")
+
+
+def new_secret() -> tuple[str, str]:
+    """A new id, and a secret that contains it: 256 random bits, so that a plain hash hides them."""
+    key_id = secrets.token_hex(6)
+    return key_id, f"em_{key_id}_{secrets.token_urlsafe(32)}"
+
+
+def id_of(secret: str) -> str | None:
+    """The id in a secret, None for a text that is no secret."""
+    match = _SECRET.fullmatch(secret)
+    return None if match is None else match[1]
+
+
+def digest(secret: str) -> str:
+    """The SHA-256 of a secret, as it is stored."""
+    return sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def expand_scopes(scopes: Iterable[str]) -> frozenset[str]:
+    """These scopes and all that they include: write includes read, admin includes both."""
+    return frozenset[str]().union(*(_INCLUDED[scope] for scope in scopes))
 
 
 class KeyStore:
@@ -67,3 +136,64 @@ class KeyStore:
 
 def _key(row: Row[Any]) -> KeyRow:
     return KeyRow(**{**row._mapping, "scopes": tuple(row.scopes)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quota:
+    """The most unfinished meshes of a key and the most points of them; 0: no limit."""
+
+    queued: int
+    points: int
+
+
+def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None:
+    """Check that one more mesh fits, in this writing transaction; raises :class:`QuotaError`.
+
+    Until the transaction ends, no other one in any process checks the same key, so the limit holds exactly.
+    """
+    if not (quota.queued or quota.points):
+        return
+    lock(connection, [f"quota {key_id}"])
+    _check(connection, key_id, points, quota)
+
+
+def _check(connection: Connection, key_id: str, points: int, quota: Quota) -> None:
+    # `coalesce` keeps the query from the index of all meshes of the key, most of which are finished.
+    mine = func.coalesce(meshes.c.key_id, "") == key_id
+    # With 64 bits: a mesh on a cluster may have more points than 32 bits count.
+    total = func.coalesce(func.sum(cast(meshes.c.n_xi, BigInteger) * meshes.c.n_eta), 0)
+    query = select(func.count(), total).where(meshes.c.status.in_((QUEUED, RUNNING)), mine)
+    number, used = connection.execute(query).one()
+    if quota.queued and number >= quota.queued:
+        raise QuotaError("key_max_queued", int(number), quota.queued)
+    if quota.points and used + points > quota.points:
+        raise QuotaError("key_max_points", int(used), quota.points)
+
+
+class QuotaStore:
+    """The usage of keys."""
+
+    def __init__(self, database: Database) -> None:
+        self._read = database.read
+
+    def check(self, key_id: str, points: int, quota: Quota) -> None:
+        """Check that one more mesh would fit now; raises :class:`QuotaError`."""
+        if quota.queued or quota.points:
+            with self._read() as connection:
+                _check(connection, key_id, points, quota)
+
+    def stored_bytes(self, key_id: str) -> int:
+        """Bytes of the files and specs of a key's meshes, and of its samples.
+
+        A file that several share counts for each.
+        """
+        specs = select(func.coalesce(func.sum(meshes.c.spec_size), 0))
+        files = select(func.coalesce(func.sum(artifacts.c.size), 0)).join(meshes, meshes.c.id == artifacts.c.mesh_id)
+        uploads = select(func.coalesce(func.sum(samples.c.size), 0)).join(
+            samples_keys, samples_keys.c.samples_id == samples.c.id
+        )
+        with self._read() as connection:
+            made = connection.execute(files.where(meshes.c.key_id == key_id)).scalar_one()
+            sent = connection.execute(uploads.where(samples_keys.c.key_id == key_id)).scalar_one()
+            specified = connection.execute(specs.where(meshes.c.key_id == key_id)).scalar_one()
+        return int(made) + int(sent) + int(specified)

@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 from sqlalchemy import Connection, delete, func, select, update
 
-from equimesh_service.store.artifacts import find_unnamed, note_removals, remove_unused
 from equimesh_service.store.database import Database, insert_new
-from equimesh_service.store.deletion import delete_ended, delete_meshes
+from equimesh_service.store.mesh_rows import delete_ended, delete_meshes, find_unnamed, note_removals, remove_unused
 from equimesh_service.store.schema import mesh_samples, meshes, removals, retired, samples, samples_keys
 
 # The most rows that one transaction removes.

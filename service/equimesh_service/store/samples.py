@@ -5,8 +5,8 @@ from collections.abc import Callable
 from sqlalchemy import ColumnElement, Connection, Select, bindparam, delete, select
 
 from equimesh_service.files.port import Publish, publish_nothing
-from equimesh_service.store.artifacts import note_removals, removal_lookup, remove_unused
 from equimesh_service.store.database import Database, insert_new, lock
+from equimesh_service.store.mesh_rows import note_removals, removal_lookup, remove_unused
 from equimesh_service.store.rows import QUEUED, RUNNING, SamplesRow
 from equimesh_service.store.schema import mesh_samples, meshes, retired, samples, samples_keys
 

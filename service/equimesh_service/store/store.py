@@ -4,18 +4,14 @@ from collections.abc import Callable
 
 from sqlalchemy import func, select
 
-from equimesh_service.store import migration
-from equimesh_service.store.clock import describe_skew, skew
-from equimesh_service.store.database import Database
-from equimesh_service.store.drafts import DraftStore
-from equimesh_service.store.keys import KeyStore
-from equimesh_service.store.meshes import MeshesStore
-from equimesh_service.store.queue import QueueStore
-from equimesh_service.store.quotas import QuotaStore
+from equimesh_service.store import database
+from equimesh_service.store.database import Database, describe_skew, skew
+from equimesh_service.store.keys import KeyStore, QuotaStore
+from equimesh_service.store.meshes import MeshesStore, SequencesStore
+from equimesh_service.store.queue import DraftStore, QueueStore
 from equimesh_service.store.retention import RetentionStore
 from equimesh_service.store.samples import SamplesStore
 from equimesh_service.store.schema import samples
-from equimesh_service.store.sequences import SequencesStore
 
 
 class Store:
@@ -42,7 +38,7 @@ class Store:
 
         Raises :class:`~equimesh_service.errors.NewerDatabaseError`.
         """
-        migration.prepare(self.database)
+        database.prepare(self.database)
 
     def close(self) -> None:
         """Close all connections."""

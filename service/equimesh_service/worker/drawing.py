@@ -1,19 +1,117 @@
 """A drawing: one npz with all that a page needs to draw a mesh, next to the uniform mesh of its size."""
 
+from __future__ import annotations
+
 import io
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from equimesh import Decomposition, Mesh, Schwarz
+import equimesh
+from equimesh import Decomposition, Event, Iteration, Mesh, Schwarz
+from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.quality import ComparedMesh, UniformComparison
-from equimesh_service.store.rows import FAILED, SUCCEEDED
-from equimesh_service.worker.sentences import sentences_of
+from equimesh.quality import ComparedMesh, UniformComparison, compare_with_uniform
+from equimesh.solving.measured_mesh import MeasuredMesh, interpolated_cells
+from equimesh.specs import build_schwarz
+from equimesh_service.assembly.problem import SamplesOf, build
+from equimesh_service.problems.problem import Problem
+from equimesh_service.store.rows import FAILED, SUCCEEDED, MeshRow
+from equimesh_service.worker.summary import sentences_of
+
+# The most coordinates x that the frames have in all, and as many y: 8 MiB together in single precision.
+MAX_COORDINATES = 1 << 20
+# The fewest frames that are kept, however many points a mesh has.
+MIN_FRAMES = 8
+
+
+@dataclass
+class Frames:
+    """Keeps the meshes of an iteration while it runs: all of them, or every second, fourth, … of a long one.
+
+    ``numbers`` are those of the iterations. The last mesh is always kept. An iteration that begins again takes the
+    place of the one before.
+    """
+
+    points: int
+    numbers: list[int] = field(default_factory=list)
+    _every: int = 1
+    _kept: list[npt.NDArray[np.float32]] = field(default_factory=list)
+    _last: Iteration | None = None
+
+    def __call__(self, event: Event) -> None:
+        """Keep the mesh of an iteration; other events of the solver have none."""
+        if not isinstance(event, Iteration):
+            return
+        if event.iteration == 0:  # another iteration, such as one with a weaker monitor, takes the place of the first
+            self.numbers, self._kept, self._every = [], [], 1
+        self._last = event
+        if event.iteration % self._every:
+            return
+        self._add(event)
+        if len(self.numbers) > self._most:
+            self._every *= 2
+            kept = [at for at, number in enumerate(self.numbers) if number % self._every == 0]
+            self.numbers = [self.numbers[at] for at in kept]
+            self._kept = [self._kept[at] for at in kept]
+
+    def arrays(self) -> dict[str, npt.NDArray[np.float32]]:
+        """``frames_x`` and ``frames_y`` of shape ``(frames, n_xi, n_eta)``; nothing without an iteration."""
+        if self._last is None:
+            return {}
+        if self.numbers[-1] != self._last.iteration:
+            self._add(self._last)
+        frames = np.stack(self._kept)
+        return {"frames_x": frames[:, 0], "frames_y": frames[:, 1]}
+
+    @property
+    def _most(self) -> int:
+        return max(MIN_FRAMES, MAX_COORDINATES // self.points)
+
+    def _add(self, event: Iteration) -> None:
+        self.numbers.append(event.iteration)
+        self._kept.append(np.stack([event.mesh.x, event.mesh.y]).astype(np.float32))
+
+
+def compare(
+    mesh: equimesh.Mesh | QuadMesh,
+    problem: equimesh.Problem | equimesh.BlockProblem,
+    certificate: Mapping[str, Any] | None = None,
+) -> UniformComparison:
+    """``mesh`` and the uniform mesh of the domain of ``problem``, with the error of u in each of their cells.
+
+    A mesh of blocks is compared with the initial one.
+
+    ``certificate`` is that of the mesh in its JSON form. It says which monitor an ``auto`` has chosen: on triangles
+    errors are only measured of a least-error mesh.
+    """
+    monitor = problem.monitor
+    if isinstance(monitor, equimesh.Auto) and _chosen(certificate or {}) == "least_error":
+        problem = replace(problem, monitor=monitor.least_error())
+    if isinstance(problem, equimesh.BlockProblem) or isinstance(mesh, QuadMesh):
+        return of_blocks(mesh, problem).against_initial
+    window, u = MeshWindow.of(mesh), problem.monitor.u
+    nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]
+    measured = MeasuredMesh(problem=problem, mesh=window, reference=window, u=lambda: nodal, threads=1)
+    return measured.against_uniform(mesh, measured.quality().interpolation_error)
+
+
+def of_blocks(mesh: object, problem: object) -> equimesh.BlockSolution:
+    """The solution of a problem on blocks whose mesh is known, to measure it."""
+    if not isinstance(mesh, QuadMesh) or not isinstance(problem, equimesh.BlockProblem):
+        raise TypeError("a mesh of blocks belongs to a problem on blocks")
+    return equimesh.BlockSolution(problem=problem, mesh=mesh, status=equimesh.Status.CONVERGED)
+
+
+def _chosen(certificate: Mapping[str, Any]) -> str:
+    """The kind of the monitor that was chosen among several; empty where it was given."""
+    return next((str(one["kind"]) for one in certificate.get("comparison") or () if one["chosen"]), "")
+
 
 Arrays = dict[str, npt.NDArray[Any]]
 # The array with the JSON text.
@@ -119,3 +217,38 @@ def pack(document: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) ->
             np.lib.format.write_array(member, np.ascontiguousarray(values), allow_pickle=False)
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), member.getbuffer())
     return file.getvalue()
+
+
+def draw_mesh_row(
+    row: MeshRow,
+    spec: Mapping[str, Any],
+    convergence: Mapping[str, Any] | None,
+    mesh: Mesh | QuadMesh,
+    find: SamplesOf,
+) -> bytes:
+    """The drawing of a finished ``mesh`` from its ``row`` in the store, its spec and its history."""
+    result = row.result or {}
+    schwarz = build_schwarz(spec)
+    document = document_of(spec, result, error=row.error, convergence=convergence, schwarz=schwarz, mesh=mesh)
+    document["seconds"] = result.get("timings")
+    problem = _problem(spec, result["certificate"], find)
+    if isinstance(mesh, QuadMesh) or isinstance(problem, equimesh.BlockProblem):
+        return pack(document, arrays_of(of_blocks(mesh, problem).against_initial, is_folded=False))
+    monitor = problem.monitor
+    compared = compare_with_uniform(mesh, monitor, domain=problem.domain, kind=interpolated_cells(monitor))
+    return pack(document, arrays_of(compared, is_folded=False))
+
+
+def _problem(
+    spec: Mapping[str, Any], certificate: Mapping[str, Any], find: SamplesOf
+) -> equimesh.Problem | equimesh.BlockProblem:
+    """The problem that was solved: where the monitor was chosen, that of the chosen one."""
+    chosen = next((one for one in certificate.get("comparison", ()) if one["chosen"]), None)
+    if spec["monitor"]["kind"] == "auto" and chosen is not None:
+        shared = {name: spec["monitor"][name] for name in ("u", "orthogonality") if name in spec["monitor"]}
+        monitor = {"kind": chosen["kind"], **shared, **chosen["settings"]}
+        try:
+            return build({**spec, "monitor": monitor}, find).problem
+        except Problem:
+            pass  # a candidate that no spec names, such as the uniform mesh
+    return build(spec, find).problem

@@ -20,14 +20,11 @@ from equimesh_service.problems.storage import storage_faults
 from equimesh_service.store.rows import Artifact, MeshInput
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
-from equimesh_service.worker.comparison import compare, of_blocks
-from equimesh_service.worker.convergence import NO_ITERATIONS
-from equimesh_service.worker.job import Export
-from equimesh_service.worker.names import CONVERGENCE, DRAWING, MESH, part_name
-from equimesh_service.worker.part_files import PartsLayout, convert_part_file, write_head_file
-from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN
+from equimesh_service.worker.drawing import compare, draw_mesh_row, of_blocks
+from equimesh_service.worker.in_parts import PART_FORMATS, WRITTEN, PartsLayout, convert_part_file, write_head_file
+from equimesh_service.worker.job import CONVERGENCE, DRAWING, MESH, Export, part_artifact
 from equimesh_service.worker.solve import open_store, samples_of
-from equimesh_service.worker.stored_drawing import draw_mesh_row
+from equimesh_service.worker.summary import NO_ITERATIONS
 
 
 def export(task: Export) -> Artifact | None:
@@ -75,7 +72,7 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
         case ["head", format]:
             write_head_file(path, _layout(task, store), format)
         case ["part", format, number]:
-            stored = source(part_name(WRITTEN, int(number)))
+            stored = source(part_artifact(WRITTEN, int(number)))
             convert_part_file(stored, path, _layout(task, store), int(number), format)
         case ["plot", "convergence", _]:
             from equimesh.plot.convergence import draw_convergence

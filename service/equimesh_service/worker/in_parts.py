@@ -1,4 +1,4 @@
-"""A mesh in parts: one process of a worker lets the whole cluster compute it.
+"""A mesh in parts: its formats and files, and its solve by the whole cluster.
 
 The process holds the records of the solve, and no row of the mesh: each worker writes the file of its part into the
 storage of the service. Where the process is killed, the cluster gives up the parts, since their client is gone.
@@ -7,15 +7,27 @@ storage of the service. Where the process is killed, the cluster gives up the pa
 from __future__ import annotations
 
 import logging
+import os
 import re
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from equimesh import SolveError
+import numpy as np
+
+from equimesh import Field, Grid, SolveError
+from equimesh.numerics.types import Array
 from equimesh.specs.spec import AUTOMATIC_PARTS, BuiltSpec
+from equimesh_cluster.mesh_part import MeshPart
+from equimesh_cluster.part_files.formats import PARTED_FORMATS, NodeValues, PartData, PartedFormat, part_name
+from equimesh_cluster.part_files.parted_mesh import write_head, write_part
+from equimesh_cluster.part_files.pvtu import Piece
 from equimesh_service.assembly.problem import translate_errors
 from equimesh_service.errors import FilesError, WorkerLostError
 from equimesh_service.files.port import Files, Removed, StoredFile
@@ -23,16 +35,148 @@ from equimesh_service.problems.problem import Problem
 from equimesh_service.store.rows import Artifact, Ending, Outcome
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import tracing
-from equimesh_service.worker.job import Job, Storage
-from equimesh_service.worker.names import head_name, part_name
-from equimesh_service.worker.part_files import PartsLayout, values_of, write_head_file, write_part_file
-from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN
+from equimesh_service.worker.job import Job, Storage, head_name, part_artifact
 from equimesh_service.worker.reporter import Reporter
 
 if TYPE_CHECKING:
     from equimesh.solving.solution import Solution
     from equimesh_cluster import Handle
     from equimesh_cluster.parts.part_solution import PartSolution
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartFormat:
+    """A format of a mesh in parts: the suffixes and media types of its head and of its parts, and who reads it.
+
+    Without ``head_suffix`` there is no head.
+    """
+
+    name: str
+    suffix: str
+    media_type: str
+    description: str
+    head_suffix: str = ""
+    head_media_type: str = ""
+
+    def part_name(self, number: int) -> str:
+        """The name of the file of a part, without its folder."""
+        kind = PARTED_FORMATS.get(self.name)
+        return f"part-{number:04d}{self.suffix}" if kind is None else part_name(number, kind)
+
+    def path_of_part(self, mesh_id: str, number: int) -> str:
+        """The path under which the head of a mesh looks for the file of a part."""
+        return f"{mesh_id}/{self.part_name(number)}"
+
+    def head_name(self, mesh_id: str) -> str:
+        """The name of the file of the head."""
+        return f"{mesh_id}{self.head_suffix}"
+
+
+def _of(kind: PartedFormat) -> PartFormat:
+    return PartFormat(
+        name=kind.name,
+        suffix=kind.part_suffix,
+        media_type=kind.part_media_type,
+        description=kind.readers,
+        head_suffix=kind.suffix,
+        head_media_type=kind.media_type,
+    )
+
+
+# The formats whose heads and parts are files; zarr is a folder.
+HEADED = tuple(kind.name for kind in PARTED_FORMATS.values() if kind.part_suffix)
+PART_FORMATS: Mapping[str, PartFormat] = {
+    **{name: _of(PARTED_FORMATS[name]) for name in HEADED},
+    "npz": PartFormat(
+        name="npz",
+        suffix=".npz",
+        media_type="application/x-npz",
+        description="NumPy: arrays x, y and u of the rows of a part; without a head",
+    ),
+}
+# The format in which a mesh in parts is written, and from which other formats are made.
+WRITTEN = "pvtu"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartsLayout:
+    """The parts of a mesh: their first rows, the name in the files, and the names of arrays at nodes."""
+
+    name: str
+    grid: Grid
+    firsts: tuple[int, ...]
+    nodes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, parts: Mapping[str, Any], grid: Grid) -> PartsLayout:
+        """The layout that the result of a mesh describes, as :meth:`record` does."""
+        firsts = tuple(int(first) for first, _ in parts["rows"])
+        return cls(name=str(parts["name"]), grid=grid, firsts=firsts, nodes=tuple(parts["nodes"]))
+
+    def record(self) -> dict[str, Any]:
+        """The layout as JSON, without the grid."""
+        return {"name": self.name, "rows": [list(rows) for rows in self.rows], "nodes": list(self.nodes)}
+
+    @property
+    def rows(self) -> tuple[tuple[int, int], ...]:
+        """The first row of each part, and that of the next one."""
+        return tuple(pairwise((*self.firsts, self.grid.n_xi)))
+
+
+def write_part_file(path: Path, part: MeshPart, nodes: Mapping[str, NodeValues], format: str) -> None:
+    """Write a part to ``path``; ``nodes`` are values at its nodes, or functions of x and y."""
+    if format == "npz":
+        values: dict[str, Any] = {
+            name: found(part.x, part.y) if callable(found) else found for name, found in nodes.items()
+        }
+        with path.open("wb") as file:
+            np.savez(file, x=part.x, y=part.y, **values)
+        return
+    with TemporaryDirectory(dir=path.parent) as folder:
+        head = Path(folder) / PART_FORMATS[format].head_name("mesh")
+        os.replace(write_part(head, part, PartData(nodes=nodes), format=format), path)
+
+
+def write_head_file(path: Path, layout: PartsLayout, format: str) -> None:
+    """Write the head to ``path``; it refers to the parts by the name of the layout."""
+    with TemporaryDirectory(dir=path.parent) as folder:
+        head = Path(folder) / PART_FORMATS[format].head_name(layout.name)
+        write_head(head, grid=layout.grid, cuts=layout.firsts[1:], nodes=layout.nodes, format=format, parts_exist=False)
+        os.replace(head, path)
+
+
+@dataclass(frozen=True)
+class _Values:
+    """The values of a field at nodes."""
+
+    field: Field
+
+    def __call__(self, x: Array, y: Array) -> Array:
+        return self.field.evaluate(x, y)[0]
+
+
+def values_of(u: Field | None) -> dict[str, NodeValues]:
+    """The arrays at the nodes of a part: u, where there is one, evaluated for some rows at a time."""
+    return {} if u is None else {"u": _Values(u)}
+
+
+def convert_part_file(source: Path, path: Path, layout: PartsLayout, number: int, format: str) -> None:
+    """Write a part in another format; ``source`` is its file as it was written at first."""
+    (first, last), n_eta = layout.rows[number], layout.grid.n_eta
+    rows, piece = min(last + 1, layout.grid.n_xi) - first, Piece(path=source)
+    points = piece.array("Points", "Points", (rows, n_eta, 3))  # mapped, so that little of it is in memory
+    part = MeshPart(
+        grid=layout.grid,
+        number=number,
+        count=len(layout.rows),
+        first=first,
+        last=last,
+        x=points[:, :, 0],
+        y=points[:, :, 1],
+    )
+    nodes = {name: piece.array("PointData", name, (rows, n_eta)) for name in layout.nodes}
+    write_part_file(path, part, nodes, format)
+
 
 _log = logging.getLogger(__name__)
 # What names a worker or a machine in the sentences of the cluster: callers of the service do not get to know addresses.
@@ -126,7 +270,7 @@ def _write(handle: Handle, layout: PartsLayout, storage: Storage, formats: list[
     """The files of all parts, which their workers write, and the heads."""
     written = handle.each(write_part_into, storage, formats)
     artifacts = [
-        Artifact(part_name(format, number), file.sha256, file.size)
+        Artifact(part_artifact(format, number), file.sha256, file.size)
         for number, files in enumerate(written)
         for format, file in files.items()
     ]

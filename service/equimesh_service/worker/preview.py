@@ -20,10 +20,9 @@ from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
 from equimesh_service.telemetry import log_context
-from equimesh_service.worker.drawing import arrays_of, document_of, pack
-from equimesh_service.worker.frames import Frames
+from equimesh_service.worker.drawing import Frames, arrays_of, document_of, pack
 from equimesh_service.worker.job import Storage
-from equimesh_service.worker.solution_summary import problem_of, summary_of
+from equimesh_service.worker.summary import problem_of, summary_of
 
 _log = logging.getLogger(__name__)
 

@@ -10,8 +10,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from equimesh_service.errors import CannotServeError
 from equimesh_service.files.folder import FolderFiles
-from equimesh_service.store.database import sqlite_file
-from equimesh_service.store.migration import LATEST, current
+from equimesh_service.store.database import LATEST, current, sqlite_file
 from equimesh_service.worker.job import Storage
 
 # Its content is different on every machine, and after every start of it. Containers have that of their machine.

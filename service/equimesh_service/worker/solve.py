@@ -1,35 +1,233 @@
 """The solve of one mesh in a worker process, from its spec in the store to its files."""
 
+from __future__ import annotations
+
+import contextvars
+import json
 import logging
+import math
 import pickle
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import equimesh
+from equimesh.equations.block_problem import BlockProblem
+from equimesh.errors import InputError
+from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.sequences.sequence_step import BlockStep
+from equimesh.solving.options import SolveArguments
+from equimesh.specs import build_field
 from equimesh.specs.spec import BuiltSpec
+from equimesh_service.assembly.bodies import StepField, read_fields
 from equimesh_service.assembly.problem import SamplesOf, build, translate_errors
+from equimesh_service.assembly.samples import field_of
 from equimesh_service.errors import AttemptLostError, KeyReusedError, SamplesGoneError
-from equimesh_service.files.port import Files, Publish, publish_nothing
+from equimesh_service.files.port import Files, Publish, Removed, StoredFile, publish_nothing
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
-from equimesh_service.store.rows import Claim, Ending, MeshInput, NewSamples, Outcome, Refused, Repeated
+from equimesh_service.store.rows import (
+    SUCCEEDED,
+    Artifact,
+    Claim,
+    Ending,
+    MeshInput,
+    NewSamples,
+    Outcome,
+    Refused,
+    Repeated,
+)
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.telemetry.stopwatch import Stopwatch
-from equimesh_service.worker.attempt import attempt, log_context_of
 from equimesh_service.worker.in_parts import solve_in_parts
-from equimesh_service.worker.job import Job, Storage
-from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
-from equimesh_service.worker.output import Output
+from equimesh_service.worker.job import CONVERGENCE, MESH, Job, Storage, attempt, file_name, log_context_of
 from equimesh_service.worker.reporter import Reporter
-from equimesh_service.worker.solution_summary import AnySolution, problem_of, summary_of
-from equimesh_service.worker.step import AnySequenceStep, StepStart, certificate_of, moves_of
+from equimesh_service.worker.summary import AnySolution, problem_of, summary_of
+
+# Larger files are read from the storage for the answer, piece by piece.
+MAX_CONTENT_BYTES = 1024 * 1024
+
+
+class Output:
+    """Files that are written but not yet published; with ``in_threads`` each in a thread of its own."""
+
+    def __init__(self, files: Files, stack: ExitStack, *, in_threads: bool) -> None:
+        self._files = files
+        self._stack = stack
+        self._in_threads = in_threads
+        self._names: list[str] = []
+        self._sealed: list[tuple[Path, Callable[[], StoredFile]]] = []
+
+    def json(self, name: str, value: Any) -> None:
+        """Write a JSON document."""
+        self.write(name, ".json", lambda path: path.write_text(json.dumps(value, allow_nan=False)))
+
+    def write(self, name: str, suffix: str, write: Callable[[Path], object]) -> None:
+        """Write a file by ``write``."""
+        path = self._stack.enter_context(self._files.unfinished(suffix))
+
+        def seal() -> StoredFile:
+            write(path)
+            return self._files.seal(path)
+
+        self._names.append(name)
+        self._sealed.append((path, self._begin(seal) if self._in_threads else _run_now(seal)))
+
+    def _begin(self, seal: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
+        # The thread is joined before its file is removed, also on failure.
+        thread = self._stack.enter_context(ThreadPoolExecutor(1))
+        try:
+            return thread.submit(contextvars.copy_context().run, seal).result
+        except RuntimeError:  # there is no memory for a thread; there may be enough without one
+            return _run_now(seal)
+
+    def artifacts(self) -> list[Artifact]:
+        """All files, once they are written."""
+        files = [sealed() for _, sealed in self._sealed]
+        return [Artifact(name, file.sha256, file.size) for name, file in zip(self._names, files, strict=True)]
+
+    def small_content(self, name: str) -> bytes | None:
+        """The bytes of a written file when they are few; None for a large file, and for one that was not written."""
+        for written, (path, sealed) in zip(self._names, self._sealed, strict=True):
+            if written == name and sealed().size <= MAX_CONTENT_BYTES:
+                return path.read_bytes()
+        return None
+
+    def publish(self, removed: Removed) -> None:
+        """Publish all files."""
+        for path, sealed in self._sealed:
+            self._files.publish(path, sealed(), removed)
+
+
+def _run_now(seal: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
+    file = seal()
+    return lambda: file
+
+
+# The names of the displacement in files: the first that is not the name of a field.
+VELOCITIES = ("velocity", "mesh_velocity")
+# The settings of a step that a sequence takes.
+MOTION = ("smoothing", "max_move", "outrun")
+AnySequenceStep: TypeAlias = equimesh.SequenceStep | BlockStep
+"""A step on a grid, or on blocks."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepStart:
+    """The mesh of the step before, the fields on it, what else is known of it, and how the mesh is to move."""
+
+    mesh: equimesh.Mesh | QuadMesh
+    fields: Mapping[str, StepField]
+    earlier: equimesh.Earlier | None
+    motion: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, mesh_input: MeshInput, spec: BuiltSpec, files: Files) -> StepStart | None:
+        """The start of a step; None for the first step, and for a mesh that is no step."""
+        if mesh_input.start is None:
+            return None
+        try:
+            with files.local(mesh_input.start) as path:
+                mesh = load_npz(path).mesh
+        except FileNotFoundError:
+            raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
+        fields: Mapping[str, StepField] = {}
+        if mesh_input.fields is not None:
+            with files.local(mesh_input.fields) as path:
+                fields = read_fields(path)
+        settings = mesh_input.settings or {}
+        motion = {name: settings[name] for name in MOTION if name in settings}
+        return cls(mesh=mesh, fields=fields, earlier=_earlier(settings.get("before"), spec, files), motion=motion)
+
+    def take(self, spec: BuiltSpec, options: SolveArguments) -> AnySequenceStep:
+        """The step to the problem of ``spec``; raises :class:`~equimesh.errors.InputError` where it is refused."""
+        fields = {name: field.mesh_values() for name, field in self.fields.items()}
+        if isinstance(spec.problem, BlockProblem):
+            if isinstance(self.mesh, equimesh.Mesh):
+                raise TypeError("a step on blocks follows a mesh of blocks")
+            on_blocks = equimesh.BlockSequence(
+                spec.problem, mesh=self.mesh, solution=self.earlier, **self.motion, **options
+            )
+            return on_blocks.step(spec.problem.monitor, fields)
+        if isinstance(self.mesh, QuadMesh):
+            raise TypeError("a step on a grid follows a mesh of a grid")
+        settings: SolveArguments = {**options, "mode": spec.mode, "allow_relaxed": spec.allow_relaxed}
+        sequence = equimesh.Sequence(
+            spec.problem,
+            spec.grid_schwarz,
+            mesh=self.mesh,
+            solution=self.earlier,
+            **self.motion,
+            **settings,
+        )
+        return sequence.step(spec.problem.monitor, fields)
+
+    def arrived(self, data: equimesh.MeshData, step: AnySequenceStep) -> equimesh.MeshData:
+        """The data of the new mesh with its displacement, the fields carried to it, and the JSON of the step."""
+        name = next((name for name in VELOCITIES if name not in self.fields), None)
+        at_nodes = {key: values for key, values in step.fields.items() if self.fields[key].location == "nodes"}
+        in_cells = {key: values for key, values in step.fields.items() if key not in at_nodes}
+        moved = {} if name is None or step.velocity is None else {name: step.velocity}
+        return replace(
+            data,
+            fields={**at_nodes, **moved},
+            cell_fields=in_cells,
+            step=json.dumps(self._answer(step, name if moved else None), allow_nan=False),
+        )
+
+    def _answer(self, step: AnySequenceStep, velocity: str | None) -> dict[str, Any]:
+        """What the step says of itself, with the name of its displacement, and how its fields came."""
+        certificate = certificate_of(step)
+        fields = {
+            name: {"transfer": field.transfer, "location": field.location, "bounds": field.bounds}
+            for name, field in self.fields.items()
+        }
+        said = {"status": SUCCEEDED, "certificate": certificate, "warnings": certificate["warnings"]}
+        return {**said, **moves_of(step), "velocity": velocity, "fields": fields}
+
+
+def certificate_of(step: AnySequenceStep) -> dict[str, Any]:
+    """The certificate of the mesh of a step, whose warnings include those of the step."""
+    return {**step.certificate.summary(), "warnings": list(step.warnings)}
+
+
+def moves_of(step: AnySequenceStep) -> dict[str, Any]:
+    """The number of substeps, and how far the nodes moved, in cells."""
+    return {"substeps": step.substeps, "moved": step.moved}
+
+
+def _earlier(before: Mapping[str, Any] | None, spec: BuiltSpec, files: Files) -> equimesh.Earlier | None:
+    """The source and the gains of the mesh before; None for steps of earlier releases."""
+    if before is None:
+        return None
+    norm = getattr(spec.problem.monitor, "norm", "l2")
+    gain = before["gains"].get(norm)
+    return equimesh.Earlier(u=_u_of(before, spec, files), gain=math.nan if gain is None else float(gain))
+
+
+def _u_of(before: Mapping[str, Any], spec: BuiltSpec, files: Files) -> equimesh.Field | None:
+    """The u of the mesh before; None where it has none, or where its samples are gone."""
+    source = before["u"]
+    if source is None:
+        return None
+
+    def find(_name: str, box: Any) -> equimesh.Field:
+        with files.local(before["samples"]) as path:
+            return field_of(path, box)
+
+    try:
+        return build_field(source, spec.problem.domain, find, "u")
+    except (FileNotFoundError, InputError):
+        return None
+
 
 _log = logging.getLogger(__name__)
 # The least number of points for which files are written in threads.

@@ -13,7 +13,7 @@ from equimesh.monitors.tensor import Weight
 from equimesh.numerics.types import Array
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
-from equimesh_coupling.density import wanted_density
+from equimesh_coupling.adaptation import wanted_density
 
 
 def indicated_mesh(mesh: Mesh, indicator: Array, domain: Domain, norm: Norm, threads: int) -> Mesh:

@@ -18,7 +18,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.numerics.threads import thread_count
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on
-from equimesh_coupling.cells import CellAverages, ErrorIndicator, cell_values
+from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_values
 from equimesh_coupling.values import node_values
 
 MAX_ROUNDS = 100
@@ -69,9 +69,9 @@ def adapt(
     ``solve(mesh)`` solves on an :class:`~equimesh.meshes.mesh.Mesh`, or a
     :class:`~equimesh.meshes.quad_mesh.QuadMesh` of blocks, which has the methods ``to_skfem()``,
     ``to_dolfinx(comm)`` and so on, and returns one of these: values at the nodes, a field of a library with an adaptor,
-    :class:`~equimesh_coupling.cells.CellAverages`, or an :class:`~equimesh_coupling.cells.ErrorIndicator` of the cells.
-    It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that meshes
-    minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient, relative to the gradient on the
+    :class:`~equimesh_coupling.recovery.CellAverages`, or an :class:`~equimesh_coupling.recovery.ErrorIndicator` of the
+    cells. It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that
+    meshes minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient, relative to that on the
     same mesh, since an absolute one favours meshes that do not resolve. ``observe`` is called with every round.
 
     Raises :class:`~equimesh_coupling.errors.BadValues` where the values of the first solve cannot be used, and what the

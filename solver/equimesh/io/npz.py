@@ -13,7 +13,7 @@ from equimesh.errors import InputError
 from equimesh.meshes.mesh import SIDES, Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh_coupling.cuts import quads_of_triangles
+from equimesh_coupling.parts import quads_of_triangles
 
 STEP: Final = "step_json"  # the bytes of the JSON of a step: numbers, which every reader of npz files can read
 # What the names of the arrays of sides and blocks begin with in the file of a mesh of blocks.

@@ -32,7 +32,7 @@ from equimesh.least_error.quad_cells import cells_of_mesh
 from equimesh.least_error.starts import Patch, equidistributed, resampled
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
-from equimesh_coupling.cuts import cuts_at_corners
+from equimesh_coupling.parts import cuts_at_corners
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

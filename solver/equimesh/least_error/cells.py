@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from equimesh.numerics.types import Array, IntArray
-from equimesh_coupling.cuts import corner_cuts
+from equimesh_coupling.parts import corner_cuts
 
 MAX_CACHED_GRIDS = 16
 """Small grids whose cells are kept: the levels of one or two solves."""

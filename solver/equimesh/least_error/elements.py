@@ -12,7 +12,7 @@ import numpy as np
 from equimesh.least_error.kernels import Element, Nodes
 from equimesh.numerics.types import IntArray
 from equimesh.quality.cells import CellPoints
-from equimesh_coupling.cuts import ANYWHERE, CUTS, better_cuts
+from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 
 Norm: TypeAlias = Literal["l2", "h1"]
 CellKind: TypeAlias = Literal["quad", "triangle"]

@@ -8,7 +8,7 @@ from equimesh.least_error.cells import Cells
 from equimesh.meshes.quad_links import places_of
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
-from equimesh_coupling.cuts import cuts_at_corners
+from equimesh_coupling.parts import cuts_at_corners
 
 
 def cells_of_mesh(corners: IntArray, free: Array, ties: IntArray, *, are_cut: bool = False) -> Cells:

@@ -13,8 +13,7 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.coupled import Coupled
-from equimesh_coupling.cuts import quads_of, triangles_of
-from equimesh_coupling.parts import Cells, MeshParts
+from equimesh_coupling.parts import Cells, MeshParts, quads_of, triangles_of
 
 SIDES = ("left", "right", "bottom", "top")
 

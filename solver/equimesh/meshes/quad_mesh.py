@@ -15,8 +15,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.coupled import Coupled
-from equimesh_coupling.cuts import triangles_of_cells
-from equimesh_coupling.parts import Cells, MeshParts
+from equimesh_coupling.parts import Cells, MeshParts, triangles_of_cells
 
 # Fewer cells are not worth a second thread.
 MIN_SHARED_CELLS = 16_384

@@ -30,7 +30,7 @@ from equimesh.quality.cell_maps import (
     size_ratios,
     size_ratios_of,
 )
-from equimesh_coupling.cuts import corner_cuts, cuts_at_corners
+from equimesh_coupling.parts import corner_cuts, cuts_at_corners
 
 BLOCK_POINTS = 1 << 14
 """Points of a block of cells: this bounds the memory, and a block stays in the cache."""
@@ -209,7 +209,7 @@ class MeshCells(Cells):
     def cuts(self) -> dict[int, int]:
         """The cells that are cut through a corner of the domain, by their places among the own ones.
 
-        The cuts are those of :func:`~equimesh_coupling.cuts.corner_cuts`.
+        The cuts are those of :func:`~equimesh_coupling.parts.corner_cuts`.
         """
 
     @abstractmethod

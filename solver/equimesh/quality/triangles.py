@@ -30,7 +30,7 @@ from equimesh.quality.interpolation import (
 )
 from equimesh.quality.resolution import BLOCK_PIECES, Pieces, resolved_integrals
 from equimesh.quality.tally import add_errors
-from equimesh_coupling.cuts import ANYWHERE, CUTS, better_cuts
+from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 
 GAUSS_POINTS = 3
 """Gauss points per direction of a triangle: exact for the squared error of a quadratic u."""
@@ -57,7 +57,7 @@ def triangle_errors(mesh: AnyMesh, u: Field, uniform: AnyMesh | None = None) -> 
 def halves(cells: Pieces, through: Mapping[int, int] = ANYWHERE) -> Pieces:
     """The triangles of whole cells: cell ``k`` gives ``2 k`` and ``2 k + 1``. Their last two corners are one point.
 
-    Cells are cut as :func:`~equimesh_coupling.cuts.better_cuts` says, those in ``through`` along the diagonal given.
+    Cells are cut as :func:`~equimesh_coupling.parts.better_cuts` says, those in ``through`` along the diagonal given.
     """
     corners = cells.corners.reshape(2, 4, -1)
     cuts = CUTS[better_cuts(corners.transpose(2, 1, 0), through)].reshape(-1, 3)

@@ -17,7 +17,7 @@ from cli.conftest import look
 from equimesh_cli.checks import installation
 from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
-from equimesh_service.store.migration import upgrade
+from equimesh_service.store.database import upgrade
 from equimesh_service.store.schema import meshes, samples
 from service.databases import Postgres
 from service.s3_server import ACCESS_KEY, SECRET_KEY, serving

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from equimesh_cli import main
-from equimesh_service.store.migration import LATEST
+from equimesh_service.store.database import LATEST
 
 pytestmark = pytest.mark.usefixtures("no_variables")
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from equimesh_client import DownloadDamaged
-from equimesh_client.wire.archives import FOAM_FILES, unpack_foam, unpack_xdmf
+from equimesh_client.wire.downloads import FOAM_FILES, unpack_foam, unpack_xdmf
 
 
 def archive(*names: str) -> bytes:

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from equimesh_client import BadArgument, RetryPolicy
-from equimesh_client.wire.deadline import Deadline, Settings
+from equimesh_client.wire.settings import Deadline, Settings
 
 
 def test_time_runs_down_to_zero() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from equimesh_client import BadArgument
-from equimesh_client.wire.files import write_atomically
+from equimesh_client.wire.downloads import write_atomically
 
 
 def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:

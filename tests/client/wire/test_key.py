@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from equimesh_client import BadArgument, ProblemError
-from equimesh_client.wire.key import headers_with_key
+from equimesh_client.wire.settings import headers_with_key
 
 
 def spec(**more: Any) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from equimesh_client.wire.pages import PAGE_RECORDS, Pages, SequencePages
+from equimesh_client.wire.protocol import PAGE_RECORDS, Pages, SequencePages
 
 
 def fetched(pages: Pages, sizes: list[int]) -> list[int]:

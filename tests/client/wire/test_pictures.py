@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_client.wire.pictures import Plot, plot_format
+from equimesh_client.wire.arrays import Plot, plot_format
 
 
 @pytest.mark.parametrize(

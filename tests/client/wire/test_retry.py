@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import pytest
 
 from equimesh_client import BadArgument, RetryPolicy
-from equimesh_client.wire.retry import pause_before_retry, retry_after_of
+from equimesh_client.wire.settings import pause_before_retry, retry_after_of
 
 
 def policy(jitter: float = 1.0, retries: int = 3) -> RetryPolicy:

@@ -24,8 +24,8 @@ from equimesh_client import (
 )
 from equimesh_client.wire import steps
 from equimesh_client.wire.arrays import arrays_of
-from equimesh_client.wire.deadline import Deadline, Settings
 from equimesh_client.wire.protocol import Call, Reply
+from equimesh_client.wire.settings import Deadline, Settings
 
 SETTINGS = Settings(url="http://host", timeout=1.0, policy=RetryPolicy(retries=0))
 CELLS = np.array([[0, 2, 3, 1]])

@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import pytest
 
 from equimesh_service.admission import admit
-from equimesh_service.assembly.domain_mesh import convert_mesh
+from equimesh_service.assembly.samples import convert_mesh
 from equimesh_service.errors import TimeLimitError
 from equimesh_service.problems.problem import Problem
 

@@ -9,8 +9,7 @@ import pytest
 
 from equimesh_service.admission.callers import ANYONE, Callers
 from equimesh_service.problems.problem import Problem
-from equimesh_service.store.key_secrets import KeyRow
-from equimesh_service.store.keys import KeyStore
+from equimesh_service.store.keys import KeyRow, KeyStore
 from service.conftest import small, until
 from service.guarded import Guarded
 from service.interface import operations

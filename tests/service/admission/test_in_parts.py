@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from equimesh_service import Settings
-from equimesh_service.admission.in_parts import NO_PARTS, assign
+from equimesh_service.admission.admit import NO_PARTS, assign_parts
 from equimesh_service.problems.problem import Problem
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.monitors import USES
@@ -29,15 +29,15 @@ def settings(folder: Path, **more: Any) -> Settings:
 )
 def test_which_meshes_are_in_parts(tmp_path: Path, grid: Any, parts: Any, expected: Any) -> None:
     spec = read_spec({"monitor": CURVATURE, "grid": grid, "parts": parts})
-    assert assign(spec, settings(tmp_path)).canonical["parts"] == expected
+    assert assign_parts(spec, settings(tmp_path)).canonical["parts"] == expected
 
 
 @pytest.mark.parametrize("more", [{"engine": "pebble", "scheduler": ""}, {"max_cluster_points": 0}])
 def test_without_a_cluster_none_is(tmp_path: Path, more: dict[str, Any]) -> None:
     here = settings(tmp_path, **more)
-    assert assign(read_spec({"monitor": CURVATURE, "grid": LARGE}), here).canonical["parts"] is None
+    assert assign_parts(read_spec({"monitor": CURVATURE, "grid": LARGE}), here).canonical["parts"] is None
     with pytest.raises(Problem, match="meshes in parts need a cluster") as caught:
-        assign(read_spec({"monitor": CURVATURE, "grid": SMALL, "parts": 2}), here)
+        assign_parts(read_spec({"monitor": CURVATURE, "grid": SMALL, "parts": 2}), here)
     assert [fault.pointer for fault in caught.value.errors] == ["/parts"]
 
 
@@ -61,18 +61,18 @@ def test_without_a_cluster_none_is(tmp_path: Path, more: dict[str, Any]) -> None
 def test_what_a_mesh_in_parts_cannot_have(tmp_path: Path, change: dict[str, Any], pointer: str, words: str) -> None:
     document = {"monitor": CURVATURE, "grid": LARGE, **change}
     with pytest.raises(Problem, match="request at most 1000 points, which one machine computes") as caught:
-        assign(read_spec(document), settings(tmp_path))
+        assign_parts(read_spec(document), settings(tmp_path))
     assert [fault.pointer for fault in caught.value.errors] == [pointer]
     assert words in caught.value.errors[0].message
     small = read_spec({**document, "grid": SMALL})
-    assert assign(small, settings(tmp_path)) is small
+    assert assign_parts(small, settings(tmp_path)) is small
     with pytest.raises(Problem, match="or leave parts out"):
-        assign(read_spec({**document, "grid": SMALL, "parts": 2}), settings(tmp_path))
+        assign_parts(read_spec({**document, "grid": SMALL, "parts": 2}), settings(tmp_path))
 
 
 def test_a_target_has_no_parts(tmp_path: Path) -> None:
     with pytest.raises(Problem, match="give a grid in place of the target") as caught:
-        assign(read_spec({"monitor": CURVATURE, "target": {"error": 1}, "parts": "auto"}), settings(tmp_path))
+        assign_parts(read_spec({"monitor": CURVATURE, "target": {"error": 1}, "parts": "auto"}), settings(tmp_path))
     assert caught.value.errors[0].pointer == "/target"
 
 
@@ -87,7 +87,7 @@ def test_every_monitor_that_is_a_metric_may_be_in_parts(tmp_path: Path) -> None:
     ]
     assert {metric["kind"] for metric in metrics} | {*NO_PARTS} == {*USES}
     for metric in metrics:
-        spec = assign(read_spec({"monitor": metric, "grid": LARGE}), settings(tmp_path))
+        spec = assign_parts(read_spec({"monitor": metric, "grid": LARGE}), settings(tmp_path))
         assert spec.canonical["parts"] == "auto"
 
 

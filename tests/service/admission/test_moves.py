@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh_service.admission.moves import read_arrays, read_json
+from equimesh_service.admission.steps import read_arrays, read_json
 from equimesh_service.problems.problem import Problem
 from service.requests import npz
 

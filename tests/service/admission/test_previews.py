@@ -17,11 +17,9 @@ from equimesh_service import Settings
 from equimesh_service.admission import previews as module
 from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import ANYONE
-from equimesh_service.admission.preview_admission import PreviewAdmission
-from equimesh_service.admission.previews import Previews
-from equimesh_service.dispatch.check_threads import CheckThreads
-from equimesh_service.dispatch.side_workers import SideWorkers
-from equimesh_service.dispatch.worker_line import WorkerLine
+from equimesh_service.admission.previews import PreviewAdmission, Previews
+from equimesh_service.dispatch.wakeups import CheckThreads
+from equimesh_service.dispatch.worker_line import SideWorkers, WorkerLine
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError, WorkerLostError
 from equimesh_service.files.address import files_address

@@ -11,12 +11,11 @@ import httpx
 import pytest
 
 from equimesh_service import Settings
-from equimesh_service.admission.callers import ANYONE, Caller
-from equimesh_service.admission.quotas import Quotas
+from equimesh_service.admission.callers import ANYONE, Caller, Quotas
 from equimesh_service.errors import QuotaError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.store.database import to_json
-from equimesh_service.store.quotas import Quota, QuotaStore
+from equimesh_service.store.keys import Quota, QuotaStore
 from equimesh_service.store.rows import NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import SLOW, small, until

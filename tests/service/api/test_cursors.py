@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.api.cursors import cursor_of, position_of
+from equimesh_service.api.routing import cursor_of, position_of
 from equimesh_service.problems.problem import Problem
 from service.conftest import small
 from service.guarded import Guarded

@@ -15,7 +15,7 @@ import pytest
 
 from equimesh_service import Settings
 from equimesh_service.admission.admit import Admission
-from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
+from equimesh_service.assembly.bodies import MAX_SHORT_BYTES
 from service.conftest import SLOW, small
 from service.requests import GRID, WAIT, npz, post, solved
 

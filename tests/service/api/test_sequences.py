@@ -19,7 +19,7 @@ import pytest
 import equimesh as em
 from equimesh_service import Settings, running
 from equimesh_service.api import sequences
-from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
+from equimesh_service.assembly.bodies import MAX_SHORT_BYTES
 from equimesh_service.files.address import files_address
 from equimesh_service.store.store import Store
 from equimesh_service.upkeep.retention import Retention

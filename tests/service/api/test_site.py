@@ -11,7 +11,7 @@ import pytest
 from fastapi import FastAPI
 
 from equimesh_service import Settings
-from equimesh_service.api import site
+from equimesh_service.api import pages
 from equimesh_service.api.app import create_app
 
 
@@ -56,7 +56,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (built / name).parent.mkdir(parents=True, exist_ok=True)
         (built / name).write_text(text)
     (tmp_path / "secret.txt").write_text("secret")
-    monkeypatch.setattr(site, "FOLDER", built)
+    monkeypatch.setattr(pages, "FOLDER", built)
     return built
 
 
@@ -141,8 +141,8 @@ def test_only_reading_is_possible(http: Site) -> None:
 def test_without_a_built_site_a_page_says_how_to_build_it(
     http: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(site, "FOLDER", tmp_path / "none")
-    monkeypatch.setattr(site, "GUIDE", tmp_path / "none")
+    monkeypatch.setattr(pages, "FOLDER", tmp_path / "none")
+    monkeypatch.setattr(pages, "GUIDE", tmp_path / "none")
     for path in ("/site/", "/site/how-to/adapt.html"):
         answer = http.get(path)
         assert answer.status_code == 404
@@ -157,7 +157,7 @@ def test_without_a_built_site_a_page_says_how_to_build_it(
 def test_without_a_built_site_the_guide_is_there_in_its_plain_form(
     http: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(site, "FOLDER", tmp_path / "none")
+    monkeypatch.setattr(pages, "FOLDER", tmp_path / "none")
     begin = http.get("/site")
     assert (begin.status_code, begin.headers["location"]) == (307, "site/")
     assert http.get("/site/how-to").headers["location"] == "how-to/"

@@ -7,7 +7,7 @@ import re
 import httpx
 import pytest
 
-from equimesh_service.api.workbench import workbench_files
+from equimesh_service.api.pages import workbench_files
 
 POLICY = "Content-Security-Policy"
 

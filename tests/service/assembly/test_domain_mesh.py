@@ -14,7 +14,7 @@ import pytest
 import equimesh as em
 from equimesh import specs
 from equimesh.errors import InputError
-from equimesh_service.assembly.domain_mesh import MESH, blocks_of, convert_mesh
+from equimesh_service.assembly.samples import MESH, blocks_of, convert_mesh
 from service.requests import STEP, WAIT, arrays, post, solved
 
 LEAST: dict[str, Any] = {"kind": "least_error", "u": {"expression": "tanh(9*(y - 0.5 - 0.2*x))"}}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh_service.assembly.long_spec import ShortSpec, SpecLimits, shorten
+from equimesh_service.assembly.bodies import ShortSpec, SpecLimits, shorten
 from equimesh_service.problems.problem import Problem
 from service.conftest import small
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh_service.assembly.long_step import ShortStep, shorten_step
+from equimesh_service.assembly.bodies import ShortStep, shorten_step
 from equimesh_service.problems.problem import Problem
 
 ROWS = [[1.5, 2.5], [3.5, 4.5]]

@@ -10,7 +10,7 @@ import httpx
 import numpy as np
 import pytest
 
-from equimesh_service.assembly.packed import unpack
+from equimesh_service.assembly.bodies import unpack
 from equimesh_service.problems.problem import Problem
 
 SPEC = {"monitor": {"kind": "arc_length", "u": {"samples": "upload"}}, "grid": {"n_xi": 9, "n_eta": 9}, "label": "é"}

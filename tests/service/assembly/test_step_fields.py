@@ -10,7 +10,7 @@ import pytest
 
 import equimesh as em
 from equimesh.errors import InputError, SamplesError
-from equimesh_service.assembly.step_fields import StepField, checked_values, read_fields, write_fields
+from equimesh_service.assembly.bodies import StepField, checked_values, read_fields, write_fields
 from service.requests import STEP
 
 MESH = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))

@@ -7,7 +7,7 @@ import threading
 import anyio
 import pytest
 
-from equimesh_service.dispatch.check_threads import CheckThreads
+from equimesh_service.dispatch.wakeups import CheckThreads
 from equimesh_service.problems.problem import Problem
 
 

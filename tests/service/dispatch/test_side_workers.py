@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.dispatch.side_workers import SideWorkers
+from equimesh_service.dispatch.worker_line import SideWorkers
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError, WorkerLostError
 from service.conftest import small

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import update
 
-from equimesh_service.dispatch.turns import Contender, KeyedLine, Turns
+from equimesh_service.dispatch.worker_line import Contender, KeyedLine, Turns
 from equimesh_service.store.schema import meshes
 from equimesh_service.store.store import Store
 from service.conftest import small, until

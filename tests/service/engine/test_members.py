@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.engine import members as module
-from equimesh_service.engine.members import Member, Members
-from equimesh_service.engine.pool_report import PoolReport
+from equimesh_service.engine import dask as module
+from equimesh_service.engine.cluster_pool import PoolReport
+from equimesh_service.engine.dask import Member, Members
 
 HERE = {"equimesh": "0.3.0"}
 POOL = "equimesh-0"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_service.engine.packed_call import PackedCall, open_outcome, pack_error, pack_outcome
+from equimesh_service.engine.port import PackedCall, open_outcome, pack_error, pack_outcome
 from service.engine.check_engine import add, fail
 
 

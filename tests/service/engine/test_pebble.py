@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from equimesh_service.engine.pebble import PebbleEngine
-from equimesh_service.opening import PRELOAD
+from equimesh_service.service import PRELOAD
 from service.conftest import until
 from service.engine.check_engine import check_engine, expect_closed
 

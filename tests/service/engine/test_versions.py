@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import equimesh_service.engine.versions as module
-from equimesh_service.engine.versions import describe_difference, versions
+import equimesh_service.engine.cluster_pool as module
+from equimesh_service.engine.cluster_pool import describe_difference, versions
 
 
 def test_this_process_fits_to_itself_and_names_what_differs() -> None:

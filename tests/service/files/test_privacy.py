@@ -14,7 +14,7 @@ from equimesh_cli import main
 from equimesh_cli.checks import installation
 from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
-from equimesh_service.files.privacy import make_folder
+from equimesh_service.files.folder import make_folder
 from service.conftest import small
 from service.processes import service_process
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from equimesh_service.files.unfinished import clear
+from equimesh_service.files.folder import clear
 
 
 def test_a_start_clears_the_folders_of_killed_writers_too(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from equimesh_service.store.insertion import insert_waiting
+from equimesh_service.store.mesh_rows import insert_waiting
 from equimesh_service.store.rows import Claim, NewMesh
 from equimesh_service.store.store import Store
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.store import clock as clock_module
-from equimesh_service.store.clock import ServerClock, describe_skew
+from equimesh_service.store import database as clock_module
+from equimesh_service.store.database import ServerClock, describe_skew
 from equimesh_service.store.rows import NewMesh
 from equimesh_service.store.store import Store
 from service.databases import Postgres

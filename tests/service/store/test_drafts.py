@@ -10,7 +10,7 @@ import pytest
 
 from equimesh_service.errors import KeyReusedError, QuotaError
 from equimesh_service.files.port import Removed
-from equimesh_service.store.quotas import Quota
+from equimesh_service.store.keys import Quota
 from equimesh_service.store.rows import Artifact, Claim, Draft, Lease, NewMesh, NewSamples, Outcome, SamplesRow
 from equimesh_service.store.store import Store
 from service.store.stores import ERROR, SPEC, Clock, claimed, status

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.api.cursors import cursor_of, position_of
+from equimesh_service.api.routing import cursor_of, position_of
 from equimesh_service.errors import KeyReusedError
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.store.rows import Artifact, NewMesh, Outcome

@@ -16,7 +16,7 @@ from sqlalchemy import Engine, create_engine, inspect, text
 
 from equimesh_service import Settings, running
 from equimesh_service.errors import NewerDatabaseError, UnusableDatabaseError
-from equimesh_service.store.migration import LATEST, current, upgrade
+from equimesh_service.store.database import LATEST, current, upgrade
 from equimesh_service.store.schema import metadata
 from equimesh_service.store.store import Store
 from service.store.first_release import FIRST, MESH, fill

@@ -14,7 +14,7 @@ from equimesh_service.errors import TracingMissingError
 from equimesh_service.store.rows import Claim
 from equimesh_service.telemetry import tracing
 from equimesh_service.telemetry.tracer import open_tracer
-from equimesh_service.worker.attempt import attempt
+from equimesh_service.worker.job import attempt
 from service.conftest import small, until
 from service.observed import Observed
 

@@ -18,7 +18,7 @@ from equimesh_service import Settings
 from equimesh_service.api.app import create_app
 from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.files.folder import FolderFiles
-from equimesh_service.opening import PRELOAD, _health
+from equimesh_service.service import PRELOAD, _health
 from equimesh_service.store.store import Store
 from equimesh_service.upkeep.readiness import OK, Readiness
 from service.conftest import until

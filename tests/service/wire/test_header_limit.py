@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from equimesh_service.wire.header_limit import MAX_HEAD_BYTES
+from equimesh_service.wire.headers import MAX_HEAD_BYTES
 
 
 @pytest.mark.parametrize("value", [{"X-Long": "a" * MAX_HEAD_BYTES}, {f"X-{k}": "a" * 100 for k in range(600)}])

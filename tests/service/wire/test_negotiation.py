@@ -7,7 +7,7 @@ import time
 import pytest
 
 from equimesh_service.problems.problem import Problem
-from equimesh_service.wire.negotiation import choose_explicit_offer, choose_offer, parse_accept, parse_wait
+from equimesh_service.wire.headers import choose_explicit_offer, choose_offer, parse_accept, parse_wait
 
 OFFERS = {"vtu": "application/vnd.vtk.vtu+xml", "msh": "model/mesh"}
 

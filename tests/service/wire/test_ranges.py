@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from equimesh_service.problems.problem import Problem
-from equimesh_service.wire.ranges import Span, parse_ranges
+from equimesh_service.wire.sending import Span, parse_ranges
 
 
 @pytest.mark.parametrize("header", ["bytes=5-2", "bytes=abc", "bytes=", "items=0-1", "bytes=--5", "bytes=1-,x"])

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.wire.sites import KnownHosts, Sender, split_host
+from equimesh_service.wire.headers import KnownHosts, Sender, split_host
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh_service.worker.comparison import compare
+from equimesh_service.worker.drawing import compare
 
 U = em.Expression("tanh(20*(x + y/2 - 0.75))")
 

@@ -6,7 +6,7 @@ import csv
 
 import httpx
 
-from equimesh_service.worker.convergence import DescentHistory
+from equimesh_service.worker.summary import DescentHistory
 from service.requests import WAIT
 
 

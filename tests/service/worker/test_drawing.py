@@ -12,7 +12,7 @@ import numpy as np
 import equimesh as em
 from equimesh.quality import compare_with_uniform
 from equimesh_service.worker.drawing import arrays_of, document_of, norm_of, pack
-from equimesh_service.worker.solution_summary import summary_of
+from equimesh_service.worker.summary import summary_of
 
 SPEC: dict[str, Any] = {"monitor": {"kind": "arc_length"}, "target": None}
 U = em.Expression("tanh(9*(x - y))")

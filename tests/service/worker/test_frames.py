@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh_service.worker import frames as module
-from equimesh_service.worker.frames import Frames
+from equimesh_service.worker import drawing as module
+from equimesh_service.worker.drawing import Frames
 
 
 def records(count: int) -> list[Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 from equimesh.io.write import FORMATS
-from equimesh_service.worker.names import MESH, PICTURES, PLOTS, file_name, plot_name
+from equimesh_service.worker.job import MESH, PICTURES, PLOTS, file_name, plot_name
 
 
 def test_each_file_and_picture_has_a_name_of_its_own() -> None:

@@ -10,7 +10,7 @@ import pytest
 from equimesh_service.files.folder import FolderFiles
 from equimesh_service.files.port import digest_of
 from equimesh_service.store.rows import Artifact
-from equimesh_service.worker.output import Output
+from equimesh_service.worker.solve import Output
 
 
 @pytest.fixture

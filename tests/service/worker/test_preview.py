@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh_service.engine.packed_call import PackedCall, open_outcome, pack_outcome
+from equimesh_service.engine.port import PackedCall, open_outcome, pack_outcome
 from equimesh_service.errors import TimeLimitError
 from equimesh_service.files.folder import FolderFiles
 from equimesh_service.problems.problem import Problem

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.worker.sentences import sentences_of
+from equimesh_service.worker.summary import sentences_of
 
 PLAIN: dict[str, Any] = {
     "interpolation_gain": {"l2": 5.4, "h1": 1.5},

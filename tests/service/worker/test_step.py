@@ -12,8 +12,8 @@ import pytest
 import equimesh as em
 from equimesh.fields.mesh_map import reference_of
 from equimesh.specs import build
-from equimesh_service.assembly.step_fields import StepField
-from equimesh_service.worker.step import StepStart, certificate_of
+from equimesh_service.assembly.bodies import StepField
+from equimesh_service.worker.solve import StepStart, certificate_of
 
 GRID = {"n_xi": 13, "n_eta": 9}
 BEFORE = em.solve(build({"monitor": {"u": "tanh(20*(x - 0.4))", "kind": "arc_length"}, "grid": GRID}).problem).mesh
@@ -59,7 +59,7 @@ def test_a_step_brings_its_fields_its_displacement_and_what_it_says() -> None:
 
 
 def test_what_is_known_of_the_mesh_before(tmp_path: Path) -> None:
-    from equimesh_service.worker.step import _earlier
+    from equimesh_service.worker.solve import _earlier
 
     class Folder:
         def local(self, name: str) -> Any:

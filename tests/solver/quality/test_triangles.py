@@ -16,7 +16,7 @@ from equimesh.quality.interpolation import interpolation_errors
 from equimesh.quality.resolution import Pieces
 from equimesh.quality.triangles import halves, triangle_errors
 from equimesh.solving.solution import Solution
-from equimesh_coupling.cuts import corner_cuts
+from equimesh_coupling.parts import corner_cuts
 
 SECTOR = em.AnnulusSector(center=(0.3, -0.4), radii=(0.6, 1.4), angles=(10.0, 100.0))
 WAVE = em.Expression("tanh(8*(x - 0.4*y)) + x*y")

@@ -1,0 +1,228 @@
+"""SQL that inserts and deletes meshes, with their events and the files that they name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Connection, bindparam, delete, insert, select, update
+
+from equimesh_service.errors import SamplesGoneError
+from equimesh_service.files.port import Removed
+from equimesh_service.store.database import Database, insert_new, lock, to_json
+from equimesh_service.store.rows import NODAL, QUEUED, RUNNING, SUCCEEDED, Artifact, Lease, NewMesh, Outcome
+from equimesh_service.store.schema import (
+    artifacts,
+    events,
+    idempotency,
+    mesh_samples,
+    meshes,
+    removals,
+    samples,
+    samples_keys,
+    sequences,
+    steps,
+)
+
+# Statements are built once, since building them takes longer than executing them.
+_REMOVE = delete(artifacts).where(artifacts.c.mesh_id == bindparam("mesh"), artifacts.c.name == bindparam("file"))
+_INSERT = insert(artifacts)
+_FIND_REMOVAL = select(removals.c.sha256).where(removals.c.sha256 == bindparam("file")).limit(1)
+
+
+def insert_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artifact]) -> None:
+    """Give a mesh files, in place of older ones of the same names; none is removed before the transaction ends."""
+    lock(connection, (file.sha256 for file in files))
+    for file in files:
+        connection.execute(_REMOVE, {"mesh": mesh_id, "file": file.name})
+        connection.execute(_INSERT, {"mesh_id": mesh_id, **vars(file)})
+
+
+def note_removals(connection: Connection, files: Iterable[str], now: float) -> None:
+    """Note that files may be removed as soon as this transaction is committed."""
+    for sha256 in sorted(set(files)):
+        insert_new(connection, removals, {"sha256": sha256, "noted_at": now})
+
+
+def removal_lookup(connection: Connection) -> Removed:
+    """A function that tells whether the removal of a file was noted, for a transaction that holds the file's lock."""
+    return lambda sha256: connection.execute(_FIND_REMOVAL, {"file": sha256}).first() is not None
+
+
+def remove_unused(database: Database, files: Iterable[str], remove_file: Callable[[str], None]) -> None:
+    """Call ``remove_file`` for those of the files that no row names any more; their removal has been noted.
+
+    Each in a transaction of its own, since the storage may be slow: no row that names the file can be added between the
+    check and the removal.
+    """
+    for sha256 in sorted(set(files)):
+        with database.write() as connection:
+            lock(connection, [sha256])
+            if find_unnamed(connection, [sha256]):
+                remove_file(sha256)
+
+
+def find_unnamed(connection: Connection, files: Iterable[str]) -> set[str]:
+    """The names of ``files`` that are in no row."""
+    known = set(files)
+    in_artifacts = select(artifacts.c.sha256).where(artifacts.c.sha256.in_(known))
+    in_samples = select(samples.c.sha256).where(samples.c.sha256.in_(known))
+    return known.difference(connection.execute(in_artifacts).scalars(), connection.execute(in_samples).scalars())
+
+
+# How exactly the time of the last use of samples is stored.
+_USED_AT_PRECISION_SECONDS = 3600.0
+# Statements are built once, since building them takes longer than executing them.
+_INSERT_MESH = insert(meshes)
+_INSERT_USES = insert(mesh_samples)
+_INSERT_EVENTS = insert(events)
+_USED_AT = select(samples.c.used_at).where(samples.c.id == bindparam("name")).with_for_update(read=True, key_share=True)
+
+
+def insert_waiting(connection: Connection, new: NewMesh, lease: Lease | None, now: float) -> None:
+    """Insert a mesh that waits in the queue, or with a ``lease`` one that already runs."""
+    if lease is None:
+        _insert(connection, new, now, {"status": QUEUED}, [("status", {"status": QUEUED})])
+        use_samples(connection, new, now)
+        return
+    state = {"attempt": 1, "owner": lease.owner, "lease_until": now + lease.seconds, "started_at": now}
+    began: dict[str, Any] = {"status": RUNNING, "attempt": 1}
+    story = [("status", {"status": QUEUED}), ("status", began)]
+    _insert(connection, new, now, {"status": RUNNING, **state}, story)
+    use_samples(connection, new, now)
+
+
+def insert_finished(connection: Connection, new: NewMesh, outcome: Outcome, now: float, seconds: float) -> None:
+    """Insert a mesh that a worker has finished, after ``seconds`` of work, as its first attempt.
+
+    Its samples and files follow.
+    """
+    began = now - seconds
+    state = {**outcome.columns, "attempt": 1, "created_at": began, "started_at": began, "finished_at": now}
+    began_event: dict[str, Any] = {"status": RUNNING, "attempt": 1}
+    story: list[tuple[str, Mapping[str, Any]]] = [
+        ("status", {"status": QUEUED}),
+        ("status", began_event),
+        ("done", outcome.event),
+    ]
+    _insert(connection, new, now, state, story)
+
+
+def insert_reused(connection: Connection, new: NewMesh, source: str, result: Mapping[str, Any], now: float) -> None:
+    """Insert a mesh that has succeeded, with the result and the files of the mesh ``source``."""
+    kept = {key: value for key, value in (result or {}).items() if key != "timings"}
+    state = {"status": SUCCEEDED, "finished_at": now, "result": kept, "reused_from": source}
+    done = {"status": SUCCEEDED, "reused_from": source}
+    _insert(connection, new, now, state, [("done", done)])
+    use_samples(connection, new, now)
+    columns = (artifacts.c.name, artifacts.c.sha256, artifacts.c.size)
+    files = connection.execute(select(*columns).where(artifacts.c.mesh_id == source)).all()
+    insert_artifacts(connection, new.id, [Artifact(*file) for file in files])
+
+
+def _insert(
+    connection: Connection,
+    new: NewMesh,
+    now: float,
+    state: Mapping[str, Any],
+    story: Sequence[tuple[str, Mapping[str, Any]]],
+) -> None:
+    """Insert a mesh in a state, and the events that lead to it."""
+    spec = to_json(new.spec)
+    row = {
+        "id": new.id,
+        "label": new.spec["label"],
+        "spec": spec,
+        "spec_size": len(spec.encode()),
+        "n_xi": new.shape[0],
+        "n_eta": new.shape[1],
+        "cells": new.spec["cells"],
+        "format": new.format,
+        "key_id": new.key_id,
+        "fingerprint": new.fingerprint,
+        "created_at": now,
+        "request_id": new.request_id,
+        "trace": new.trace,
+        "last_event": len(story),
+        **state,
+    }
+    connection.execute(_INSERT_MESH, row)
+    rows = [
+        {"mesh_id": new.id, "number": number, "time": now, "kind": kind, "data": dict(data)}
+        for number, (kind, data) in enumerate(story, start=1)
+    ]
+    connection.execute(_INSERT_EVENTS, rows)
+
+
+def use_samples(connection: Connection, new: NewMesh, now: float) -> None:
+    """Note that a mesh which was just inserted uses its samples, and the time of their use.
+
+    They are locked, so that they are not deleted before the transaction ends.
+    """
+    for name in sorted(new.samples):
+        used_at = connection.execute(_USED_AT, {"name": name}).scalar()
+        if used_at is None:
+            raise SamplesGoneError(name)
+        if used_at < now - _USED_AT_PRECISION_SECONDS:
+            connection.execute(update(samples).where(samples.c.id == name).values(used_at=now))
+    if new.samples:
+        connection.execute(_INSERT_USES, [{"mesh_id": new.id, "samples_id": name} for name in new.samples])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deleted:
+    """Meshes that were deleted, their files, for ``remove_unused``, and their sequences, for :func:`delete_ended`."""
+
+    meshes: set[str]
+    files: set[str]
+    sequences: set[str]
+
+
+def lock_meshes(connection: Connection, names: Iterable[str]) -> list[str]:
+    """Lock meshes, so that no worker gives them a file from now on; returns those that are there."""
+    query = select(meshes.c.id).where(meshes.c.id.in_(set(names))).order_by(meshes.c.id).with_for_update()
+    return list(connection.execute(query).scalars())
+
+
+def delete_meshes(connection: Connection, names: Iterable[str], now: float) -> Deleted:
+    """Delete the rows of meshes, and note that their files may be removed.
+
+    u at the nodes of an earlier mesh, which a step came with, goes with the last mesh that was made of it.
+    """
+    found = lock_meshes(connection, names)
+    held = set(connection.execute(select(artifacts.c.sha256).where(artifacts.c.mesh_id.in_(found))).scalars())
+    used = connection.execute(select(mesh_samples.c.samples_id).where(mesh_samples.c.mesh_id.in_(found))).scalars()
+    nodal = {name for name in used if name.startswith(NODAL)}
+    moved = set(connection.execute(select(steps.c.sequence_id).where(steps.c.mesh_id.in_(found))).scalars())
+    for table in (events, artifacts, idempotency, mesh_samples, steps):
+        connection.execute(delete(table).where(table.c.mesh_id.in_(found)))
+    connection.execute(delete(meshes).where(meshes.c.id.in_(found)))
+    held |= _delete_unused(connection, nodal)
+    note_removals(connection, held, now)
+    return Deleted(meshes=set(found), files=held, sequences=moved)
+
+
+def delete_ended(connection: Connection, names: Iterable[str] | None = None) -> list[tuple[str, str]]:
+    """Delete those sequences, of all or of some, whose last mesh is gone; returns the id and the key of each."""
+    ended = ~select(steps.c.mesh_id).where(steps.c.sequence_id == sequences.c.id).exists()
+    query = select(sequences.c.id).where(ended).order_by(sequences.c.id).with_for_update()
+    if names is not None:
+        query = query.where(sequences.c.id.in_(set(names)))
+    found = connection.execute(query).scalars().all()
+    # Looked at again, now that they are locked.
+    gone = delete(sequences).where(sequences.c.id.in_(found), ended).returning(sequences.c.id, sequences.c.key_id)
+    return [(str(row.id), str(row.key_id)) for row in connection.execute(gone)]
+
+
+def _delete_unused(connection: Connection, names: Iterable[str]) -> set[str]:
+    """Delete those samples that no mesh uses any more; returns their files."""
+    unused = ~select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples.c.id).exists()
+    query = select(samples.c.id, samples.c.sha256).where(samples.c.id.in_(set(names)), unused).order_by(samples.c.id)
+    if not connection.execute(query.with_for_update()).all():
+        return set()
+    # Looked at again, now that they are locked: a mesh may have begun to use them.
+    found = {row.id: row.sha256 for row in connection.execute(query)}
+    connection.execute(delete(samples_keys).where(samples_keys.c.samples_id.in_(found.keys())))
+    connection.execute(delete(samples).where(samples.c.id.in_(found.keys())))
+    return set(found.values())
