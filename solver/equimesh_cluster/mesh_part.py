@@ -11,7 +11,7 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import MeshWindow, Rows
+from equimesh.meshes.mesh_rows import MeshWindow, Rows
 from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.parts import quads_of

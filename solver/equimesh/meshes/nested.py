@@ -4,9 +4,9 @@ import numpy as np
 
 from equimesh.meshes.folding import largest_difference, smallest_in_parts
 from equimesh.meshes.grid import MIN_POINTS, Grid
-from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.interpolation import extrapolate, interpolate, rule_on_rows, rules
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_rows import HeldMesh
 from equimesh.meshes.parts import Part, Parts
 
 MAX_COARSEST_POINTS = 17  # of the coarsest grid, in each direction

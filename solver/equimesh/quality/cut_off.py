@@ -11,7 +11,7 @@ from equimesh.blocks.chords import Chords
 from equimesh.domains.closing import closed_of
 from equimesh.domains.cut_off import cut_off, most_cut_off
 from equimesh.domains.domain import Domain, Rectangle
-from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 

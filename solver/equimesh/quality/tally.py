@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.fields.field import Field
-from equimesh.meshes.mesh_window import MeshWindow, WindowCells
+from equimesh.meshes.mesh_rows import MeshWindow, WindowCells
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray, Pair

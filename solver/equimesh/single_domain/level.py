@@ -12,8 +12,8 @@ from equimesh.equations.newton_solve import newton_steps, smallest_residual
 from equimesh.equations.problem import Problem
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.grid import Grid
-from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_rows import HeldMesh
 from equimesh.meshes.nested import distance, distance_in_rows, is_refined, refinement
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array

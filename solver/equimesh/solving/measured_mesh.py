@@ -10,7 +10,7 @@ from typing import Literal
 from equimesh.domains.closing import closed_of
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.monitors.nodal_solution import NodalSolution

@@ -11,7 +11,7 @@ from equimesh.fields.field import Field
 from equimesh.fields.noise import noise_share
 from equimesh.fields.sample_scan import steps_of
 from equimesh.fields.samples import GridSamples
-from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.types import Pair

@@ -14,7 +14,7 @@ from equimesh.meshes.closed import tied_nodes
 from equimesh.meshes.joined import joined
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.comparison import UniformComparison

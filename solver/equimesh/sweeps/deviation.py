@@ -11,7 +11,7 @@ from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.closed import padded
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array

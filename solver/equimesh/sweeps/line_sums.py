@@ -1,6 +1,6 @@
 """Sums of squared metric lengths along the xi-lines, which run through all strips of rows.
 
-Each strip gives the sum over its own edges. These are added up the tree of :mod:`equimesh.meshes.strips`; the sum over
+Each strip gives the sum over its own edges. These are added up the tree of :mod:`equimesh.meshes.parts`; the sum over
 all gives the mean length of each line; and the running sums with which the lines begin in each strip go down the same
 tree. Processes that hold different strips do the part of it that lies inside their own ones, and send each other the
 sums and starts of the nodes that lie across their cuts.
@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from equimesh.equations.metric import ReferenceMetric
-from equimesh.meshes.parts import Parts
-from equimesh.meshes.strips import Node, cuts_of, nodes_across, nodes_inside, strips_of, subtree
+from equimesh.meshes.parts import Node, Parts, cuts_of, nodes_across, nodes_inside, strips_of, subtree
 from equimesh.numerics.channel import Channel
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.gather import joined
@@ -176,7 +175,7 @@ def line_sums(
 
     ``first`` holds the squared metric lengths of the first edges, which belong to lines from node 0, ``sums`` of shape
     ``(strips, n_eta)`` those summed over the edges of each strip, ``edges`` in all, ``pushes`` of shape ``(2, n_eta)``
-    ``-2 P`` on the left and right side. ``tree`` has the nodes of :func:`~equimesh.meshes.strips.subtree`, ``rows`` the
+    ``-2 P`` on the left and right side. ``tree`` has the nodes of :func:`~equimesh.meshes.parts.subtree`, ``rows`` the
     first row of each strip. Fills in ``levels`` and, in ``starts``, the ``running`` of
     :func:`~equimesh.sweeps.kernels.xi_corrections` for every strip. Returns the largest relative deviation of a first
     edge.
@@ -246,7 +245,7 @@ def start_after(start: Array, sums: Array, rows: int, levels: Levels, after: Arr
 
 # The sum, the largest and the smallest of the edges of every xi-line, from processes that hold some of its rows.
 #
-# Sums are added up the tree of :mod:`equimesh.meshes.strips`: they do not depend on the number of processes, to the
+# Sums are added up the tree of :mod:`equimesh.meshes.parts`: they do not depend on the number of processes, to the
 # last bit. Each process sends one message, with the sums of a few nodes of the tree.
 
 TAG = "lines"

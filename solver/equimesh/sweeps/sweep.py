@@ -22,8 +22,7 @@ import numpy as np
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.folding import smallest_in_parts
-from equimesh.meshes.parts import Part, Parts
-from equimesh.meshes.strips import strips_of
+from equimesh.meshes.parts import Part, Parts, strips_of
 from equimesh.numerics.types import Array, Pair, SingleArray
 from equimesh.sweeps import kernels
 from equimesh.sweeps.kernels import Lines, Moved, Nodes, Strip, copy_ends

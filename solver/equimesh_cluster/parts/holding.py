@@ -11,8 +11,8 @@ from equimesh.domains.domain import Domain, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.meshes.folding import largest_difference, smallest_jacobian
-from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_rows import HeldMesh
 from equimesh.meshes.parts import Parts, with_halos
 from equimesh.numerics.channel import Channel, Counted
 from equimesh.numerics.types import Array, Pair

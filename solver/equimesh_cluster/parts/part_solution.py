@@ -8,8 +8,7 @@ import numpy as np
 
 from equimesh.equations.problem import Problem, understood
 from equimesh.meshes.grid import Grid
-from equimesh.meshes.held_mesh import HeldMesh
-from equimesh.meshes.mesh_window import MeshWindow, Rows
+from equimesh.meshes.mesh_rows import HeldMesh, MeshWindow, Rows
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality, equidistribution

@@ -16,12 +16,11 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.meshes.folding import smallest_in_parts
 from equimesh.meshes.grid import Grid
-from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.interpolation import rows_needed
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_rows import HeldMesh
 from equimesh.meshes.nested import nested_grids, square_grids
-from equimesh.meshes.parts import Parts, rows_held
-from equimesh.meshes.strips import strips_of
+from equimesh.meshes.parts import Parts, rows_held, strips_of
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of, orthogonality_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes import parts, strips
+from equimesh.meshes import parts
 from equimesh.numerics.channel import ThreadChannels
 from equimesh_cluster.parts.part_solution import PartSolution
 from equimesh_cluster.parts.solve import coarse_solution, solve_in_threads, solve_part
@@ -20,10 +20,10 @@ COARSE_POINTS = 65 * 65
 @pytest.fixture
 def low_strips(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Strips of 16 rows also on small grids, which can then be cut into many parts."""
-    caches = (strips.strips_of, parts._cut)
+    caches = (parts.strips_of, parts._cut)
     for cache in caches:
         cache.cache_clear()
-    monkeypatch.setattr(strips, "STRIP_NODES", 1_024)
+    monkeypatch.setattr(parts, "STRIP_NODES", 1_024)
     yield
     for cache in caches:
         cache.cache_clear()

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from equimesh.meshes.grid import Grid
-from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_rows import HeldMesh
 from equimesh.meshes.parts import Parts, row_cuts
 from equimesh.numerics.channel import Channel, ThreadChannels
 

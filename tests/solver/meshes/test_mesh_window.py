@@ -7,7 +7,7 @@ import pytest
 
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import MeshWindow, Rows
+from equimesh.meshes.mesh_rows import MeshWindow, Rows
 
 MESH = Mesh.uniform(Grid(n_xi=1400, n_eta=90))
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh.meshes.parts import MIN_SHARED_NODES, Parts
-from equimesh.meshes.strips import MIN_STRIP_ROWS, STRIP_NODES
+from equimesh.meshes.parts import MIN_SHARED_NODES, MIN_STRIP_ROWS, STRIP_NODES, Parts
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 7, 64])

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from equimesh.errors import InputError
-from equimesh.meshes.strips import Node, cuts_of, nodes_across, nodes_inside, subtree
+from equimesh.meshes.parts import Node, cuts_of, nodes_across, nodes_inside, subtree
 
 
 @pytest.mark.parametrize("strips", [1, 2, 7, 8, 33, 1024])

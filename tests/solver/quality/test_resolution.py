@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import Rows
+from equimesh.meshes.mesh_rows import Rows
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.quality import resolution
 from equimesh.quality.cells import BilinearCells, CellPoints

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.solving.measured_mesh import MeasuredMesh
 
 U = em.Expression("tanh(9*(x + y/2 - 0.7))")

@@ -1,4 +1,4 @@
-"""The rows of a mesh that are here, and the cells among them that are measured here.
+"""The rows of a mesh that are here: nodes, and the cells among them that are measured here.
 
 Rows of cells are measured where they are. The rows of nodes around the next row of cells on either side are here, too,
 since some measures compare a cell with its neighbours. All rows of a mesh are the usual case. Where others hold the
@@ -8,7 +8,7 @@ Measures do not know who holds the others.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -18,10 +18,68 @@ import numpy as np
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.parts import Parts, row_cuts
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh.numerics.gather import joined, summed
 from equimesh.numerics.types import Array, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class HeldMesh:
+    """The rows ``begin`` to ``end - 1`` of a mesh on ``grid``: ``x`` and ``y`` of shape ``(end - begin, n_eta)``."""
+
+    grid: Grid
+    begin: int
+    x: Array
+    y: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> HeldMesh:
+        """All rows of a mesh."""
+        return cls(mesh.grid, 0, np.ascontiguousarray(mesh.x), np.ascontiguousarray(mesh.y))
+
+    @property
+    def end(self) -> int:
+        """The row after the last one that is held."""
+        return self.begin + len(self.x)
+
+    @property
+    def ends(self) -> tuple[int, int]:
+        """The first row that is held, and the one after the last."""
+        return self.begin, self.end
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether these are all rows of the grid."""
+        return len(self.x) == self.grid.n_xi
+
+    def window(self, begin: int, end: int) -> HeldMesh:
+        """The rows ``begin`` to ``end - 1`` of these, in the same memory."""
+        rows = slice(begin - self.begin, end - self.begin)
+        return HeldMesh(self.grid, begin, self.x[rows], self.y[rows])
+
+    def with_rows(self, wanted: Sequence[tuple[int, int]], channel: Channel) -> HeldMesh:
+        """The own rows of this process, and those that it wants, from the processes that own them.
+
+        ``wanted`` are the first row that every process wants, and the one after the last. Every process calls this.
+        """
+        cuts, here = row_cuts(self.grid.shape, channel.count), channel.number
+        own = list(pairwise(cuts))
+        ranges = [(min(rows[0], kept[0]), max(rows[1], kept[1])) for rows, kept in zip(wanted, own, strict=True)]
+        for other, rows in enumerate(ranges):
+            begin, end = max(rows[0], own[here][0]), min(rows[1], own[here][1])
+            if other != here and begin < end:
+                sent = self.window(begin, end)
+                channel.send(other, "rows", [sent.x, sent.y])
+        mine, pieces = self.window(*own[here]), list[Sequence[Array]]()
+        for other, rows in enumerate(own):
+            begin, end = max(ranges[here][0], rows[0]), min(ranges[here][1], rows[1])
+            if other == here:
+                pieces.append((mine.x, mine.y))
+            elif begin < end:
+                pieces.append(channel.receive(other, "rows"))
+        x, y = (np.concatenate(rows) for rows in zip(*pieces, strict=True))
+        return HeldMesh(self.grid, ranges[here][0], x, y)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
