@@ -30,7 +30,7 @@ from equimesh.fields.quad_field import QuadField
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.least_error.block_schwarz import BlockSchwarz
-from equimesh.least_error.steps import Descent
+from equimesh.least_error.descent import Descent
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
@@ -45,7 +45,7 @@ from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Tensor, Weight
 from equimesh.quality.measures import Quality, measure
-from equimesh.rounds.next_mesh import Round
+from equimesh.rounds.recovery import Round
 from equimesh.rounds.round import adapt_round
 from equimesh.schwarz.conditions import (
     Classical,
@@ -61,16 +61,13 @@ from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
 from equimesh.sequences.block_sequence import BlockSequence
 from equimesh.sequences.pursuit import Earlier
-from equimesh.sequences.sequence import Sequence
-from equimesh.sequences.sequence_step import BlockStep, SequenceStep
+from equimesh.sequences.sequence import BlockStep, Sequence, SequenceStep
 from equimesh.single_domain.steps import Mode, Step
-from equimesh.solving.announcer import Event
-from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.certificate import Certificate
-from equimesh.solving.options import Initial
-from equimesh.solving.solution import Solution, SolveError
+from equimesh.solving.progress import Event
+from equimesh.solving.solution import BlockSolution, Solution, SolveError
 from equimesh.solving.solve import solve
-from equimesh.solving.status import Status
+from equimesh.solving.status import Initial, Status
 from equimesh.solving.target import Target, solve_to
 from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues

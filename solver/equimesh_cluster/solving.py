@@ -14,17 +14,15 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.least_error.block_schwarz import BlockSchwarz
-from equimesh.least_error.steps import Descent
+from equimesh.least_error.descent import Descent
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.nested import nested_grids
 from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode, Step
-from equimesh.solving.announcer import Event
-from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.blocks import count_subdomains
-from equimesh.solving.courses import approach, level_share
-from equimesh.solving.solution import SolveError
+from equimesh.solving.progress import Event, approach, level_share
+from equimesh.solving.solution import BlockSolution, SolveError
 from equimesh_cluster.connection import check_client, connect, sent
 from equimesh_cluster.handle import Handle, PartsError
 from equimesh_cluster.parts.part_solution import PartSolution, PartStep

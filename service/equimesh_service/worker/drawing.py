@@ -17,7 +17,7 @@ from equimesh import Decomposition, Event, Iteration, Mesh, Schwarz
 from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.quality import ComparedMesh, UniformComparison, compare_with_uniform
-from equimesh.solving.measured_mesh import MeasuredMesh, interpolated_cells
+from equimesh.solving.solution import MeasuredMesh, interpolated_cells
 from equimesh.specs import build_schwarz
 from equimesh_service.assembly.problem import SamplesOf, build
 from equimesh_service.problems.problem import Problem

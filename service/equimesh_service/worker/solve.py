@@ -22,8 +22,8 @@ from equimesh.errors import InputError
 from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.sequences.sequence_step import BlockStep
-from equimesh.solving.options import SolveArguments
+from equimesh.sequences.sequence import BlockStep
+from equimesh.solving.status import SolveArguments
 from equimesh.specs import build_field
 from equimesh.specs.spec import BuiltSpec
 from equimesh_service.assembly.bodies import StepField, read_fields

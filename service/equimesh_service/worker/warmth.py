@@ -17,8 +17,7 @@ import equimesh
 from equimesh.io.write import write_mesh
 from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
-from equimesh.least_error.lifting import Lifting
-from equimesh.least_error.mending import mended
+from equimesh.least_error.lifting import Lifting, mended
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import cache_folder, count_compiled
 from equimesh.quality.faces import measure_faces

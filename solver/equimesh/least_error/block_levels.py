@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from equimesh.least_error.levels import Level
+from equimesh.least_error.nest import Level
 from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
 from equimesh.numerics.types import Array, IntArray
 

@@ -21,15 +21,13 @@ from equimesh.least_error.block_levels import (
     only_level,
     originals_of,
 )
-from equimesh.least_error.cells import Cells
+from equimesh.least_error.cells import Cells, cells_of_mesh
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.elements import Norm
-from equimesh.least_error.lifting import Lifting, along
-from equimesh.least_error.mending import SMALLEST_SHARE, mended
+from equimesh.least_error.lifting import SMALLEST_SHARE, Lifting, along, mended
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.paved import is_paved
-from equimesh.least_error.quad_cells import cells_of_mesh
-from equimesh.least_error.starts import Patch, equidistributed, resampled
+from equimesh.least_error.ways import Patch, equidistributed, resampled
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 from equimesh_coupling.parts import cuts_at_corners

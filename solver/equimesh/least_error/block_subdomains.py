@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.least_error.block_schwarz import BlockSchwarz
+from equimesh.least_error.cells import regions_of
 from equimesh.least_error.objective import Objective
-from equimesh.least_error.regions import regions_of
 from equimesh.least_error.restricted import Merged, RestrictedDescent
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.channel import ALONE, Channel

@@ -1,4 +1,4 @@
-"""The cells of a mesh as lists of nodes, and what follows from them alone."""
+"""The cells of a mesh: of a grid, of blocks, and those of a region of either."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from equimesh.meshes.quad_links import places_of
+from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
-from equimesh_coupling.parts import corner_cuts
+from equimesh_coupling.parts import corner_cuts, cuts_at_corners
 
 MAX_CACHED_GRIDS = 16
 """Small grids whose cells are kept: the levels of one or two solves."""
@@ -153,3 +155,199 @@ def _triples(number: IntArray, closed: tuple[bool, bool]) -> IntArray:
         np.stack([along_eta[:, :-2], along_eta[:, 1:-1], along_eta[:, 2:]], axis=-1),
     ]
     return np.concatenate([family.reshape(-1, 3) for family in families])
+
+
+# The cells of any mesh of quadrilaterals, and the lines of nodes that run through them.
+
+
+def cells_of_mesh(corners: IntArray, free: Array, ties: IntArray, *, are_cut: bool = False) -> Cells:
+    """The cells with these ``corners``, shape ``(cells, 4)``, counter-clockwise.
+
+    ``free`` is 1 where a coordinate of a node may change, else 0, shape ``(2, nodes)``. ``ties`` are pairs of nodes
+    that move together, ``(copy, original)``. ``are_cut`` tells whether triangles of the cells are used.
+
+    A line of nodes runs straight on through a node of four cells, and along the boundary through a node of two. It ends
+    at other nodes: corners of the domain, and singular nodes.
+    """
+    nodes = free.shape[1]
+    corners = np.ascontiguousarray(corners)
+    starts, places = places_of(corners, nodes)
+    originals = np.arange(nodes)
+    originals[ties[:, 0]] = ties[:, 1]
+    if ties.size:
+        own = originals[corners]
+        triples = _triples_of_blocks(own, *places_of(own, nodes))
+    else:
+        triples = _triples_of_blocks(corners, starts, places)
+    return Cells(
+        corners=corners,
+        starts=starts,
+        places=places,
+        triples=triples,
+        free=free,
+        stiffness=_stiffness(triples, nodes),
+        corner_cuts=cuts_at_corners(corners) if are_cut else {},
+        ties=ties,
+    )
+
+
+@compiled
+def _triples_of_blocks(corners: IntArray, starts: IntArray, places: IntArray) -> IntArray:
+    """Three consecutive nodes of lines, those around one node together, shape ``(triples, 3)``."""
+    out, count = np.empty((2 * (starts.size - 1), 3), dtype=np.int64), 0
+    for node in range(starts.size - 1):
+        first, size = starts[node], starts[node + 1] - starts[node]
+        if size not in (2, 4):
+            continue
+        cell, corner = divmod(places[first], 4)
+        ahead, behind = corners[cell, (corner + 1) % 4], corners[cell, (corner + 3) % 4]
+        if size == 2:
+            other, corner = divmod(places[first + 1], 4)
+            ahead_there, behind_there = corners[other, (corner + 1) % 4], corners[other, (corner + 3) % 4]
+            if behind == ahead_there:
+                out[count] = ahead, node, behind_there
+                count += 1
+            elif ahead == behind_there:
+                out[count] = behind, node, ahead_there
+                count += 1
+            continue
+        for k in range(first + 1, first + 4):
+            other, corner = divmod(places[k], 4)
+            ahead_there, behind_there = corners[other, (corner + 1) % 4], corners[other, (corner + 3) % 4]
+            if ahead_there not in (ahead, behind) and behind_there not in (ahead, behind):
+                out[count] = ahead, node, ahead_there
+                out[count + 1] = behind, node, behind_there
+                count += 2
+                break
+    return out[:count].copy()
+
+
+@compiled
+def _stiffness(triples: IntArray, nodes: int) -> Array:
+    """The sum of squared weights of each node in the second differences."""
+    out = np.zeros(nodes)
+    for k in range(triples.shape[0]):
+        out[triples[k, 0]] += 1.0
+        out[triples[k, 1]] += 4.0
+        out[triples[k, 2]] += 1.0
+    return out
+
+
+# Regions: the cells of a mesh shared out among subdomains, each with layers of its neighbours' cells.
+#
+# Layers are counted through the nodes of cells, so that they reach through interfaces and around singular nodes
+# alike.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Region:
+    """One subdomain: its own cells, the layers around them, and one further layer whose nodes are all held fixed.
+
+    Nodes and cells have numbers of the region in ``cells`` and ``owned``, numbers of the mesh in ``nodes``.
+    """
+
+    number: int
+    nodes: IntArray
+    """The nodes of the region, in ascending order."""
+    cells: Cells
+    """The cells of the region, its own ones first. Nodes are free whose cells are all within the overlap."""
+    own_cells: int
+    """How many cells are its own."""
+    own_triples: int
+    """How many of the first triples are its own: those with a middle node that it owns."""
+    owned: IntArray
+    """The nodes that the merged mesh takes from the region. Each node of the mesh has one owner."""
+
+
+def regions_of(cells: Cells, owner: IntArray, overlap: int) -> tuple[Region, ...]:
+    """One region for each number in ``owner``, the owner of every cell, shape ``(cells,)``.
+
+    A region has ``overlap`` layers of cells around its own. A node belongs to the lowest of the owners of its cells.
+    """
+    return tuple(_Cutter(cells, owner).region(k, overlap) for k in range(int(owner.max()) + 1))
+
+
+class _Cutter:
+    """Cuts regions out of a mesh."""
+
+    def __init__(self, cells: Cells, owner: IntArray) -> None:
+        self._cells, self._owner = cells, owner
+        self._original = originals(cells)
+        corners = self._original[cells.corners]
+        used = np.bincount(corners.ravel(), minlength=cells.nodes)
+        self._corners, self._starts = corners, np.concatenate([[0], np.cumsum(used)])
+        self._cells_of = np.argsort(corners.ravel(), kind="stable") // 4
+        owners = np.full(cells.nodes, int(owner.max()) + 1)
+        for k in range(4):
+            np.minimum.at(owners, corners[:, k], owner)
+        self._node_owner = owners[self._original]
+        self._free, self._number = np.zeros(cells.nodes, dtype=bool), np.full(cells.nodes, -1)
+
+    def region(self, k: int, overlap: int) -> Region:
+        """The region of the cells with owner ``k``."""
+        own = np.flatnonzero(self._owner == k)
+        near = own
+        for _ in range(overlap):
+            near = self._with_next_layer(near)
+        every = self._with_next_layer(near)
+        beyond = every[~np.isin(every, near, assume_unique=True)]
+        # A free node has all of its cells near: it is a corner of a near cell, and of no cell beyond.
+        self._free[self._corners[near]] = True
+        self._free[self._corners[beyond]] = False
+        nodes, listed = np.unique(self._cells.corners[every]), np.concatenate([own, every[~np.isin(every, own)]])
+        local, owned, own_triples = self._local(nodes, listed, k)
+        self._free[self._corners[every]] = False
+        return Region(
+            number=k, nodes=nodes, cells=local, own_cells=own.size, own_triples=own_triples, owned=np.flatnonzero(owned)
+        )
+
+    def _with_next_layer(self, numbers: IntArray) -> IntArray:
+        """The cells with these numbers, and all that have a node with them in common."""
+        nodes = np.unique(self._corners[numbers])
+        first, count = self._starts[nodes], self._starts[nodes + 1] - self._starts[nodes]
+        places = np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
+        return np.unique(self._cells_of[places])
+
+    def _local(self, nodes: IntArray, listed: IntArray, k: int) -> tuple[Cells, IntArray, int]:
+        """The cells of a region, which of its nodes it owns, and how many triples are its own."""
+        cells, number, original = self._cells, self._number, self._original
+        number[nodes] = np.arange(nodes.size)
+        corners = number[cells.corners[listed]]
+        # Of tied nodes the first one in the region stands for all: the others are its copies.
+        standing = np.full(cells.nodes, -1)
+        standing[original[nodes][::-1]] = number[nodes][::-1]
+        free = self._free[original[nodes]]
+        stands = standing[original[nodes]]
+        copies = np.flatnonzero(free & (stands != np.arange(nodes.size)))
+        triples = cells.triples
+        is_own = self._node_owner[triples[:, 1]] == k
+        is_near = self._free[triples].any(axis=1)
+        chosen = np.concatenate([np.flatnonzero(is_own), np.flatnonzero(is_near & ~is_own)])
+        local_triples = standing[original[triples[chosen]]]
+        squares = [np.bincount(local_triples[:, j], minlength=nodes.size) for j in range(3)]
+        used = np.bincount(corners.ravel(), minlength=nodes.size)
+        place = {int(cell): spot for spot, cell in enumerate(listed)} if cells.corner_cuts else {}
+        local = Cells(
+            corners=corners,
+            starts=np.concatenate([[0], np.cumsum(used)]),
+            places=np.argsort(corners.ravel(), kind="stable"),
+            triples=local_triples,
+            free=cells.free[:, nodes] * free,
+            # A node in no triple has no derivative either; 1 lets its block have an inverse.
+            stiffness=np.maximum(squares[0] + 4.0 * squares[1] + squares[2], 1.0),
+            corner_cuts={place[cell]: cut for cell, cut in cells.corner_cuts.items() if cell in place},
+            ties=np.stack([copies, stands[copies]], axis=1),
+        )
+        number[nodes] = -1
+        return local, self._node_owner[nodes] == k, int(is_own.sum())
+
+
+def originals(cells: Cells) -> IntArray:
+    """The node whose moves each node makes: itself, or the original of a copy, shape ``(nodes,)``."""
+    found: IntArray = np.arange(cells.nodes)
+    if cells.ties.size:
+        copies, there = cells.ties.T
+        found[copies] = there
+        while not np.array_equal(found, found[found]):
+            found = found[found]
+    return found

@@ -1,4 +1,4 @@
-"""Preconditioned descent: limited-memory BFGS whose first matrix is the 2 x 2 block of every node.
+"""Descent on one mesh, of its nodes or of its straight lines, and the records of its steps.
 
 J. Nocedal and S. J. Wright, *Numerical Optimization* (Springer, 2006), algorithm 7.4. The Armijo condition and a floor
 of the Jacobian decide how far a step goes, so that every mesh is valid, and its objective lower than that before.
@@ -8,14 +8,73 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 
+from equimesh.inputs import finite_or_none
 from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells
-from equimesh.least_error.objective import Evaluation
+from equimesh.least_error.objective import Evaluation, Objective
+from equimesh.least_error.ways import product
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
+
+# The record of one step of a least-error solve.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Descent:
+    """The record of one step of descent. The mesh is one of the reference square, or of a domain in blocks."""
+
+    level: int
+    """The number of the nested grid, 0 for the coarsest."""
+    levels: int
+    """How many nested grids there are."""
+    grid: Grid | None
+    """The grid of the level; ``None`` on a domain in blocks, whose meshes have none."""
+    step: int
+    """The number of the step on its level, 0 for its first mesh."""
+    steps: int
+    """How many steps the level has at most."""
+    error: float
+    """The norm of the interpolation error, by the quadrature of the level."""
+    gain: float | None
+    """The error of the uniform or initial mesh over ``error``; ``None`` on fine grids, where it takes long."""
+    distortion: float
+    """The mean distortion of the cells relative to the first mesh of the way, 0 for that mesh."""
+    min_jacobian: float
+    """The smallest Jacobian of a corner on the domain, relative to the uniform mesh.
+
+    On a domain in blocks relative to the same corner of the initial mesh.
+    """
+    mesh: Mesh | QuadMesh
+    """The mesh of the reference square, or that of the domain in blocks."""
+    start: str
+    """The first mesh: ``"uniform"``, ``"rectilinear"`` or ``"given"``; on a domain in blocks ``"initial"``."""
+    fraction: float | None = None
+    """For observers: the share of the work of the whole solve that is done, 0 to 1; ``None`` where it is not known."""
+    phase: str = ""
+    """For observers: what is being done, in words."""
+
+    @property
+    def points(self) -> int:
+        """Points of the level."""
+        return int(self.mesh.x.size)
+
+    def numbers(self) -> dict[str, Any]:
+        """The record without the mesh, as plain Python data, ready for JSON."""
+        return {
+            "level": self.level,
+            **({"points": self.points} if self.grid is None else {"grid": [self.grid.n_xi, self.grid.n_eta]}),
+            "start": self.start,
+            "step": self.step,
+            **{name: finite_or_none(getattr(self, name)) for name in ("error", "gain", "distortion", "min_jacobian")},
+        }
+
 
 PAIRS = 8
 """Moves, and the changes of the gradient by them, that are kept."""
@@ -149,3 +208,66 @@ def search(
                 return moved, then
         length *= SHORTENING
     return None
+
+
+# The objective as a function of straight lines: x of the reference square depends on xi alone, y on eta alone.
+
+
+@dataclass(frozen=True, eq=False)
+class StraightLines:
+    """An objective of rectilinear meshes with this ``shape``.
+
+    Lines are an array of shape ``(2, max(shape))``: the positions of the lines along s, then those along t, each
+    followed by zeros that nothing depends on.
+    """
+
+    objective: Objective
+    shape: tuple[int, int]
+
+    @property
+    def cells(self) -> Cells:
+        """The cells of the mesh."""
+        return self.objective.cells
+
+    @property
+    def length(self) -> float:
+        """The size of the domain in the units of the unknowns."""
+        return self.objective.length
+
+    def lines(self, mesh: Array) -> Array:
+        """The lines of a rectilinear mesh of shape ``(2, nodes)``: those through the nodes of two sides."""
+        lines = np.zeros((2, max(self.shape)))
+        lines[0, : self.shape[0]] = mesh[0].reshape(self.shape)[:, 0]
+        lines[1, : self.shape[1]] = mesh[1].reshape(self.shape)[0]
+        return lines
+
+    def mesh(self, lines: Array) -> Array:
+        """The rectilinear mesh of these lines, shape ``(2, nodes)``."""
+        return product(*(line[:count] for line, count in zip(lines, self.shape, strict=True)))
+
+    def cut(self, lines: Array) -> bool:
+        """As :meth:`~equimesh.least_error.objective.Objective.cut`."""
+        return self.objective.cut(self.mesh(lines))
+
+    def tie(self, direction: Array) -> None:
+        """Let the last line of a closed family move as the first, in place."""
+        for axis, count in enumerate(self.shape):
+            if self.objective.cells.closed[axis]:
+                direction[axis, count - 1] = direction[axis, 0]
+
+    def smallest_share(self, lines: Array) -> float:
+        """As :meth:`~equimesh.least_error.objective.Objective.smallest_share`."""
+        return self.objective.smallest_share(self.mesh(lines))
+
+    def evaluate(self, lines: Array) -> Evaluation | None:
+        """As :meth:`~equimesh.least_error.objective.Objective.evaluate`: a line moves all its nodes."""
+        there = self.objective.evaluate(self.mesh(lines))
+        if there is None:
+            return None
+        gradient, blocks = np.zeros_like(lines), np.zeros((3, lines.shape[1]))
+        blocks[::2] = 1.0
+        for axis, count in enumerate(self.shape):
+            slopes, second = there.gradient[axis].reshape(self.shape), there.blocks[2 * axis].reshape(self.shape)
+            gradient[axis, :count] = slopes.sum(axis=1 - axis)
+            blocks[2 * axis, :count] = second.sum(axis=1 - axis)
+        return replace(there, gradient=gradient, blocks=blocks)

@@ -17,15 +17,12 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
 from equimesh.least_error.block_mesh import BlockNest, BlockWay
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
-from equimesh.least_error.descent import descend
+from equimesh.least_error.descent import Descent, StraightLines, descend
 from equimesh.least_error.elements import Norm, Rule
-from equimesh.least_error.levels import Level, last_compared
-from equimesh.least_error.nest import Nest, Way
+from equimesh.least_error.nest import Level, Nest, Way, last_compared
 from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.paved import descend_paved, paved_steps
 from equimesh.least_error.restricted import Merged
-from equimesh.least_error.steps import Descent
-from equimesh.least_error.straight_lines import StraightLines
 from equimesh.least_error.ways import GridNest
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
@@ -38,7 +35,7 @@ MAX_LINES = 17
 MAX_FINE_LINES = 257
 """Lines of each family, at most, of the start that is taken."""
 FLOORS = (1.0, 0.1, 0.01)
-"""Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.starts.equidistributed`."""
+"""Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.ways.equidistributed`."""
 MAX_GAIN_POINTS = 129 * 129
 """Points of the finest mesh on which the errors of other meshes are measured, for the records and to choose a start.
 

@@ -1,15 +1,19 @@
-"""Values at the nodes of a mesh in blocks, interpolated from a coarser one along lines that run from block to block."""
+"""Meshes of blocks on a finer level: interpolation of the coarser one, and the mending of folds."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from equimesh.least_error.block_levels import BlockLevel
+from equimesh.least_error.cells import Cells, originals
+from equimesh.least_error.charts import CurveChart
+from equimesh.least_error.kernels import Nodes
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array, IntArray
+from equimesh.numerics.types import Array, BoolArray, IntArray
 
 AHEAD = 4
 """Lines from which a value is interpolated with cubic interpolation; two with linear one."""
@@ -148,3 +152,178 @@ def _apply(values: Array, numbers: IntArray, weights: Array, out: Array, first: 
             for k in range(numbers.shape[1]):
                 total += weights[p, k] * values[numbers[p, k], column]
             out[p, column] = total
+
+
+# Folds of a mesh that comes from a coarser one, mended: nodes of folded corners move as little as unfolds them.
+#
+# The Jacobian of a corner is linear in each of its nodes. These move along its derivatives, until it has a small
+# positive value, one corner after the other: the projections of S. Kaczmarz (1937). Thin cells beside a wall need
+# small moves only, and their neighbours mostly stay valid. The rest of the mesh stays as it is.
+#
+# Where folds remain even so, displacements of the nodes around them are averaged instead. A cell whose nodes are all
+# displaced by the same vector has the shape that it has in the first mesh. So where the displacements of neighbours
+# become more alike, folds vanish. In thin cells more of them can arise.
+
+SMALLEST_SHARE = 1e-2
+"""Cells with a corner whose Jacobian is a smaller share of that of the first mesh are mended."""
+MENDED_SHARE = 1.5e-2
+"""The share of a corner whose nodes have moved along its derivatives."""
+MAX_ROUNDS = 60
+"""Rounds of either way, at most."""
+ROUNDS_OF_MEANS = 10
+"""Rounds after which the displacements are shortened, too: beside a bent curve equal ones can fold."""
+SHORTENING = 0.8
+"""The factor by which they are shortened in a round."""
+
+
+class Round(NamedTuple):
+    """What a way of mending sees: nodes at ``start`` and now, and numbers of the cells that can be folded."""
+
+    cells: Cells
+    start: Array
+    at: Array
+    free: Array
+    """0 for fixed nodes, 1 for others."""
+    looked_at: IntArray
+    done: int
+    """Rounds before this one."""
+
+
+Way: TypeAlias = Callable[[Round], tuple[IntArray, Array]]
+"""The nodes that move in a round, and their moves, shape ``(2, nodes)``."""
+
+
+def mended(chart: CurveChart, cells: Cells, first: Array, mesh: Array) -> Array:
+    """The ``mesh`` with fewer folds, mostly with none; both are unknowns of the ``chart``, shape ``(2, nodes)``.
+
+    Nodes of curves move along these. ``first`` is a valid mesh.
+    """
+    for way in (_projected, _averaged):
+        out, is_mended = _rounds(chart, cells, first, mesh, way)
+        if is_mended:
+            break
+    return out
+
+
+def _rounds(chart: CurveChart, cells: Cells, first: Array, mesh: Array, way: Way) -> tuple[Array, bool]:
+    """The mesh after rounds of one way, and whether it has no folds."""
+    start, at = np.stack(chart.nodes(first)), np.stack(chart.nodes(mesh))
+    step, out, looked_at = np.zeros_like(mesh), mesh, np.arange(cells.count)
+    for done in range(MAX_ROUNDS):
+        nodes, moves = way(Round(cells, start, at, chart.free[0], looked_at, done))
+        if not nodes.size:
+            return out, True
+        here, now = chart.on(nodes), out[:, nodes]
+        step[:, nodes] = here.pulled(now, moves)
+        cells.tie(step)
+        out = mesh.copy() if out is mesh else out
+        now += step[:, nodes]
+        out[:, nodes] = now
+        at[:, nodes] = here.nodes(now)
+        looked_at = _cells_of(nodes, cells)  # other cells are as they were
+    return out, False
+
+
+def _projected(now: Round) -> tuple[IntArray, Array]:
+    """The nodes of small corners, and moves along the derivatives of these; see :func:`unfold`."""
+    marks, to = np.zeros(now.at.shape[1], dtype=np.bool_), now.at.copy()
+    unfold(Nodes(to[0], to[1], now.cells.corners.reshape(-1)), now.start, now.looked_at, now.free, marks)
+    nodes, moves, ties = _with_ties(np.flatnonzero(marks), now.cells), to - now.at, now.cells.ties
+    np.add.at(moves.T, ties[:, 1], moves.T[ties[:, 0]])  # what a copy needs, its original does
+    return nodes, moves[:, nodes]
+
+
+def _averaged(now: Round) -> tuple[IntArray, Array]:
+    """The nodes of cells with small corners, and moves to the means of displacements; see :func:`average`."""
+    cells, marks = now.cells, np.zeros(now.at.shape[1], dtype=np.bool_)
+    mark_folds(Nodes(now.at[0], now.at[1], cells.corners.reshape(-1)), now.start, now.looked_at, SMALLEST_SHARE, marks)
+    nodes = _with_ties(np.flatnonzero(marks), cells)
+    share = 1.0 if now.done < ROUNDS_OF_MEANS else SHORTENING
+    means = average(now.at, now.start, cells.corners, (cells.starts, cells.places), nodes)
+    return nodes, share * means - (now.at[:, nodes] - now.start[:, nodes])
+
+
+def _with_ties(nodes: IntArray, cells: Cells) -> IntArray:
+    """The nodes, and those that move with them."""
+    if not cells.ties.size or not nodes.size:
+        return nodes
+    own = originals(cells)
+    return np.flatnonzero(np.isin(own, own[nodes]))
+
+
+def _cells_of(nodes: IntArray, cells: Cells) -> IntArray:
+    """The numbers of the cells that have one of the nodes."""
+    first, count = cells.starts[nodes], cells.starts[nodes + 1] - cells.starts[nodes]
+    places = np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
+    return np.unique(cells.places[places] // 4)
+
+
+@compiled
+def unfold(nodes: Nodes, start: Array, numbers: IntArray, free: Array, marks: BoolArray) -> None:
+    """Move the nodes of small corners of the cells with these ``numbers``, in place, and mark these nodes.
+
+    The Jacobian of such a corner is at most ``SMALLEST_SHARE`` of that at ``start``, which are x and y of the nodes,
+    shape ``(2, nodes)``. ``free`` is 0 for nodes that are fixed and 1 for the others.
+    """
+    x, y, corners = nodes
+    for cell in numbers:
+        for k in range(4):
+            p, n, m = corners[4 * cell + k], corners[4 * cell + (k + 1) % 4], corners[4 * cell + (k + 3) % 4]
+            before = (start[0, n] - start[0, p]) * (start[1, m] - start[1, p])
+            before -= (start[1, n] - start[1, p]) * (start[0, m] - start[0, p])
+            ax, ay, bx, by = x[n] - x[p], y[n] - y[p], x[m] - x[p], y[m] - y[p]
+            now = ax * by - ay * bx
+            if now > SMALLEST_SHARE * before:
+                continue
+            # The derivatives of the Jacobian by the three nodes.
+            gp, hp = (ay - by) * free[p], (bx - ax) * free[p]
+            gn, hn, gm, hm = by * free[n], -bx * free[n], -ay * free[m], ax * free[m]
+            size = gp * gp + hp * hp + gn * gn + hn * hn + gm * gm + hm * hm
+            if size > 0.0:
+                length = (MENDED_SHARE * before - now) / size
+                x[p], y[p] = x[p] + length * gp, y[p] + length * hp
+                x[n], y[n] = x[n] + length * gn, y[n] + length * hn
+                x[m], y[m] = x[m] + length * gm, y[m] + length * hm
+                marks[p] = marks[n] = marks[m] = True
+
+
+@compiled
+def mark_folds(nodes: Nodes, start: Array, numbers: IntArray, least: float, marks: BoolArray) -> None:
+    """Mark the nodes of those of the cells with these ``numbers`` that have a small corner.
+
+    Its Jacobian is at most ``least`` times that at ``start``, which are x and y of the nodes, shape ``(2, nodes)``.
+    """
+    x, y, corners = nodes
+    for cell in numbers:
+        is_bad = False
+        for k in range(4):
+            p, n, m = corners[4 * cell + k], corners[4 * cell + (k + 1) % 4], corners[4 * cell + (k + 3) % 4]
+            before = (start[0, n] - start[0, p]) * (start[1, m] - start[1, p])
+            before -= (start[1, n] - start[1, p]) * (start[0, m] - start[0, p])
+            now = (x[n] - x[p]) * (y[m] - y[p]) - (y[n] - y[p]) * (x[m] - x[p])
+            is_bad = is_bad or not now > least * before
+        if is_bad:
+            for k in range(4):
+                marks[corners[4 * cell + k]] = True
+
+
+@compiled
+def average(at: Array, start: Array, corners: IntArray, around: tuple[IntArray, IntArray], nodes: IntArray) -> Array:
+    """The means of the displacements of each of these ``nodes`` and of its neighbours, shape ``(2, nodes)``.
+
+    Displacements are those from ``start`` to ``at``, both of shape ``(2, all nodes)``. ``around`` are the places of the
+    nodes in the ``corners`` of cells: where the entries of each node begin, and these. A neighbour counts once for
+    every cell that it shares an edge with the node in.
+    """
+    starts, places = around
+    out = np.empty((2, nodes.size))
+    for number, node in enumerate(nodes):
+        a, b, count = at[0, node] - start[0, node], at[1, node] - start[1, node], 1
+        for place in places[starts[node] : starts[node + 1]]:
+            cell, k = divmod(place, 4)
+            for other in (corners[cell, (k + 1) % 4], corners[cell, (k + 3) % 4]):
+                a += at[0, other] - start[0, other]
+                b += at[1, other] - start[1, other]
+                count += 1
+        out[0, number], out[1, number] = a / count, b / count
+    return out

@@ -12,11 +12,10 @@ import numpy as np
 from equimesh.domains.cut_off import most_cut_off
 from equimesh.fields.field import Field
 from equimesh.least_error import kernels
-from equimesh.least_error.cells import Cells
+from equimesh.least_error.cells import Cells, Region
 from equimesh.least_error.charts import Chart
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Values
-from equimesh.least_error.regions import Region
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 

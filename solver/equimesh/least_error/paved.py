@@ -1,20 +1,140 @@
-"""Descent on meshes without blocks to coarsen: by smooth displacements from coarse to fine, then of all nodes."""
+"""Least error on paved meshes: smooth displacements on a background grid, then of all nodes."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import SuperLU, splu
 
-from equimesh.least_error.background import Background, Boundary, background_counts
 from equimesh.least_error.block_levels import COARSEST_CELLS
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.descent import descend
 from equimesh.least_error.objective import Evaluation, Objective
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, BoolArray, IntArray
+
+# Smooth displacements of the nodes of any mesh: cubic splines on a coarse background grid over its bounding box.
+#
+# Nodes of the boundary move along it. What a spline would move them across it is taken away, with its harmonic
+# extension inside, so that lines of nodes near the boundary keep their distances from it.
+
+REACH = 4
+"""Splines in each direction that are not 0 at a place."""
+MIN_SUPPORT = 1e-3
+"""The smallest sum of squares of a spline over the nodes inside, for which it is used."""
+
+
+class Boundary:
+    """What moves of nodes become at the boundary of a mesh of a ``chart`` at ``mesh``, shape ``(2, nodes)``."""
+
+    def __init__(self, chart: CurveChart, mesh: Array, corners: IntArray) -> None:
+        nodes = mesh.shape[1]
+        self._inside = chart.free[1] > 0.0
+        self._along = np.stack([_slope(chart, mesh, axis)[0] for axis in (0, 1)]) * chart.free[0]
+        self._along[:, self._inside] = 0.0
+        squares = (self._along**2).sum(axis=0)
+        self._across = np.divide(self._along, squares, out=np.zeros_like(self._along), where=squares > 0.0)
+        self._factors, self._links = _laplacian(corners, self._inside, nodes)
+
+    @property
+    def inside(self) -> BoolArray:
+        """Which nodes are free both ways, shape ``(nodes,)``."""
+        return np.asarray(self._inside)
+
+    def moves(self, moves: Array) -> Array:
+        """The moves of the unknowns, shape ``(2, nodes)``, for displacements of the nodes, shape ``(2, nodes)``."""
+        inside, out = self._inside, np.zeros_like(moves)
+        out[0, ~inside] = (self._across * moves)[:, ~inside].sum(axis=0)
+        rest = moves[:, ~inside] - self._along[:, ~inside] * out[0, ~inside]
+        out[:, inside] = moves[:, inside] - self._factors.solve(self._links @ rest.T).T
+        return out
+
+    def pulled_back(self, gradient: Array) -> Array:
+        """The derivatives by the displacements of the nodes, for those by the unknowns: the transpose of ``moves``."""
+        inside, out = self._inside, np.zeros_like(gradient)
+        out[:, inside] = gradient[:, inside]
+        rest = -(self._links.T @ self._factors.solve(np.ascontiguousarray(gradient[:, inside].T))).T
+        slope = gradient[0, ~inside] - (self._along[:, ~inside] * rest).sum(axis=0)
+        out[:, ~inside] = rest + self._across[:, ~inside] * slope
+        return out
+
+
+class Background:
+    """Displacements of the nodes by the coefficients of splines, on a grid with ``cells`` along the longer side."""
+
+    def __init__(self, boundary: Boundary, points: Array, cells: int) -> None:
+        """``points`` are the nodes of the initial mesh, shape ``(2, nodes)``."""
+        low, high = points.min(axis=1), points.max(axis=1)
+        self.spacing = float((high - low).max()) / cells
+        """The side of a cell of the grid."""
+        self._boundary = boundary
+        splines = _splines((points - low[:, None]) / self.spacing)
+        squares = splines.multiply(splines).T @ boundary.inside.astype(np.float64)
+        self._splines = csr_array(splines[:, np.flatnonzero(squares > MIN_SUPPORT)])
+        self._transposed = csr_array(self._splines.T)
+        self._squares = csr_array(self._transposed.multiply(self._transposed))
+
+    @property
+    def count(self) -> int:
+        """How many splines there are."""
+        return int(self._splines.shape[1])
+
+    def moves(self, coefficients: Array) -> Array:
+        """The moves of the unknowns of the mesh, shape ``(2, nodes)``; ``coefficients`` have shape ``(2, count)``."""
+        return self._boundary.moves((self._splines @ coefficients.T).T)
+
+    def pulled_back(self, gradient: Array) -> Array:
+        """The derivatives by the coefficients, for those by the unknowns."""
+        return np.ascontiguousarray((self._transposed @ self._boundary.pulled_back(gradient).T).T)
+
+    def blocks(self, blocks: Array) -> Array:
+        """Approximate second derivatives of each coefficient, shape ``(3, count)``, for those of each node."""
+        return np.ascontiguousarray((self._squares @ (blocks * self._boundary.inside).T).T)
+
+
+def _slope(chart: CurveChart, mesh: Array, axis: int) -> Array:
+    """The derivatives of x or y of every node by its unknowns, shape ``(2, nodes)``."""
+    collected, nothing = np.zeros((5, mesh.shape[1])), np.zeros_like(mesh)
+    collected[axis] = 1.0
+    return chart.derivatives(mesh, collected, nothing, nothing[0])[0].copy()
+
+
+def _laplacian(corners: IntArray, inside: BoolArray, nodes: int) -> tuple[SuperLU, csr_array]:
+    """The graph Laplacian of the edges between nodes inside, as its factors, and its edges to the boundary."""
+    ends = np.concatenate([corners[:, [k, (k + 1) % 4]] for k in range(4)])
+    both = np.concatenate([ends, ends[:, ::-1]])
+    links = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(nodes, nodes))
+    rows = csr_array(links[np.flatnonzero(inside)])
+    own = csr_array(diags_array(rows.sum(axis=1)) - rows[:, np.flatnonzero(inside)])
+    factors = splu(own.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return factors, csr_array(rows[:, np.flatnonzero(~inside)])
+
+
+def _splines(places: Array) -> csr_array:
+    """The uniform cubic B-splines at places, shape ``(2, nodes)``, in units of the grid: shape ``(nodes, splines)``."""
+    nodes = places.shape[1]
+    first = np.floor(places).astype(np.int64)
+    t = places - first
+    weights = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]) / 6.0
+    numbers = first[None] + np.arange(REACH)[:, None, None]
+    columns = int(numbers[:, 1].max()) + 1
+    column = numbers[:, None, 0] * columns + numbers[None, :, 1]
+    weight = weights[:, None, 0] * weights[None, :, 1]
+    row = np.broadcast_to(np.arange(nodes), column.shape)
+    size = (int(numbers[:, 0].max()) + 1) * columns
+    return csr_array((weight.ravel(), (row.ravel(), column.ravel())), shape=(nodes, size))
+
+
+def background_counts(nodes: int, first: int, fewest_nodes: float) -> list[int]:
+    """Cells of the grids, each with twice as many as the one before, while a cell has ``fewest_nodes`` nodes."""
+    most = math.sqrt(nodes / fewest_nodes)
+    return [first * 2**k for k in range(max(0, math.floor(math.log2(max(1.0, most / first))) + 1))]
+
 
 FEWEST_POINTS = 300
 """Points of a mesh, at least: fewer need no displacements that are smooth."""

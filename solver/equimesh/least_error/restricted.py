@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from equimesh.least_error.cells import Region
 from equimesh.least_error.descent import MIN_JACOBIAN_SHARE, descend
 from equimesh.least_error.objective import Objective
-from equimesh.least_error.regions import Region
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh.numerics.communicator import gather
 from equimesh.numerics.threads import run_on_threads

@@ -15,10 +15,9 @@ from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.iteration import MORE_SLOPE_POINTS, weights_of
-from equimesh.least_error.levels import GridLevel, nested_levels
+from equimesh.least_error.nest import GridLevel, nested_levels
 from equimesh.least_error.objective import Objective, Weights
-from equimesh.least_error.starts import rectilinear
-from equimesh.least_error.ways import Way, coordinates_of, mesh_of
+from equimesh.least_error.ways import Way, coordinates_of, mesh_of, rectilinear
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.interpolation import interpolated_values
 from equimesh.meshes.mesh import Mesh
@@ -34,7 +33,7 @@ MIN_DECREASE = 1e-3
 MAX_COMPARED_POINTS = 33 * 33
 """Points of the grid, at most, up to which every candidate is descended."""
 LINE_FLOORS = (1.0, 0.1)
-"""Shares of straight lines for flat parts of u that are tried; see :func:`~equimesh.least_error.starts.rectilinear`."""
+"""Shares of straight lines for flat parts of u that are tried; see :func:`~equimesh.least_error.ways.rectilinear`."""
 MAX_CLIMBING = 2
 """Candidates, at most, that are descended on the last grid of comparison; the others end on the grid before it."""
 MAX_VALUE_POINTS = 17 * 17

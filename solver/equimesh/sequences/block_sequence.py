@@ -15,18 +15,24 @@ from equimesh.fields.field import Field, require_field
 from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import describe_value
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.sequences.beginning import check_settings
-from equimesh.sequences.between import blocks_between
-from equimesh.sequences.integrals import about_integrals
-from equimesh.sequences.moves import about_moves, cells_moved, displacement, largest_jump, outrun_by
-from equimesh.sequences.pursuit import BlockPursuit, Earlier, Found, gain_of, problem_with
-from equimesh.sequences.sequence import SMOOTHED, require_untouched
-from equimesh.sequences.sequence_step import BlockStep
-from equimesh.solving.block_solution import BlockSolution
+from equimesh.sequences.pursuit import (
+    BlockPursuit,
+    Earlier,
+    Found,
+    about_moves,
+    blocks_between,
+    cells_moved,
+    displacement,
+    gain_of,
+    largest_jump,
+    outrun_by,
+    problem_with,
+)
+from equimesh.sequences.sequence import SMOOTHED, BlockStep, about_integrals, check_settings, require_untouched
 from equimesh.solving.blocks import check_start
-from equimesh.solving.options import SolveArguments
-from equimesh.solving.solution import SolveError
+from equimesh.solving.solution import BlockSolution, SolveError
 from equimesh.solving.solve import solve
+from equimesh.solving.status import SolveArguments
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.transfer import carry, named
 

@@ -1,4 +1,4 @@
-"""One step: solve from the previous mesh; if u moved more than a cell, also from a new start, and in substeps.
+"""The solve of one step of a sequence: from the mesh before, and in smaller steps or from new starts if u moved far.
 
 A descent from the mesh before is sooner done than one from a uniform mesh, and loses where a front moves by more than
 a cell. What it has lost is measured: the error of the mesh, relative to that of the uniform mesh. Then a nested start
@@ -9,27 +9,288 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, Generic, TypeGuard, TypeVar
 
+import numpy as np
+
+from equimesh.blocks.blocks import Blocks
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.fields.field import Field
+from equimesh.fields.field import Field, require_field
+from equimesh.fields.nodal_field import NodalField
+from equimesh.least_error.block_levels import block_levels
+from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.auto import Auto
+from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.intersection import Intersection
 from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.monitors.smoothed import Smoothed
+from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
-from equimesh.sequences.between import Between
-from equimesh.sequences.following import with_u
-from equimesh.sequences.moves import cells_moved
-from equimesh.solving.block_solution import BlockSolution
-from equimesh.solving.options import Initial, SolveArguments
-from equimesh.solving.solution import Solution
+from equimesh.solving.solution import BlockSolution, Solution
 from equimesh.solving.solve import solve
+from equimesh.solving.status import Initial, SolveArguments
+
+# How far the nodes of a mesh move in a step: in cells, and whether all cells stay valid on the way.
+
+# The share of nodes that move by at most the reported number of cells: a front occupies more than the rest of them.
+NODE_SHARE = 0.95
+# A change of u along one edge, as a share of its range, that deserves a sentence where the mesh moves far.
+MAX_SILENT_JUMP = 0.5
+
+
+def displacement(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> Array:
+    """The displacement of every node, shape ``(n_xi, n_eta, 2)`` or ``(n, 2)``, in the unit of the coordinates.
+
+    Divided by the time step it is the velocity of the mesh, for the ALE form of the equations.
+    """
+    return np.stack([new.x - old.x, new.y - old.y], axis=-1)
+
+
+def cells_moved(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> float:
+    """The displacement in cells that 95 % of the nodes do not exceed.
+
+    The cells are those of the old mesh: a displacement is the sum of multiples of the half differences of neighbours
+    along both lines through the node, and the larger multiple counts. On blocks it is the sum of multiples of the two
+    edges of each cell at the node, and the mean over these cells counts.
+    """
+    if isinstance(old, QuadMesh):
+        return float(np.quantile(_moved_in_cells(old, new.points - old.points), NODE_SHARE))
+    move = displacement(old, new)
+    (x_s, x_t), (y_s, y_t) = ((np.gradient(z, axis=0), np.gradient(z, axis=1)) for z in (old.x, old.y))
+    with np.errstate(all="ignore"):  # where a Jacobian of differences vanishes, the node does not count
+        det = x_s * y_t - x_t * y_s
+        s = (move[..., 0] * y_t - move[..., 1] * x_t) / det
+        t = (move[..., 1] * x_s - move[..., 0] * y_s) / det
+        cells = np.maximum(np.abs(s), np.abs(t))
+    return float(np.quantile(cells[np.isfinite(cells)], NODE_SHARE))
+
+
+def _moved_in_cells(mesh: QuadMesh, move: Array) -> Array:
+    """The displacement of each node in the cells of a mesh of blocks."""
+    sums, counts = np.zeros(len(mesh.points)), np.zeros(len(mesh.points))
+    for corner in range(4):
+        node = mesh.cells[:, corner]
+        a, b = (mesh.points[mesh.cells[:, (corner + step) % 4]] - mesh.points[node] for step in (1, 3))
+        det = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        s = (move[node, 0] * b[:, 1] - move[node, 1] * b[:, 0]) / det
+        t = (move[node, 1] * a[:, 0] - move[node, 0] * a[:, 1]) / det
+        sums += np.bincount(node, np.maximum(np.abs(s), np.abs(t)), len(sums))
+        counts += np.bincount(node, minlength=len(sums))
+    return np.asarray((sums / np.maximum(counts, 1.0))[counts > 0.0])
+
+
+def stays_valid(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> bool:
+    """Whether all cells are valid at all times while each node moves on a straight line at constant speed.
+
+    A corner's Jacobian is then quadratic in time, and positive throughout when it is so at both ends and where it is
+    least.
+    """
+    first, half, last = _jacobians(old, new)
+    curvature = 2.0 * (first + last) - 4.0 * half
+    slope = last - first - curvature
+    with np.errstate(all="ignore"):  # a line has its least value at an end
+        at = np.clip(np.nan_to_num(-0.5 * slope / curvature), 0.0, 1.0)
+    least = np.minimum(np.minimum(first, last), first + at * (slope + at * curvature))
+    return bool(np.all(least > 0.0))
+
+
+def _jacobians(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> tuple[Array, Array, Array]:
+    """The Jacobians of all corners of the old mesh, of the mesh half way, and of the new one, in one unit."""
+    if isinstance(old, Mesh):
+        middle = Mesh(0.5 * (old.x + new.x), 0.5 * (old.y + new.y))
+        return old.corner_jacobians(), middle.corner_jacobians(), new.corner_jacobians()
+    first, half, last = (_corner_areas(p, old) for p in (old.points, 0.5 * (old.points + new.points), new.points))
+    return first, half, last
+
+
+def _corner_areas(points: Array, mesh: QuadMesh) -> Array:
+    """The products of the two edges at each corner of the cells of ``mesh``, with its nodes at ``points``."""
+    corners = points[mesh.cells]
+    ahead, behind = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    return np.asarray(ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0])
+
+
+def largest_jump(values: Array, cells: IntArray | None = None) -> float:
+    """The largest change of nodal values along one edge, as a share of their range; 0 for a constant.
+
+    The values are those of a grid, or with ``cells`` those of a mesh of blocks.
+    """
+    whole = float(np.ptp(values))
+    if cells is not None:
+        around = values[cells]
+        jump = float(np.abs(np.roll(around, 1, axis=1) - around).max())
+        return jump / whole if whole > 0.0 else 0.0
+    jumps = (np.abs(np.diff(values, axis=axis)).max() for axis in (0, 1))
+    return float(max(jumps)) / whole if whole > 0.0 else 0.0
+
+
+def outrun_by(moved: float, max_move: float) -> InputError:
+    """The refusal of a step in which the mesh would move by ``moved`` cells, more than ``max_move``."""
+    return InputError(
+        f"the mesh would move by {moved:.2g} cells in this step, more than max_move = {max_move:g}: u has outrun its"
+        f" cells. Take {math.ceil(moved / max_move)} smaller time steps; the mesh before is kept",
+        field="u",
+    )
+
+
+def about_moves(
+    old: Mesh | QuadMesh, new: Mesh | QuadMesh, jump: float, moved: float, max_move: float
+) -> Iterator[str]:
+    """Sentences about a step in which the mesh ``moved`` by so many cells; ``jump`` is the largest jump of its u."""
+    if moved > max_move and jump > MAX_SILENT_JUMP:
+        yield (
+            f"The mesh moved by {moved:.2g} cells in this step, and u changes by {100 * jump:.0f} % of its range"
+            " along one edge of the mesh before: it has outrun its cells there. Take smaller time steps."
+        )
+    if not stays_valid(old, new):
+        yield (
+            "A cell would fold while its nodes move on straight lines from the mesh before to this one: take the"
+            " carried fields, and not the velocity, in this step."
+        )
+
+
+# Interpolation between two times: of u, and of the mesh.
+
+# Times, at most, that the share of the mesh before is halved until no cell is folded.
+MAX_HALVINGS = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Between:
+    """``(1 - share) * earlier + share * later``: a function of x and y between two times, by linear interpolation.
+
+    Implements :class:`~equimesh.fields.field.Field`.
+    """
+
+    earlier: Field
+    later: Field
+    share: float
+
+    def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
+        """u and its derivatives, as ``Field.evaluate``."""
+        pairs = zip(self.earlier.evaluate(x, y, order), self.later.evaluate(x, y, order), strict=True)
+        return tuple((1.0 - self.share) * one + self.share * other for one, other in pairs)
+
+
+def mesh_between(before: Mesh, new: Mesh, share: float) -> Mesh:
+    """The ``new`` mesh of the reference square, with a ``share`` of the positions in the mesh ``before``.
+
+    Where such a mesh is folded, the share is halved, and at last the new mesh is the result.
+    """
+    for _ in range(MAX_HALVINGS):
+        mesh = Mesh(new.x + share * (before.x - new.x), new.y + share * (before.y - new.y))
+        if not mesh.is_folded:
+            return Mesh.of_unit_square(mesh.x, mesh.y)
+        share *= 0.5
+    return new
+
+
+def blocks_between(domain: Blocks, before: QuadMesh, new: QuadMesh, share: float) -> QuadMesh:
+    """The mesh between two meshes of a ``domain`` in blocks; nodes on curves are at their nearest points."""
+    finest = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
+    for _ in range(MAX_HALVINGS):
+        place = finest.of_points(new.points + share * (before.points - new.points))
+        mesh = place.quad_mesh(domain.mesh)
+        if not mesh.is_folded:
+            return mesh
+        share *= 0.5
+    return new
+
+
+# From what a time-stepper gives, u or a monitor, to the monitor of the next mesh.
+
+# Radius of the smoothed curvature that stands for least error, in units of the domain's shorter extent.
+SMOOTHING = 0.02
+
+
+def monitor_for(template: Monitor, given: Any, mesh: Mesh) -> Monitor:
+    """The monitor of a step, with the settings of ``template``.
+
+    ``given`` is a monitor, which is returned as it is; u as an array of shape ``(n_xi, n_eta)`` at the nodes of
+    ``mesh``, as a field or as a text; or several of these in a mapping or a sequence. Of several u a monitor each is
+    made, and these are intersected: cells are as small as any of them requests. In an intersection
+    the smoothed curvature stands for least error and auto, which have no metric of their own.
+
+    Raises :class:`~equimesh.errors.InputError` for a template without u, and for values that cannot be used.
+    """
+    if isinstance(given, type):
+        raise InputError(f"u is the class {given.__name__}: give a monitor, such as LeastError(u=...)", field="u")
+    if callable(getattr(given, "metric", None)):
+        monitor: Monitor = given
+        return monitor
+    if isinstance(given, Mapping):
+        return _several(template, [(f"u.{name}", part) for name, part in given.items()], mesh)
+    if isinstance(given, Sequence) and not isinstance(given, str) and any(_is_whole(part) for part in given):
+        return _several(template, [(f"u.{number}", part) for number, part in enumerate(given)], mesh)
+    return with_u(template, field_of(given, mesh, "u"))
+
+
+def field_of(given: Any, mesh: Mesh, name: str) -> Field:
+    """A function of x and y: ``given`` itself, the expression of a text, or nodal values as a field."""
+    if isinstance(given, str) or callable(getattr(given, "evaluate", None)):
+        return require_field(given, name)
+    return NodalField(mesh=mesh, values=given)
+
+
+def with_u(monitor: Monitor, u: Field) -> Monitor:
+    """The monitor with another u: in its member where it is smoothed, in all members of an intersection."""
+    names = {part.name for part in fields(monitor)} if _is_dataclass(monitor) else set()
+    if isinstance(monitor, Intersection):
+        return replace(monitor, monitors=tuple(with_u(member, u) for member in monitor.monitors))
+    if "monitor" in names:
+        inner: Any = monitor
+        return _replaced(monitor, "monitor", with_u(inner.monitor, u))
+    if "rho" in names:  # of a weight, the monitor is u itself
+        return _replaced(monitor, "rho", u)
+    if "u" in names and "m11" not in names:
+        return _replaced(monitor, "u", u)
+    raise InputError(
+        f"a {type(monitor).__name__} follows no function u: give each step a monitor in its place", field="u"
+    )
+
+
+def _several(template: Monitor, given: Sequence[tuple[str, Any]], mesh: Mesh) -> Monitor:
+    if len(given) == 1:
+        return monitor_for(template, given[0][1], mesh)
+    monitors = [
+        part if callable(getattr(part, "metric", None)) else with_u(_metric(template), field_of(part, mesh, name))
+        for name, part in given
+    ]
+    return Intersection(monitors=tuple(monitors))
+
+
+def _metric(template: Monitor) -> Monitor:
+    """The template, or a metric that stands for it."""
+    if isinstance(template, LeastError | Auto):
+        return Smoothed(monitor=Curvature(u=template.u, norm=template.norm), radius=SMOOTHING)
+    return template
+
+
+def _is_whole(part: Any) -> bool:
+    """Whether this is a u or a monitor by itself, and no row of an array."""
+    return (
+        isinstance(part, str)
+        or any(callable(getattr(part, n, None)) for n in ("metric", "evaluate"))
+        or (np.ndim(part) == 2)
+    )
+
+
+def _is_dataclass(monitor: object) -> TypeGuard[Any]:
+    return is_dataclass(monitor)
+
+
+def _replaced(monitor: Any, name: str, value: object) -> Monitor:
+    other: Monitor = replace(monitor, **{name: value})
+    return other
+
 
 # A gain less than this share of that of the step before calls for a nested start, which costs as much again.
 MIN_GAIN_SHARE = 0.8

@@ -1,38 +1,215 @@
-"""A sequence of meshes in time: each step adapts to u, starts from the mesh before, and carries fields along."""
+"""A sequence of meshes on a grid that follows a solution, and its steps."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Any, Literal, Unpack
+from dataclasses import dataclass, replace
+from numbers import Real
+from typing import Any, Generic, Literal, Self, TypeVar, Unpack
 
 import numpy as np
 
 from equimesh.domains.closing import closed_of
-from equimesh.domains.domain import map_mesh
+from equimesh.domains.domain import Domain, map_mesh
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
+from equimesh.fields.mesh_map import reference_of
 from equimesh.fields.nodal_field import NodalField
+from equimesh.inputs import describe_value
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import prolong
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
-from equimesh.sequences.beginning import check_settings, first_mesh
-from equimesh.sequences.between import mesh_between
-from equimesh.sequences.following import monitor_for
-from equimesh.sequences.integrals import about_integrals
-from equimesh.sequences.moves import about_moves, cells_moved, displacement, largest_jump, outrun_by
-from equimesh.sequences.pursuit import Earlier, Found, Pursuit, gain_of
-from equimesh.sequences.sequence_step import SequenceStep
-from equimesh.solving.options import SolveArguments
-from equimesh.solving.solution import Solution, SolveError
+from equimesh.sequences.pursuit import (
+    Earlier,
+    Found,
+    Pursuit,
+    about_moves,
+    cells_moved,
+    displacement,
+    gain_of,
+    largest_jump,
+    mesh_between,
+    monitor_for,
+    outrun_by,
+)
+from equimesh.solving.certificate import Certificate
+from equimesh.solving.solution import BlockSolution, Solution, SolveError
 from equimesh.solving.solve import solve
-from equimesh.solving.status import Status
+from equimesh.solving.status import SolveArguments, Status
+from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
+from equimesh.transfers.one_domain import MAX_ROUNDING, require_one_domain, require_valid
 from equimesh.transfers.transfer import carry_closed, named
+
+# What a step says of the integrals of the fields that it carried.
+
+# A relative change of an integral that deserves a sentence: rounding is far less.
+MAX_SILENT_CHANGE = 1e-12
+
+
+def about_integrals(
+    meshes: tuple[Mesh | QuadMesh, Mesh | QuadMesh], given: Mapping[str, MeshValues], carried: Mapping[str, Array]
+) -> Iterator[str]:
+    """Sentences about integrals that were not kept, from the mesh before to the new one."""
+    for name, field in given.items():
+        change = _change(meshes[0], meshes[1], field, carried[name]) if field.transfer == "conservative" else 0.0
+        if change > MAX_SILENT_CHANGE:
+            yield (
+                f"The integral of {name} changed by {change:.1e} of itself: straight edges cut a curved side"
+                " differently in the two meshes, and the bounds leave no room for the difference."
+            )
+
+
+def _change(old: Mesh | QuadMesh, new: Mesh | QuadMesh, field: MeshValues, carried: Array) -> float:
+    """The largest relative change of the integral of a component."""
+    values, largest = np.asarray(field.values, dtype=float), 0.0
+    for index in np.ndindex(*values.shape[len(old.node_shape) :]):
+        before = integral(old, values[(..., *index)], field.location)
+        size = integral(old, np.abs(values[(..., *index)]), field.location)
+        after = integral(new, carried[(..., *index)], field.location)
+        largest = max(largest, abs(after - before) / size if size > 0.0 else 0.0)
+    return largest
+
+
+# What a sequence begins with: its settings, and its first mesh.
+
+OUTRUN = ("substeps", "refuse")
+# The largest share of the mesh before in a mesh that is smoothed in time.
+MAX_SMOOTHING = 0.9
+
+
+def check_settings(smoothing: Any, max_move: Any, outrun: Any) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for settings that a sequence cannot have."""
+    if not (_is_number(smoothing) and 0.0 <= smoothing <= MAX_SMOOTHING):
+        raise InputError(f"smoothing = {smoothing!r}: the share lies between 0 and {MAX_SMOOTHING}", field="smoothing")
+    if not (_is_number(max_move) and max_move > 0.0):
+        raise InputError(f"max_move = {max_move!r}: a positive number of cells; 1 is usual", field="max_move")
+    if outrun not in OUTRUN:
+        raise InputError(f"outrun = {outrun!r}: choose 'substeps' or 'refuse'", field="outrun")
+
+
+def first_mesh(begin: Solution | Mesh | None, domain: Domain) -> tuple[Mesh, Mesh]:
+    """The mesh of the domain that a sequence begins with, and the same mesh on the reference square.
+
+    Raises :class:`~equimesh.errors.InputError` for what is no mesh and no solution, for a folded mesh, and for one of
+    another domain.
+    """
+    if isinstance(begin, Solution):
+        mesh, reference = begin.mesh, begin.reference
+    elif isinstance(begin, Mesh):
+        require_valid(begin)
+        mesh, reference = begin, reference_of(begin, domain)
+    else:
+        raise InputError(
+            f"a sequence cannot begin with {describe_value(begin)}: give mesh= an em.Mesh, or solution= the result of"
+            " em.solve",
+            field="mesh",
+        )
+    if not _is_of(domain, mesh, reference):
+        raise InputError("the first mesh of a sequence must be one of the problem's domain", field="mesh")
+    return mesh, reference
+
+
+def _is_of(domain: Domain, mesh: Mesh, reference: Mesh) -> bool:
+    """Whether a mesh is the image of its reference; where that was not found exactly, its sides decide."""
+    extent = max(np.ptp(mesh.x), np.ptp(mesh.y))
+    if mesh.distance(map_mesh(reference, domain)) <= MAX_ROUNDING * extent:
+        return True
+    try:
+        require_one_domain(mesh, map_mesh(Mesh.uniform(mesh.grid), domain))
+    except InputError:
+        return False
+    return True
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real)
+
+
+# One step of a sequence: its mesh, the fields on it, and how the nodes have moved.
+
+M = TypeVar("M", Mesh, QuadMesh)
+S = TypeVar("S", Solution, BlockSolution)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class AnyStep(Generic[M, S]):
+    """The members that steps on grids and on blocks share."""
+
+    number: int
+    """1 for the first step."""
+    mesh: M
+    """The mesh of the sequence after the step: that of the solution, or the last good one where the solve failed.
+
+    The next step begins with it: write into copies of its arrays only.
+    """
+    solution: S
+    """The solve of this step, also a failed one."""
+    fields: Mapping[str, Array]
+    """The fields on the mesh, by their names."""
+    velocity: Array | None
+    """The displacement of every node in this step, shape ``(n_xi, n_eta, 2)``, on blocks ``(n, 2)``; ``None`` where the
+    grid has changed.
+
+    Divided by the time step it is the velocity of the mesh.
+    """
+    moved: float | None
+    """The displacement in cells of the mesh before that 95 % of the nodes do not exceed; ``None`` as above."""
+    substeps: int
+    """The number of meshes that were computed on the way to this one, itself included."""
+    notes: tuple[str, ...]
+    """Sentences about this step alone: moves, and integrals that bounds did not allow to keep."""
+
+    @classmethod
+    def kept(cls, number: int, mesh: M, solution: S, given: Mapping[str, MeshValues]) -> Self:
+        """The step of a solve that failed: it keeps the mesh and the fields as they were."""
+        return cls(
+            number=number,
+            mesh=mesh,
+            solution=solution,
+            fields={name: field.on(mesh, name) for name, field in given.items()},
+            velocity=np.zeros((*mesh.node_shape, 2)),
+            moved=0.0,
+            substeps=1,
+            notes=("The solve failed: the mesh before and its fields are kept.",),
+        )
+
+    @property
+    def status(self) -> Status:
+        """How the solve ended."""
+        return self.solution.status
+
+    @property
+    def certificate(self) -> Certificate:
+        """How good the mesh of the solve is."""
+        return self.solution.certificate
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences to read before going on: those of the step, and those of the certificate."""
+        return (*self.notes, *self.certificate.warnings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SequenceStep(AnyStep[Mesh, Solution]):
+    """The result of :meth:`~equimesh.sequences.sequence.Sequence.step`."""
+
+    def __repr__(self) -> str:
+        return f"<SequenceStep {self.number}: {self.mesh.grid} points, {self.status}>"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class BlockStep(AnyStep[QuadMesh, BlockSolution]):
+    """The result of :meth:`~equimesh.sequences.block_sequence.BlockSequence.step`."""
+
+    def __repr__(self) -> str:
+        return f"<BlockStep {self.number}: {len(self.mesh.points)} points, {self.status}>"
+
 
 # The begin of the note of such a mesh.
 SMOOTHED = "The mesh keeps a share of the mesh before it"

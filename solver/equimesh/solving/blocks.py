@@ -13,24 +13,20 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.block_subdomains import BlockSubdomains
+from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve, Reached
-from equimesh.least_error.levels import Level, coarse_level, last_compared
-from equimesh.least_error.steps import Descent
+from equimesh.least_error.nest import Level, coarse_level, last_compared
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import MAX_WEIGHT, LeastError
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.threads import thread_count
-from equimesh.solving.announcer import Announcer
-from equimesh.solving.block_solution import BlockSolution
-from equimesh.solving.courses import Descending, descent_work
-from equimesh.solving.least_error import other_ways
-from equimesh.solving.nodal_solution import solve_block_round
-from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
+from equimesh.solving.least_error import other_ways, solve_block_round
 from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks
-from equimesh.solving.solution import SolveError
-from equimesh.solving.status import Status
+from equimesh.solving.progress import Announcer, Descending, descent_work
+from equimesh.solving.solution import BlockSolution, SolveError
+from equimesh.solving.status import Initial, SolveArguments, SolveOptions, Status, complete_arguments
 from equimesh_schema import Candidate
 
 WEIGHTS = ((0.5, 1.0), (0.5, 0.1))

@@ -1,14 +1,55 @@
-"""The certificate of a mesh: how well it solves the requested equations, and warnings."""
+"""The certificate of a solution: its measures, and the warnings about its mesh."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 import equimesh_schema
+from equimesh.equations.newton_solve import smallest_residual
+from equimesh.equations.problem import Problem
+from equimesh.fields.chunked_samples import ChunkedSamples
+from equimesh.fields.field import Field
+from equimesh.fields.noise import noise_share
+from equimesh.fields.sample_scan import steps_of
+from equimesh.fields.samples import GridSamples
+from equimesh.inputs import finite_or_none
+from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.monitors.arc_length import ArcLength
+from equimesh.numerics.types import Pair
+from equimesh.quality.cells import Cells, UniformCells, cells_of
+from equimesh.quality.cut_off import CutOff, measure_cut_off
 from equimesh.quality.faces import Faces
-from equimesh.quality.interpolation import InterpolationErrors
+from equimesh.quality.interpolation import InterpolationErrors, probe_errors, quadratic_gain
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.status import Status
+from equimesh_schema import Relaxed
 from equimesh_schema.certificate import FaceAngles, InterpolationGain
 from equimesh_schema.document import Json
+
+# Error estimates of a certificate: those of the solve times a factor, so that they err on the safe side.
+#
+# The factors are from 200 random problems: the true errors are below the products in 95 % of 200 other random
+# problems (``benchmarks/error_estimates.py``).
+
+# The estimate from the last moves of the iteration is too small where its contraction still grows.
+ALGEBRAIC_SAFETY = 2.0
+# The estimate from a coarser grid is too small where u is not yet resolved there, so that the order is below two.
+DISCRETIZATION_SAFETY = 2.5
+
+
+def safe_algebraic_error(estimate: float | None) -> float | None:
+    """The estimated error from stopping the iteration, on the safe side; ``None`` where it is not known."""
+    return None if estimate is None else finite_or_none(ALGEBRAIC_SAFETY * estimate)
+
+
+def safe_discretization_error(estimate: float | None) -> float | None:
+    """The estimated error of the grid, on the safe side; ``None`` where it is not known."""
+    return None if estimate is None else finite_or_none(DISCRETIZATION_SAFETY * estimate)
+
 
 MEASURED = ("faces", "interpolation")
 """The fields that are answered by those that follow from them."""
@@ -66,3 +107,260 @@ class Certificate(equimesh_schema.Certificate):
     def summary(self) -> Json:
         """The certificate as plain Python data, ready for JSON; a number that is not known or finite is ``None``."""
         return self.to_json()
+
+
+# Warnings about a mesh: sentences to read before using it.
+
+# A mesh whose L2 gain is smaller interpolates u worse than the uniform mesh by a hundredth, and deserves a warning.
+MIN_GAIN = 0.99
+# The same for the H1 gain of a mesh whose L2 gain is not warned of, and for the estimated gain of quadratic elements.
+MIN_GAIN_H1, MIN_QUADRATIC_GAIN = 0.9, 0.9
+# A residual that rounding alone causes deserves a warning above this.
+MAX_SILENT_ROUNDING = 1e-6
+# Largest error of interpolation, as a share of the range of u, that a mesh may have without a warning.
+MAX_ERROR_SHARE = 0.25
+# The same for a uniform mesh of a monitor that does not see u.
+MAX_UNIFORM_ERROR_SHARE = 0.05
+# A u that varies by less, as a share of its size, may count as constant or linear because of rounding.
+MIN_VARIATION_SHARE = 1e-8
+# Noise of this share of the range of u deserves a warning: meshes then begin to follow it.
+MIN_NOISE_SHARE = 5e-4
+# Neighbouring samples that differ by more, as a share of the range of u, deserve a warning.
+MAX_SAMPLE_STEP_SHARE = 0.4
+# Cells with a smaller Jacobian, 1 for the uniform mesh, deserve a warning: solvers round there.
+MIN_SILENT_JACOBIAN = 1e-6
+# Faces with a larger angle, in degrees, deserve a warning: corrections of fluxes diverge there.
+MAX_SILENT_ANGLE = 60.0
+# Cells that cut off more of a domain at its curved sides, as a share, deserve a warning.
+MAX_SILENT_CUT_OFF = 0.05
+# A mesh is uniform when no coordinate of a node is further from the uniform mesh, as a share of the spacing.
+MAX_UNIFORM_MOVE = 0.01
+# Every so many nodes are compared with it first.
+LATTICE = 16
+
+
+def warnings(
+    problem: Problem,
+    status: Status,
+    relaxed: Sequence[Relaxed],
+    meshes: tuple[MeshWindow, MeshWindow],
+    errors: InterpolationErrors | None,
+) -> Iterator[str]:
+    """Sentences to read before using a mesh. ``meshes`` are that of the domain and that of the reference square."""
+    if status is Status.RELAXED:
+        what = ", ".join(map(str, relaxed))
+        yield f"The mesh solves relaxed equations, not the requested ones: {what}."
+    yield from _about_rounding(problem, status)
+    if errors is None or status is Status.FOLDED:
+        return
+    yield from _about_noise(problem.monitor.u)
+    yield from _about_jumps(problem.monitor.u)
+    yield from _about_resolution(errors)
+    if status.succeeded:
+        yield from _about_thin_cells(meshes[0].min_jacobian / problem.domain.area)
+        yield from _about_structure(problem, meshes, errors)
+        yield from about_cut_off(measure_cut_off(problem.domain, meshes[1]))
+    yield from _about_gains(errors)
+    u, on_triangles = problem.monitor.u, getattr(problem.monitor, "cells", "quad") == "triangle"
+    if u is not None and status.succeeded and not on_triangles:
+        uniform = UniformCells(problem.grid, problem.domain, meshes[0].rows)
+        yield from _about_quadratic(cells_of(meshes[0]), uniform, u, errors)
+
+
+def about_cut_off(cut: CutOff) -> Iterator[str]:
+    """A warning about long cells, which cut off the curved sides of a domain."""
+    if cut.is_much or cut.share > MAX_SILENT_CUT_OFF:
+        yield (
+            f"Between the curved sides of the domain and the cells lie {_percent(cut.share)} of its area,"
+            f" {_percent(cut.initial)} with the mesh before adapting, since long cells cut the sides off. The error is"
+            " measured on the cells alone, and the gain can be flattered: add grid points along the curved sides, or"
+            " raise distortion."
+        )
+
+
+def block_warnings(
+    mesh: QuadMesh, initial: QuadMesh | None, u: Field | None, errors: InterpolationErrors | None, faces: Faces
+) -> Iterator[str]:
+    """Sentences to read before using a mesh of blocks: about u, its interpolant, and thin or oblique cells.
+
+    ``initial`` is the mesh that it began with, ``None`` where u is interpolated on triangles.
+    """
+    if u is None or errors is None or mesh.is_folded:
+        return
+    yield from _about_noise(u)
+    yield from _about_jumps(u)
+    yield from _about_resolution(errors)
+    yield from _about_thin_cells(mesh.min_jacobian)
+    yield from _about_large_errors(errors)
+    yield from _about_gains(errors, "initial")
+    if initial is not None:
+        yield from _about_quadratic(cells_of(mesh), cells_of(initial), u, errors, "initial")
+    yield from about_faces(faces)
+
+
+def _about_rounding(problem: Problem, status: Status) -> Iterator[str]:
+    floor = smallest_residual(problem.metric, problem.grid.shape)
+    if floor > MAX_SILENT_ROUNDING and status.succeeded:
+        yield (
+            f"Rounding errors of u alone cause a residual of up to {floor:.0e}, since u is"
+            f" {problem.metric.cancellation:.0e} times as large as it varies: subtract a constant from u."
+        )
+
+
+def _about_noise(u: Field | None) -> Iterator[str]:
+    share = noise_share(u)
+    if share >= MIN_NOISE_SHARE:
+        yield (
+            f"The samples of u have noise of about {_percent(share)} of their range. The mesh follows the noise, and"
+            " the gains are those of the noisy samples: smooth the samples before, or give u as an expression."
+        )
+
+
+def _about_jumps(u: Field | None) -> Iterator[str]:
+    """A jump between neighbouring samples: a mesh can resolve only the spline through them."""
+    if not isinstance(u, GridSamples | ChunkedSamples):
+        return
+    size, steps = (u.found.size, u.found.steps) if isinstance(u, ChunkedSamples) else steps_of(u.values)
+    step = max(steps, key=lambda step: step.size)
+    if step.size > MAX_SAMPLE_STEP_SHARE * size > 0.0:
+        yield (
+            f"The samples of u change by {_percent(step.size / size)} of their range between two"
+            f" neighbours near (x, y) = ({u.x[step.i]:.4g}, {u.y[step.j]:.4g}). The mesh and its gains are those of the"
+            " spline through the samples, not of u: send more samples there, or give u as an expression."
+        )
+
+
+def _about_thin_cells(smallest: float) -> Iterator[str]:
+    if 0.0 < smallest < MIN_SILENT_JACOBIAN:
+        yield (
+            f"The smallest Jacobian of a cell is {smallest:.1e} of that of the uniform mesh: u has a kink or a layer as"
+            " thin as that. Solvers lose digits in such cells; raise the smoothness or the radius of smoothing."
+        )
+
+
+def _about_resolution(errors: InterpolationErrors) -> Iterator[str]:
+    if not all(errors.resolved):
+        names = [name for name, known in zip(("L2", "H1"), errors.resolved, strict=True) if not known]
+        yield (
+            f"A layer, a jump or a kink of u lies inside a cell: the {' and the '.join(names)} gain is not known, as"
+            " two rules of quadrature do not agree. Add grid points, or replace a jump by a steep tanh."
+        )
+
+
+def _about_structure(
+    problem: Problem, meshes: tuple[MeshWindow, MeshWindow], errors: InterpolationErrors
+) -> Iterator[str]:
+    """What the monitor does not see of u, and what the grid does not."""
+    mesh, reference = meshes
+    u = problem.monitor.u
+    if u is None or errors.largest is None:
+        return
+    variation, uniform = errors.variation, _is_uniform(reference)
+    if errors.l2 <= errors.rounding[0] and 0.0 < variation < MIN_VARIATION_SHARE * errors.size:
+        yield (
+            f"u counts as constant or linear: it varies by {variation:.2g}, and its size is {errors.size:.2g}. If it is"
+            " not, subtract a constant from it."
+        )
+    elif uniform:
+        yield from _about_uniformity(problem, mesh, u, errors)
+    else:
+        yield from _about_large_errors(errors)
+
+
+def _about_large_errors(errors: InterpolationErrors) -> Iterator[str]:
+    if errors.largest is None:
+        return
+    (error, x, y), variation = errors.largest, errors.variation
+    if error > MAX_ERROR_SHARE * variation and error > errors.rounding[0]:
+        yield (
+            f"Between the nodes near (x, y) = ({x:.4g}, {y:.4g}) u differs from its interpolant by"
+            f" {_percent(error / variation)} of its range: the grid does not resolve it. Add grid points."
+        )
+
+
+def _about_uniformity(problem: Problem, mesh: MeshWindow, u: Field, errors: InterpolationErrors) -> Iterator[str]:
+    """Where a mesh is uniform, u is probed at many more points."""
+    monitor = problem.monitor
+    if isinstance(monitor, ArcLength) and monitor.a == 0.0:
+        return
+    (error, x, y), variation = probe_errors(mesh, u)
+    share = error / variation if variation > 0.0 else 0.0
+    blind = isinstance(monitor, ArcLength) and errors.l2 > errors.rounding[0]
+    if not (blind or (share > MAX_UNIFORM_ERROR_SHARE and error > errors.rounding[0])):
+        return
+    if isinstance(monitor, ArcLength) and not monitor.scaled:
+        advice = "Take a scaled arc length, so that the units of u do not matter."
+    else:
+        advice = "Add grid points, or take another monitor; replace a jump by a steep tanh."
+    yield (
+        f"The mesh is uniform although u varies by {variation:.2g}: the monitor sees nothing of u at the points where"
+        f" it is evaluated. Near (x, y) = ({x:.4g}, {y:.4g}) u differs from its interpolant by {_percent(share)} of its"
+        f" range. {advice}"
+    )
+
+
+def _about_gains(errors: InterpolationErrors, other: str = "uniform") -> Iterator[str]:
+    """Where the ``other`` mesh interpolates u or its gradient better."""
+    if errors.gain_l2 < MIN_GAIN:
+        if errors.l2_uniform <= errors.rounding[0]:
+            yield f"The {other} mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
+        elif errors.gain_l2 > 0.0:
+            yield (
+                f"The mesh interpolates u worse than the {other} one: its L2 error is {1 / errors.gain_l2:.3g} times as"
+                " large. Take the curvature monitor to interpolate u well."
+            )
+    elif 0.0 < errors.gain_h1 < MIN_GAIN_H1 and errors.h1_uniform > errors.rounding[1]:
+        yield (
+            f"The mesh interpolates the gradient of u worse than the {other} one: its H1 error is"
+            f" {1 / errors.gain_h1:.2g} times as large. If you need the gradient, for fluxes or stresses, adapt with"
+            " norm h1."
+        )
+
+
+def _about_quadratic(
+    cells: Cells, uniform: Cells, u: Field, errors: InterpolationErrors, other: str = "uniform"
+) -> Iterator[str]:
+    """What quadratic elements get, where bilinear ones gain or nearly so."""
+    if not errors.gain_l2 >= MIN_GAIN:
+        return
+    gain = quadratic_gain(cells, uniform, u, errors.size)
+    if 0.0 < gain < MIN_QUADRATIC_GAIN:
+        yield (
+            f"The mesh is one for bilinear elements: quadratic ones interpolate u worse on it than on the {other} mesh,"
+            f" with an L2 error about {1 / gain:.2g} times as large. Take the {other} mesh for quadratic elements."
+        )
+
+
+def about_faces(faces: Faces) -> Iterator[str]:
+    """A warning for codes with fluxes between cell centres."""
+    if faces.non_orthogonality > MAX_SILENT_ANGLE:
+        yield (
+            f"Between the normal of a face and the line of its two cell centres there are up to"
+            f" {faces.non_orthogonality:.0f} degrees. Finite elements can use such a mesh. Finite-volume codes often"
+            f" diverge over {MAX_SILENT_ANGLE:.0f} degrees: bound the angle by orthogonality, 50 for instance."
+        )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.2g} %"
+
+
+def _is_uniform(reference: MeshWindow) -> bool:
+    rows = reference.rows
+    s, t = (np.linspace(0.0, 1.0, count) for count in rows.shape)
+    for step in (LATTICE, 1):  # a few nodes show that a mesh is not uniform
+        moves = [
+            _largest_move(reference.nodes(first, last), (s[first : last + 1], t), (-first) % step, step)
+            for first, last in rows.strips
+        ]
+        found = rows.joined(np.array(moves).reshape(-1, 2)).max(axis=0)
+        if max(found[0] * rows.cells[0], found[1] * rows.cells[1]) >= MAX_UNIFORM_MOVE:
+            return False
+    return True
+
+
+def _largest_move(nodes: Pair, uniform: Pair, start: int, step: int) -> tuple[float, float]:
+    """The largest differences to the uniform mesh, of every ``step``-th column in such rows from row ``start`` on."""
+    rows, columns = slice(start, None, step), slice(None, None, step)
+    along_xi = np.abs(nodes[0][rows, columns] - uniform[0][rows, None]).max(initial=0.0)
+    return along_xi, np.abs(nodes[1][rows, columns] - uniform[1][columns]).max(initial=0.0)

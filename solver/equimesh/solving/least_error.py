@@ -1,4 +1,6 @@
-"""The solution of a least-error solve: never worse than the uniform mesh, by the rule of the certificate."""
+"""Solves for the least error: of a function, and of one that is known by the values of a solver."""
+
+from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
@@ -6,19 +8,24 @@ from dataclasses import replace
 
 from equimesh.domains.closing import closed_of
 from equimesh.domains.domain import map_mesh
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
+from equimesh.fields.quad_field import QuadField
+from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve, Reached
-from equimesh.least_error.levels import last_compared, nested_levels
-from equimesh.least_error.steps import Descent
+from equimesh.least_error.nest import last_compared, nested_levels
 from equimesh.meshes.closed import closed_mesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import LeastError
-from equimesh.solving.courses import Descending
-from equimesh.solving.options import Initial, SolveOptions
-from equimesh.solving.solution import Solution, status_unless_folded
-from equimesh.solving.status import Status
+from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.rounds.recovery import KEPT, AnyMesh, Round
+from equimesh.rounds.round import adapt_round
+from equimesh.solving.progress import Descending
+from equimesh.solving.solution import BlockSolution, Solution, status_unless_folded
+from equimesh.solving.status import Initial, SolveOptions, Status
+from equimesh_schema import Candidate, Estimate
 
-KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."
+GIVEN_IS_KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."
 NO_BETTER = "No mesh was found with a smaller error than that of the uniform mesh, which this is."
 
 
@@ -77,7 +84,7 @@ def other_ways(solve: LeastErrorSolve, start: str) -> Iterator[Iterator[Descent]
 def _or_given(found: Solution, start: Mesh, norm: str) -> Solution:
     """The solution, with the mesh that was given to start from where that has the smaller error in ``norm``."""
     reference = closed_mesh(start, closed_of(found.problem.domain))
-    given = replace(found, mesh=map_mesh(reference, found.problem.domain), reference=reference, note=KEPT)
+    given = replace(found, mesh=map_mesh(reference, found.problem.domain), reference=reference, note=GIVEN_IS_KEPT)
     errors, others = found.interpolation, given.interpolation
     if errors is None or others is None:
         return found
@@ -113,4 +120,81 @@ def _finish(problem: Problem, steps: Iterable[Descent], options: SolveOptions, r
         newton_steps=sum(record.grid == problem.grid for record in records[first:]),
         residual=math.nan,
         descent=tuple(record.numbers() for record in records),
+    )
+
+
+# The solution of one round of adapting: the next mesh for the values of a solver.
+
+NOT_BETTER = "No other mesh is better for these values: this is the mesh that they were given on."
+
+
+def solve_round(problem: Problem, threads: int) -> Solution:
+    """The solution with the next mesh, and with the estimated error of the values on their own mesh.
+
+    Raises :class:`~equimesh.errors.InputError` where the grid is not that of the values.
+    """
+    monitor = problem.monitor
+    if not isinstance(monitor, NodalSolution):
+        raise TypeError("a round needs an NodalSolution monitor")
+    monitor.require_grid(problem.grid)
+    nodal = monitor.nodal
+    if isinstance(nodal, QuadField):
+        raise TypeError("a round on a grid needs values on a mesh of a grid")
+    found = adapt_round(nodal.mesh, nodal.values, problem.domain, monitor.norm, threads)
+    return Solution(
+        problem=problem,
+        schwarz=None,
+        mesh=found.mesh,
+        reference=found.reference,
+        status=status_unless_folded(Status.COMPLETED, folded=found.mesh.is_folded),
+        newton_steps=0,
+        residual=math.nan,
+        note=NOT_BETTER if found.chosen == KEPT else "",
+        comparison=_comparison(found, monitor.norm),
+        estimate=_estimate(found),
+    )
+
+
+def solve_block_round(problem: BlockProblem, threads: int) -> BlockSolution:
+    """One round on a domain in blocks.
+
+    Raises :class:`~equimesh.errors.InputError` for values on a mesh with other cells.
+    """
+    monitor = problem.monitor
+    nodal = monitor.nodal if isinstance(monitor, NodalSolution) else None
+    if not isinstance(monitor, NodalSolution) or not isinstance(nodal, QuadField):
+        raise TypeError("a round on blocks needs a NodalSolution monitor with values on a mesh of blocks")
+    found = adapt_round(nodal.mesh, nodal.values, problem.domain, monitor.norm, threads)
+    return BlockSolution(
+        problem=problem,
+        mesh=found.mesh,
+        status=status_unless_folded(Status.COMPLETED, folded=found.mesh.is_folded),
+        note=NOT_BETTER if found.chosen == KEPT else "",
+        comparison=_comparison(found, monitor.norm),
+        estimate=_estimate(found),
+        threads=threads,
+    )
+
+
+def _estimate(found: Round[AnyMesh]) -> Estimate:
+    return Estimate(
+        l2=found.estimate,
+        h1=found.estimate_h1,
+        unresolved=found.unresolved,
+        moved_cells=found.moved_cells,
+    )
+
+
+def _comparison(found: Round[AnyMesh], norm: str) -> tuple[Candidate, ...]:
+    """The candidates, the best one first: how many times smaller their errors are than the estimate."""
+    before = found.estimate if norm == "l2" else found.estimate_h1
+    return tuple(
+        Candidate(
+            kind="nodal_solution",
+            settings={"start": name},
+            gain_l2=before / error if norm == "l2" and error > 0.0 else math.nan,
+            gain_h1=before / error if norm == "h1" and error > 0.0 else math.nan,
+            chosen=name == found.chosen,
+        )
+        for name, error in sorted(found.candidates.items(), key=lambda item: item[1])
     )

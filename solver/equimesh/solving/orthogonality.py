@@ -19,8 +19,7 @@ from equimesh.monitors.least_error import MAX_WEIGHT, LeastError
 from equimesh.monitors.monitor import orthogonality_of
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.quality.faces import measure_faces
-from equimesh.solving.block_solution import BlockSolution
-from equimesh.solving.solution import Solution
+from equimesh.solving.solution import BlockSolution, Solution
 from equimesh.solving.status import Status
 from equimesh_schema import Relaxed
 

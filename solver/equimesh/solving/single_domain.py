@@ -1,26 +1,84 @@
-"""The solution of a single-domain solve, by equations along mesh lines or by a gradient map."""
+"""The single-domain solve of a metric, also on closed lines, and how it ends."""
+
+from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import TypedDict
 
 import numpy as np
 
+from equimesh.domains.closing import is_closed
 from equimesh.domains.domain import map_mesh
+from equimesh.equations.newton_solve import smallest_residual
 from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
 from equimesh.gradient_map.iteration import gradient_map_steps
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import prolong
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.monitor import map_of
+from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import Mode, Step
-from equimesh.solving import remedies
-from equimesh.solving.courses import Sweeping
-from equimesh.solving.estimates import safe_algebraic_error, safe_discretization_error
-from equimesh.solving.options import Initial, SolveOptions
+from equimesh.solving.certificate import safe_algebraic_error, safe_discretization_error
+from equimesh.solving.progress import Sweeping
 from equimesh.solving.solution import Solution, status_unless_folded
-from equimesh.solving.status import Status
+from equimesh.solving.status import Initial, SolveOptions, Status, after_mapping, after_newton, after_rounding
 from equimesh_schema import Relaxed
+
+# Problems whose rounding errors are as large as what they are to resolve.
+
+# Residual that rounding alone may cause. With a larger one a mesh is no solution, however small its residual is.
+MAX_ROUNDING_RESIDUAL = 1e-2
+
+
+def is_lost_in_rounding(problem: Problem) -> bool:
+    """Whether rounding errors of u alone cause a residual that is too large for a solution."""
+    return smallest_residual(problem.metric, problem.grid.shape) > MAX_ROUNDING_RESIDUAL
+
+
+def solution_lost_in_rounding(problem: Problem, schwarz: Schwarz | None, mode: Mode) -> Solution:
+    """The failed solve of a problem that is lost in rounding: the uniform mesh, and the reason."""
+    uniform = Mesh.uniform(problem.grid)
+    floor = smallest_residual(problem.metric, problem.grid.shape)
+    return Solution(
+        problem=problem,
+        schwarz=schwarz,
+        mesh=map_mesh(uniform, problem.domain),
+        reference=uniform,
+        status=Status.NEWTON_FAILED,
+        mode=mode if schwarz is None else None,
+        newton_steps=0,
+        residual=floor,
+        note=(
+            f"u is {problem.metric.cancellation:.0e} times as large as it varies: rounding errors of its values alone"
+            f" cause a residual of up to {floor:.0e}."
+        ),
+        remedy=after_rounding(),
+    )
+
+
+# Checks of problems on grids with closed lines.
+
+NO_SUBDOMAINS = (
+    "the lines of this domain are closed, and the subdomains of a Schwarz iteration end at sides: leave the Schwarz"
+    " settings out, or take a domain without closed lines"
+)
+"""Why closed lines with Schwarz settings are refused."""
+NO_GRADIENT_MAP = (
+    "the gradient map of a weight needs four sides, and the lines of this domain are closed: take map = 'lines'"
+)
+"""Why closed lines with a gradient map are refused."""
+
+
+def require_open(problem: Problem, schwarz: Schwarz | None) -> None:
+    """Raises :class:`~equimesh.errors.InputError` for what closed lines cannot be solved with."""
+    if not is_closed(problem.domain):
+        return
+    if schwarz is not None:
+        raise InputError(NO_SUBDOMAINS, field="schwarz")
+    if map_of(problem.monitor) != "lines":
+        raise InputError(NO_GRADIENT_MAP, field="monitor.map")
 
 
 class Outcome(TypedDict):
@@ -104,9 +162,9 @@ def last_of(steps: Iterable[Step], options: SolveOptions, course: Sweeping) -> S
 
 def _single_domain_remedy(step: Step, problem: Problem, status: Status, *, folded: bool, nested: bool) -> str:
     if folded:
-        return remedies.after_mapping()
+        return after_mapping()
     exact = status is Status.CONVERGED
-    return "" if exact else remedies.after_newton(problem, nested=nested, reached=step.strength)
+    return "" if exact else after_newton(problem, nested=nested, reached=step.strength)
 
 
 def _status(step: Step, *, allow_relaxed: bool) -> Status:

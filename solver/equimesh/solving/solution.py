@@ -1,37 +1,250 @@
-"""The result of a solve: a mesh, the record of its computation, and whether it is the requested one."""
+"""Solutions: a mesh of a grid or of blocks with its measures, its certificate and its files."""
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from equimesh.domains.closing import closed_of
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem, understood
 from equimesh.errors import EquimeshError
+from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.meshes.closed import tied_nodes
 from equimesh.meshes.joined import joined
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.monitor import Monitor, map_of
+from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.comparison import UniformComparison
-from equimesh.quality.cut_off import CutOff, measure_cut_off
-from equimesh.quality.faces import Faces
+from equimesh.quality.cells import Angles, measure_angles
+from equimesh.quality.comparison import UniformComparison, compare_with_uniform
+from equimesh.quality.cut_off import CutOff, measure_block_cut_off, measure_cut_off
+from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.quality.measures import Quality
+from equimesh.quality.measures import Quality, measure_all, measure_interpolation, measure_quality
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, last_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.block_solution import BlockSolution
-from equimesh.solving.certificate import Certificate
-from equimesh.solving.measured_mesh import MeasuredMesh
+from equimesh.solving.certificate import Certificate, about_cut_off, about_faces, block_warnings, warnings
 from equimesh.solving.status import Status
+from equimesh.sweeps.deviation import deviation
 from equimesh_schema import Aim, Candidate, Estimate, Relaxed
+
+# Measurements of a mesh after its solve: its quality, and the numbers of its certificate.
+#
+# All rows of the mesh may be here, or some: the measures are those of the whole mesh.
+
+
+def interpolated_cells(monitor: Monitor) -> Literal["quad", "triangle"]:
+    """The cells on which u is interpolated: triangles where a least-error monitor asks for them."""
+    return monitor.cells if isinstance(monitor, LeastError) else "quad"
+
+
+def _unknown() -> Array | None:
+    return None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredMesh:
+    """The rows of a mesh that are here: ``mesh`` on the domain, ``reference`` on the reference square.
+
+    ``u`` gives its values at the nodes of these rows, or ``None`` where they are not to be kept.
+    """
+
+    problem: Problem
+    mesh: MeshWindow
+    reference: MeshWindow
+    u: Callable[[], Array | None] = _unknown
+    threads: int = 1
+
+    def quality(self) -> Quality:
+        """All quality measures."""
+        monitor, domain = self.problem.monitor, self.problem.domain
+        return measure_all(
+            self.mesh, monitor, domain=domain, kind=interpolated_cells(monitor), nodal=self.u(), threads=self.threads
+        )
+
+    def against_uniform(self, mesh: Mesh, errors: InterpolationErrors | None) -> UniformComparison:
+        """The whole ``mesh``, of these ``errors``, next to the uniform mesh of its size."""
+        monitor, domain = self.problem.monitor, self.problem.domain
+        return compare_with_uniform(
+            mesh, monitor, domain=domain, kind=interpolated_cells(monitor), interpolation=errors, threads=self.threads
+        )
+
+    def faces(self) -> Faces:
+        """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
+        return measure_faces(self.mesh, closed_of(self.problem.domain))
+
+    def min_jacobian(self) -> float:
+        """The smallest corner Jacobian, 1 on the uniform mesh of a rectangle."""
+        return self.mesh.min_jacobian / self.problem.domain.area
+
+    def deviation(self, residual: float) -> float | None:
+        """The residual of the equidistribution equations; ``None`` where these were not solved.
+
+        ``residual`` is that of the solve; for a gradient map it is the answer.
+        """
+        if isinstance(self.problem.monitor, NodalSolution | LeastError):
+            return None
+        if map_of(self.problem.monitor) == "gradient":
+            return residual
+        metric, u = self.problem.metric, None
+        if metric.arc_length is not None and metric.arc_length.factor is not None:
+            u = self.u()
+            u = u if metric.arc_length.factor == 1.0 or u is None else metric.arc_length.factor * u
+        return deviation(metric, self.problem.boundary, self.reference, u=u, threads=self.threads)
+
+    def warnings(
+        self, status: Status, relaxed: Sequence[Relaxed], errors: InterpolationErrors | None, faces: Faces
+    ) -> tuple[str, ...]:
+        """Sentences to read before using the mesh."""
+        found = warnings(self.problem, status, relaxed, (self.mesh, self.reference), errors)
+        return (*found, *about_faces(faces))
+
+
+# The result of a solve on a domain in blocks.
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class BlockSolution:
+    """A mesh of a domain in blocks, the record of its computation, and how good it is.
+
+    Errors are compared with those on the ``initial`` mesh of the domain.
+    """
+
+    problem: BlockProblem
+    """The problem that was solved."""
+    mesh: QuadMesh
+    """The mesh of the domain."""
+    status: Status
+    """How the solve ended."""
+    descent: tuple[Mapping[str, Any], ...] = ()
+    """One record for each step of descent, as :meth:`~equimesh.least_error.descent.Descent.numbers`."""
+    comparison: tuple[Candidate, ...] = ()
+    """The weights that were compared for an ``Auto`` monitor; empty where they were given."""
+    estimate: Estimate | None = None
+    """The estimated error of the values that a round of adapting was given; ``None`` for other meshes."""
+    relaxed: tuple[Relaxed, ...] = ()
+    """The differences between the requested and the used weights."""
+    detours: tuple[str, ...] = ()
+    """Sentences about deviations of the solve from the request."""
+    note: str = ""
+    """Details of the status."""
+    remedy: str = ""
+    """The remedy in a sentence; empty when nothing is wrong."""
+    schwarz: BlockSchwarz | None = None
+    """The settings of the Schwarz iteration between blocks; ``None`` for a solve of the whole mesh."""
+    threads: int = 1
+    """The threads of the solve; as many measure the quality of a large mesh."""
+
+    def __repr__(self) -> str:
+        return f"<BlockSolution: {self.problem.points} points, {self.status}>"
+
+    @property
+    def initial(self) -> QuadMesh:
+        """The initial mesh of the domain."""
+        return self.problem.domain.mesh
+
+    @property
+    def message(self) -> str:
+        """The status in a sentence, its details, and the remedy."""
+        return " ".join(text for text in (self.status.sentence, self.note, self.remedy) if text)
+
+    @cached_property
+    def u(self) -> Array | None:
+        """u at the nodes, shape ``(n,)``; ``None`` where there is no u."""
+        field = self.problem.monitor.u
+        return None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
+
+    @cached_property
+    def quality(self) -> Quality:
+        """All quality measures of the mesh."""
+        return measure_quality(self.mesh, self.problem.monitor, self.interpolation, threads=self.threads)
+
+    @cached_property
+    def interpolation(self) -> InterpolationErrors | None:
+        """How well the mesh interpolates u, compared with the initial mesh; ``None`` where there is no u."""
+        return measure_interpolation(
+            self.mesh,
+            self.problem.monitor.u,
+            uniform=self.initial,
+            kind=interpolated_cells(self.problem.monitor),
+            threads=self.threads,
+        )
+
+    @cached_property
+    def against_initial(self) -> UniformComparison:
+        """The mesh next to the initial one: u, Q_eq and the error of every cell on both."""
+        return compare_with_uniform(
+            self.mesh,
+            self.problem.monitor,
+            uniform=self.initial,
+            kind=interpolated_cells(self.problem.monitor),
+            interpolation=self.interpolation,
+            threads=self.threads,
+        )
+
+    @cached_property
+    def faces(self) -> Faces:
+        """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
+        return measure_faces(self.mesh)
+
+    @cached_property
+    def angles(self) -> Angles:
+        """The smallest and largest angle of a corner, and the share of corners between 30 and 150 degrees."""
+        return measure_angles(self.mesh)
+
+    @cached_property
+    def cut_off(self) -> CutOff:
+        """The areas between the curved sides of the domain and the cells, as shares of its area."""
+        return measure_block_cut_off(self.problem.domain, self.mesh)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences to read before using the mesh."""
+        u, on_triangles = self.problem.monitor.u, interpolated_cells(self.problem.monitor) == "triangle"
+        initial = None if on_triangles else self.initial
+        found = block_warnings(self.mesh, initial, u, self.interpolation, self.faces)
+        return (*self.detours, *found, *about_cut_off(self.cut_off))
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """How good the mesh is; see :class:`~equimesh.solving.certificate.Certificate`."""
+        return Certificate(
+            status=self.status,
+            mode=None,
+            equation_residual=None,
+            min_jacobian=self.mesh.min_jacobian,
+            faces=self.faces,
+            relaxed=self.relaxed,
+            warnings=self.warnings,
+            interpolation=self.interpolation,
+            comparison=self.comparison,
+            estimate=self.estimate,
+            compared_with="initial",
+            understood=understood(self.problem),
+        )
+
+    def convergence(self) -> dict[str, Any]:
+        """The history of the descent as plain numbers, ``None`` where one is not known."""
+        return {"iterations": [], "rate": None, "predicted_rate": None, "descent": list(self.descent)}
+
+    def data(self) -> MeshData:
+        """The contents of a mesh file: nodes, u, Q_eq, and the number of the block of every cell."""
+        block = np.zeros(self.mesh.cell_shape, dtype=np.int64)
+        for number, cells in enumerate(self.mesh.block_cells):
+            block[cells] = number
+        return MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=block)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -62,7 +275,7 @@ class Solution:
     iterations: tuple[Iteration, ...] = ()
     """One record for each Schwarz iteration; empty for a single-domain solve."""
     descent: tuple[Mapping[str, Any], ...] = ()
-    """One record for each step of a least-error solve, as :meth:`~equimesh.least_error.steps.Descent.numbers`."""
+    """One record for each step of a least-error solve, as :meth:`~equimesh.least_error.descent.Descent.numbers`."""
     target: Aim | None = None
     """The requested interpolation error and what was reached; ``None`` where a grid was given."""
     comparison: tuple[Candidate, ...] = ()
@@ -213,13 +426,13 @@ def status_unless_folded(status: Status, *, folded: bool) -> Status:
 class SolveError(EquimeshError):
     """A solve that ended without the requested mesh. ``solution`` holds the partial result.
 
-    It is a :class:`Solution`, or a :class:`~equimesh.solving.block_solution.BlockSolution` on a domain in blocks.
+    It is a :class:`Solution`, or a :class:`~equimesh.solving.solution.BlockSolution` on a domain in blocks.
     """
 
     def __init__(self, message: str, solution: Solution | BlockSolution) -> None:
         super().__init__(message)
         self.solution: Any = solution
 
-    def __reduce__(self) -> tuple[type["SolveError"], tuple[str, Solution | BlockSolution]]:
+    def __reduce__(self) -> tuple[type[SolveError], tuple[str, Solution | BlockSolution]]:
         """How it is pickled: a worker may raise it, and its caller gets it."""
         return type(self), (str(self), self.solution)

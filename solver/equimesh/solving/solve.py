@@ -25,20 +25,20 @@ from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.announcer import Announcer
-from equimesh.solving.auto import choose_monitor, comparison_share
-from equimesh.solving.block_solution import BlockSolution
+from equimesh.solving.auto import choose_monitor, comparison_share, solve_for_finite_volumes
 from equimesh.solving.blocks import solve_block_problem
-from equimesh.solving.closed import require_open
-from equimesh.solving.finite_volumes import solve_for_finite_volumes
-from equimesh.solving.least_error import is_no_worse, solve_least_error
-from equimesh.solving.nodal_solution import solve_round
-from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
+from equimesh.solving.least_error import is_no_worse, solve_least_error, solve_round
 from equimesh.solving.orthogonality import bounded, require_possible
-from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_rounding
+from equimesh.solving.progress import Announcer
 from equimesh.solving.schwarz import solve_by_schwarz
-from equimesh.solving.single_domain import solve_single_domain
-from equimesh.solving.solution import Solution, SolveError
+from equimesh.solving.single_domain import (
+    is_lost_in_rounding,
+    require_open,
+    solution_lost_in_rounding,
+    solve_single_domain,
+)
+from equimesh.solving.solution import BlockSolution, Solution, SolveError
+from equimesh.solving.status import Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.sweeps.deviation import deviation
 
 # Largest deviation of squared metric lengths from the mean of their line, as a share of it, at which a given mesh is
@@ -75,7 +75,7 @@ def solve(
     :class:`~equimesh.equations.block_problem.BlockProblem` is one of least error on blocks, by a Schwarz iteration
     between them with :class:`~equimesh.least_error.block_schwarz.BlockSchwarz`.
 
-    ``options`` are those of :class:`~equimesh.solving.options.SolveArguments`: ``initial``, ``mode``,
+    ``options`` are those of :class:`~equimesh.solving.status.SolveArguments`: ``initial``, ``mode``,
     ``allow_relaxed``, ``threads``, ``observe`` and ``check``.
 
     Raises :class:`~equimesh.solving.solution.SolveError`, which carries the partial solution, when the mesh is not the

@@ -18,10 +18,10 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.monitor import Monitor
-from equimesh.solving.announcer import Announcer
-from equimesh.solving.options import SolveArguments
+from equimesh.solving.progress import Announcer
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
+from equimesh.solving.status import SolveArguments
 from equimesh_schema import Aim
 
 FIRST_CELLS = 32

@@ -29,11 +29,10 @@ from equimesh.monitors.nodal_solution import NO_OTHER_GRID, NodalSolution
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.blocks import count_subdomains
-from equimesh.solving.options import Initial, SolveArguments
-from equimesh.solving.solution import Solution
+from equimesh.solving.solution import BlockSolution, Solution
 from equimesh.solving.solve import NO_SUBDOMAINS, solve
+from equimesh.solving.status import Initial, SolveArguments
 from equimesh.solving.target import MAX_POINTS, NO_U, Target, solve_to
 from equimesh.specs.document import Makers, Reading, mapping, several, text, whole, within
 from equimesh.specs.monitors import FindSamples, build_monitor, no_samples, samples_in

@@ -14,7 +14,7 @@ from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality, equidistribution
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.certificate import Certificate
-from equimesh.solving.measured_mesh import MeasuredMesh
+from equimesh.solving.solution import MeasuredMesh
 from equimesh.solving.status import Status
 from equimesh_cluster.mesh_part import MeshPart, window_of
 from equimesh_schema import Relaxed

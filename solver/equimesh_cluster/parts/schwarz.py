@@ -15,8 +15,8 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
+from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
-from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
@@ -27,13 +27,13 @@ from equimesh.schwarz.iteration import iterations_on
 from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.announcer import Announcer, Event
-from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.blocks import solve_blocks
-from equimesh.solving.closed import require_open
-from equimesh.solving.estimates import safe_discretization_error
-from equimesh.solving.options import Initial, SolveOptions
-from equimesh.solving.schwarz_ending import ending_of
+from equimesh.solving.certificate import safe_discretization_error
+from equimesh.solving.progress import Announcer, Event
+from equimesh.solving.schwarz import ending_of
+from equimesh.solving.single_domain import require_open
+from equimesh.solving.solution import BlockSolution
+from equimesh.solving.status import Initial, SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.parts.holding import GHOSTS, OnChannel, cuts_of_rows, holder, rows_of
 from equimesh_cluster.parts.kept import Kept, keep, resumed

@@ -30,10 +30,9 @@ from equimesh.numerics.threads import thread_count
 from equimesh.single_domain.iteration import Climb
 from equimesh.single_domain.level import MAX_RELAXED_POINTS, Solved
 from equimesh.single_domain.steps import Mode, Step, Steps
-from equimesh.solving.options import SolveOptions
-from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_rounding
-from equimesh.solving.single_domain import outcome, solution_of
+from equimesh.solving.single_domain import is_lost_in_rounding, outcome, solution_lost_in_rounding, solution_of
 from equimesh.solving.solution import SolveError
+from equimesh.solving.status import SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.parts.part_solution import PartSolution, PartStep
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import equimesh as em
-from equimesh.adapt.averaged import averaged_mesh
+from equimesh.adapt.loop import averaged_mesh
 from equimesh.quality.faces import measure_faces
 from equimesh.testing import GEOMETRIES
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.adapt.indicated import indicated_mesh
+from equimesh.adapt.loop import indicated_mesh
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.quality.cells import BilinearCells
 

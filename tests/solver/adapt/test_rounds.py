@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.adapt.rounds import BlockRounds, GridRounds, record_of
-from equimesh.rounds.block_round import BlockKnowledge
+from equimesh.adapt.loop import BlockRounds, GridRounds, record_of
+from equimesh.rounds.round import BlockKnowledge
 from equimesh.testing.geometries import l_shape
 
 DOMAIN = l_shape(300)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.least_error.background import Background, Boundary, background_counts
 from equimesh.least_error.charts import CurveChart
+from equimesh.least_error.paved import Background, Boundary, background_counts
 from equimesh.testing.geometries import disc
 
 RANDOM = np.random.default_rng(7)

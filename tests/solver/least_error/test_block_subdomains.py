@@ -7,8 +7,8 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.block_subdomains import BlockSubdomains
+from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
-from equimesh.least_error.steps import Descent
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.numerics.types import Array
 from equimesh.testing.geometries import obstacle

@@ -7,7 +7,7 @@ import itertools
 import pytest
 
 import equimesh as em
-from equimesh.least_error.levels import COARSEST_CELLS, nested_levels
+from equimesh.least_error.nest import COARSEST_CELLS, nested_levels
 
 SHAPES = [(65, 65), (129, 65), (40, 171), (4, 4), (5, 300), (9, 9), (17, 16), (300, 5), (1025, 1025)]
 

@@ -10,7 +10,7 @@ from equimesh.least_error import kernels
 from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.least_error.kernels import Nodes
-from equimesh.least_error.mending import SMALLEST_SHARE, mended
+from equimesh.least_error.lifting import SMALLEST_SHARE, mended
 from equimesh.numerics.types import Array
 from equimesh.testing.geometries import disc, naca0012_c
 

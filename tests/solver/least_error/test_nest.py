@@ -9,9 +9,9 @@ import pytest
 
 import equimesh as em
 from equimesh.blocks.blocks import Blocks
+from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
-from equimesh.least_error.levels import coarse_level
-from equimesh.least_error.steps import Descent
+from equimesh.least_error.nest import coarse_level
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.testing.geometries import l_shape, naca0012_o, ring
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.least_error.cells import cells_of_grid
-from equimesh.least_error.quad_cells import cells_of_mesh
+from equimesh.least_error.cells import cells_of_grid, cells_of_mesh
 from equimesh.numerics.types import IntArray
 from equimesh.testing.geometries import disc
 

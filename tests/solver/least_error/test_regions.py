@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.least_error.cells import Cells, cells_of_grid
-from equimesh.least_error.regions import Region, originals, regions_of
+from equimesh.least_error.cells import Cells, Region, cells_of_grid, originals, regions_of
 from equimesh.numerics.types import IntArray
 
 SHAPE = (14, 11)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error import starts
-from equimesh.least_error.starts import product, rectilinear, resampled
+from equimesh.least_error import ways
+from equimesh.least_error.ways import product, rectilinear, resampled
 from solver.bent import SECTOR
 
 SQUARE = em.Rectangle()
@@ -117,7 +117,7 @@ def test_a_product_has_straight_lines() -> None:
 
 
 def test_passes_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(starts, "MAX_PASSES", 2)
+    monkeypatch.setattr(ways, "MAX_PASSES", 2)
     u = Counted("exp(-x/0.0001)")
     rectilinear(u, SQUARE, (33, 33), "l2", 0.01)
     assert u.calls == 2  # one for both families, as few lines cross

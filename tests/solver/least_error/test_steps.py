@@ -6,7 +6,7 @@ import json
 import math
 
 import equimesh as em
-from equimesh.least_error.steps import Descent
+from equimesh.least_error.descent import Descent
 
 
 def test_a_record_is_plain_numbers_without_its_mesh() -> None:

@@ -10,10 +10,10 @@ import pytest
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
+from equimesh.least_error.descent import StraightLines
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.objective import Objective, Weights
-from equimesh.least_error.starts import product
-from equimesh.least_error.straight_lines import StraightLines
+from equimesh.least_error.ways import product
 
 U = em.Expression("exp((x - 1)/0.1) + tanh(6*y - 2) + x*y")
 

@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.elements import Rule
-from equimesh.rounds.block_recovery import BlockRecovery, measured_on_blocks, moved_lengths
+from equimesh.rounds.recovery import BlockRecovery, measured_on_blocks, moved_lengths
 from equimesh.testing.geometries import disc, l_shape
 
 DOMAIN = l_shape(300)

@@ -7,10 +7,9 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.elements import Rule
-from equimesh.rounds.block_recovery import measured_on_blocks
-from equimesh.rounds.block_round import WHOLE, BlockKnowledge
 from equimesh.rounds.candidates import PARTS
-from equimesh.rounds.next_mesh import KEPT
+from equimesh.rounds.recovery import KEPT, measured_on_blocks
+from equimesh.rounds.round import WHOLE, BlockKnowledge
 from equimesh.testing.geometries import disc, l_shape
 
 DOMAIN = l_shape(500)

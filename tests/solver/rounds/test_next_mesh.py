@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import equimesh as em
-from equimesh.rounds.next_mesh import NextMesh, Round
+from equimesh.rounds.recovery import NextMesh, Round
 
 
 def test_a_round_has_all_numbers_of_the_next_mesh() -> None:

@@ -10,8 +10,7 @@ from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError, SamplesError
 from equimesh.least_error.elements import Norm, Rule
 from equimesh.rounds.candidates import Search
-from equimesh.rounds.next_mesh import KEPT, Round
-from equimesh.rounds.recovery import Recovery, measured
+from equimesh.rounds.recovery import KEPT, Recovery, Round, measured
 from equimesh.rounds.round import adapt_round
 
 FRONT = em.Expression("tanh(20*(x + y/2 - 0.75))")

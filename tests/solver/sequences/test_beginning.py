@@ -10,7 +10,7 @@ import pytest
 import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.errors import InputError
-from equimesh.sequences.beginning import check_settings, first_mesh
+from equimesh.sequences.sequence import check_settings, first_mesh
 from solver.fields.bent_meshes import smooth_mesh
 
 RING = em.AnnulusSector()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.sequences.between import Between, blocks_between, mesh_between
+from equimesh.sequences.pursuit import Between, blocks_between, mesh_between
 from equimesh.testing import check_field
 from equimesh.testing.geometries import l_shape
 from solver.fields.bent_meshes import smooth_mesh

@@ -10,7 +10,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.elements import Rule
-from equimesh.rounds.block_recovery import measured_on_blocks
+from equimesh.rounds.recovery import measured_on_blocks
 from equimesh.testing.geometries import disc, l_shape
 
 DOMAIN = l_shape(500)

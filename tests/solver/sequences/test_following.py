@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.errors import InputError
-from equimesh.sequences.following import field_of, monitor_for, with_u
+from equimesh.sequences.pursuit import field_of, monitor_for, with_u
 
 MESH = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
 U = em.Expression("x*y")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
-from equimesh.sequences.integrals import about_integrals
+from equimesh.sequences.sequence import about_integrals
 from solver.meshes.quad_cases import disc, turned
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.sequences.moves import cells_moved, displacement, largest_jump, stays_valid
+from equimesh.sequences.pursuit import cells_moved, displacement, largest_jump, stays_valid
 from solver.fields.bent_meshes import smooth_mesh
 from solver.meshes.quad_cases import corner, disc, turned
 

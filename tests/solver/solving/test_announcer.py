@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 import equimesh as em
-from equimesh.solving.announcer import Announcer
-from equimesh.solving.courses import Sweeping
+from equimesh.solving.progress import Announcer, Sweeping
 
 U = em.Expression("tanh(8*(x-y))")
 GRID = em.Grid(n_xi=17, n_eta=17)

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 import equimesh as em
-from equimesh.least_error.levels import coarse_level, nested_levels
+from equimesh.least_error.nest import coarse_level, nested_levels
 from equimesh.quality.measures import measure_interpolation
 from equimesh.solving.auto import choose_monitor
-from equimesh.solving.options import SolveOptions
+from equimesh.solving.status import SolveOptions
 
 FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")
 METRICS = ["arc_length", "curvature"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error.steps import Descent
+from equimesh.least_error.descent import Descent
 from equimesh.quality.faces import measure_faces
 from equimesh.solving import blocks as module
 from equimesh.testing.geometries import disc, l_shape, naca0012_o, pitz_daily

@@ -5,9 +5,9 @@ import math
 import pytest
 
 import equimesh as em
-from equimesh.least_error.levels import nested_levels
+from equimesh.least_error.nest import nested_levels
 from equimesh.single_domain.continuation import Relaxation
-from equimesh.solving.courses import Descending, Iterating, Sweeping, approach, level_share
+from equimesh.solving.progress import Descending, Iterating, Sweeping, approach, level_share
 
 GRIDS = [em.Grid(n_xi=n, n_eta=n) for n in (9, 17, 33)]
 MESHES = [em.Mesh.uniform(grid) for grid in GRIDS]

@@ -11,7 +11,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.single_domain.iteration import single_domain_steps
-from equimesh.solving.estimates import safe_algebraic_error, safe_discretization_error
+from equimesh.solving.certificate import safe_algebraic_error, safe_discretization_error
 
 SEED, COUNT = 7, 12  # of random problems
 

@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes.mesh_rows import MeshWindow
-from equimesh.solving.measured_mesh import MeasuredMesh
+from equimesh.solving.solution import MeasuredMesh
 
 U = em.Expression("tanh(9*(x + y/2 - 0.7))")
 

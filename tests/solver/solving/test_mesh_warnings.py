@@ -10,7 +10,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.solving.mesh_warnings import _about_gains
+from equimesh.solving.certificate import _about_gains
 
 SPIKE = "exp(-1e5*((x - 0.503)**2 + (y - 0.507)**2))"
 FRONT = "tanh(20*(x - y**2))"

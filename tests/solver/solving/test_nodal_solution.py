@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.rounds.round import adapt_round
-from equimesh.solving.nodal_solution import NOT_BETTER
+from equimesh.solving.least_error import NOT_BETTER
 from equimesh.testing.geometries import l_shape
 
 GRID = em.Grid(n_xi=17, n_eta=17)

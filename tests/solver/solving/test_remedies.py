@@ -9,7 +9,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.newton_solve import smallest_tolerance
-from equimesh.solving import remedies
+from equimesh.solving import status
 
 PAPER = problem("paper", 24, 20)
 CLASSICAL = em.Schwarz(transmission=em.Classical(), ordering=em.Ordering.ALTERNATING, max_iterations=6)
@@ -41,7 +41,7 @@ def test_only_what_fits_and_was_not_tried_is_offered() -> None:
 
 def test_an_iteration_that_does_not_shrink_is_not_sent_on() -> None:
     last = em.solve(PAPER, CLASSICAL, check=False).iterations[-1]
-    said = remedies.after_schwarz(PAPER, CLASSICAL, last, 1.2, 1e-10)
+    said = status.after_schwarz(PAPER, CLASSICAL, last, 1.2, 1e-10)
     assert "more iterations" not in said
     assert "single domain" in said
 
@@ -55,26 +55,25 @@ def test_newton_is_offered_the_strength_that_was_reached() -> None:
     assert "trace boundary" in solution.remedy
     assert "nested" not in solution.remedy
     assert "start nested" in remedy(None, case, em.Initial.UNIFORM)
-    assert "trace" not in remedies.after_newton(PAPER, nested=True, reached=0.1)
+    assert "trace" not in status.after_newton(PAPER, nested=True, reached=0.1)
 
 
 def test_other_monitors_are_not_told_of_a() -> None:
     case = replace(PAPER, monitor=em.Weight(rho=em.Expression("1 + x")))
-    assert remedies.after_newton(case, nested=True, reached=0.5) == "Smooth the monitor, or add grid points."
+    assert status.after_newton(case, nested=True, reached=0.5) == "Smooth the monitor, or add grid points."
 
 
 def test_where_nothing_helps_a_jump_is_suspected() -> None:
-    said = remedies.after_newton(PAPER, nested=True, reached=0.0)
+    said = status.after_newton(PAPER, nested=True, reached=0.0)
     assert said.startswith("Replace a jump of u")
     assert "ower a to" not in said
 
 
 def test_a_folded_mesh_is_offered_iterations_only_where_their_number_was_fixed() -> None:
     fixed = replace(CLASSICAL, tolerance=None)
-    assert "more iterations" in remedies.after_folding(PAPER, fixed, nested=True)
+    assert "more iterations" in status.after_folding(PAPER, fixed, nested=True)
     assert (
-        remedies.after_folding(PAPER, CLASSICAL, nested=False)
-        == "Lower a, raise b, smooth the monitor, or start nested."
+        status.after_folding(PAPER, CLASSICAL, nested=False) == "Lower a, raise b, smooth the monitor, or start nested."
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import equimesh as em
-from equimesh.solving.rounding import MAX_ROUNDING_RESIDUAL
+from equimesh.solving.single_domain import MAX_ROUNDING_RESIDUAL
 
 
 @pytest.mark.parametrize("schwarz", [None, em.Schwarz()], ids=["single domain", "schwarz"])

@@ -10,7 +10,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.schwarz.records import IterationNumbers, SubdomainRecord
-from equimesh.solving.schwarz_ending import SchwarzEnding, ending_of
+from equimesh.solving.schwarz import SchwarzEnding, ending_of
 
 CASE = problem("paper", 17)
 SOLVED = SubdomainRecord(subdomain=0, newton_steps=2, sweeps=3, residual=1e-9)
