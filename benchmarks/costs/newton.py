@@ -14,7 +14,7 @@ from costs.rows import Row, cpu_seconds
 from costs.solves import front
 from equimesh.meshes.nested import distance, nested_grids, prolong
 from equimesh.meshes.parts import Parts
-from equimesh.numerics import dissection, newton
+from equimesh.numerics import newton
 from equimesh.single_domain.steps import TIGHT_DEVIATION
 from equimesh.sweeps.sweep import Sweep, memory_needed
 
@@ -79,7 +79,7 @@ def solvers() -> list[Solver]:
     """SuperLU and, where pypardiso is installed, MKL PARDISO; each with and without kept factors."""
 
     def nested(shape: tuple[int, int]) -> Factorise:
-        return lambda matrix: dissection.factorise(matrix, shape)
+        return lambda matrix: newton.factorise(matrix, shape)
 
     found = [
         Solver(name="SuperLU", factorise=lambda shape: newton.superlu, goal=SUPERLU_GOAL),  # noqa: ARG005

@@ -23,8 +23,7 @@ from equimesh.equations.boundary import Boundary
 from equimesh.equations.problem import Problem
 from equimesh.errors import DecompositionError, EquimeshError, ExpressionError, InputError, Position, SamplesError
 from equimesh.fields.chunked_samples import ChunkedSamples
-from equimesh.fields.expression import Expression
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Expression, Field
 from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.quad_field import QuadField
 from equimesh.fields.samples import GridSamples
@@ -38,12 +37,11 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
-from equimesh.monitors.intersection import Intersection
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
-from equimesh.monitors.tensor import Tensor, Weight
+from equimesh.monitors.tensor import Intersection, Tensor, Weight
 from equimesh.quality.measures import Quality, measure
 from equimesh.rounds.recovery import Round
 from equimesh.rounds.round import adapt_round

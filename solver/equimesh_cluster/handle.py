@@ -18,7 +18,7 @@ from dask.sizeof import sizeof
 from distributed import Client, Future
 
 from equimesh.equations.problem import Problem
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.meshes.grid import Grid
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array

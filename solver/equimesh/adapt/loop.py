@@ -14,10 +14,9 @@ from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.fields.hermite_field import HermiteField
-from equimesh.fields.on_domain import OnDomain
+from equimesh.fields.nodal_field import HermiteField
+from equimesh.fields.on_domain import OnDomain, reference_on
 from equimesh.fields.quad_field import QuadField
-from equimesh.fields.recovered import reference_on
 from equimesh.least_error.elements import Norm
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh

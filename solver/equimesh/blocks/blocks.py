@@ -17,11 +17,10 @@ from equimesh.blocks.checks import check_connected, check_not_folded, check_not_
 from equimesh.blocks.counts import plan_of
 from equimesh.blocks.curves import BoundaryCurve, Line
 from equimesh.blocks.description import Description
-from equimesh.blocks.initial import block_points, edge_lines
+from equimesh.blocks.initial import block_points, edge_lines, resampled
 from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
 from equimesh.blocks.recovery.boundary import Corner, with_places
 from equimesh.blocks.recovery.recovered import Recovered, recover
-from equimesh.blocks.resampled import resampled
 from equimesh.blocks.sides import side_edges, sides_of
 from equimesh.blocks.sliding import FIXED, BoundaryEdge, slide, with_lines
 from equimesh.domains.domain import Box

@@ -3,17 +3,144 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from equimesh.blocks.curves import BoundaryCurve
 from equimesh.blocks.layout import Layout
-from equimesh.blocks.overlaps import find_overlap
 from equimesh.errors import InputError
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, BoolArray, IntArray
+
+# Places that a mesh covers twice, where no cell is inverted.
+#
+# All cells have the same orientation. So a place is covered as often as the boundary winds around it, and where this
+# number changes, there is a boundary. It is enough to compare the cells at edges of the boundary that meet. Where
+# none of them overlap, the number is the same all along each closed line of the boundary, and one place of each line
+# tells it. Boxes of edges are small also where cells are long, thin and slanted, whose own boxes nearly all overlap.
+
+# Cells that touch overlap by rounding: by this share of the size of the mesh at most.
+TOUCHING = 1e-8
+# Pairs of cells that are compared at once.
+PAIRS_AT_ONCE = 1 << 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overlap:
+    """Two cells that cover the same ``place``; ``is_inside`` where the first one lies in others with its boundary."""
+
+    cells: tuple[int, int]
+    place: tuple[float, float]
+    is_inside: bool
+
+
+def find_overlap(mesh: QuadMesh) -> Overlap | None:
+    """Two cells of a mesh that is not folded, which overlap, one of them at the boundary; none where there are none."""
+    edges = np.concatenate(list(mesh.sides.values()))
+    order = np.full(len(mesh.points), len(edges))
+    order[edges[::-1, 0]] = np.arange(len(edges))[::-1]
+    first = order[mesh.cells].min(axis=1)
+    at_boundary = np.flatnonzero(first < len(edges))
+    at_boundary = at_boundary[np.argsort(first[at_boundary], kind="stable")]  # along the boundary
+    corners = mesh.points[mesh.cells[at_boundary]]
+    touching = TOUCHING * float(np.ptp(corners, axis=(0, 1)).max())
+    one, other = _pairs_of_cells(mesh, edges, at_boundary, touching)
+    for start in range(0, len(one), PAIRS_AT_ONCE):
+        a, b = (corners[pair[start : start + PAIRS_AT_ONCE]] for pair in (one, other))
+        depth = np.minimum(_depth(a, b), _depth(b, a))
+        k = int(depth.argmax())
+        if depth[k] > touching:
+            low, high = np.maximum(a[k].min(axis=0), b[k].min(axis=0)), np.minimum(a[k].max(axis=0), b[k].max(axis=0))
+            cells = int(at_boundary[one[start + k]]), int(at_boundary[other[start + k]])
+            return Overlap(cells=cells, place=_pair(0.5 * (low + high)), is_inside=False)
+    return _inside_others(mesh, edges, at_boundary)
+
+
+def _inside_others(mesh: QuadMesh, edges: IntArray, at_boundary: IntArray) -> Overlap | None:
+    """The overlap at a closed line of the boundary around which others wind, too."""
+    size = len(mesh.points)
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
+    _, line = connected_components(graph, directed=False)
+    on = np.zeros(size, dtype=bool)
+    on[edges] = True
+    cells = mesh.cells[at_boundary]
+    of_cell = line[cells[np.arange(len(cells)), on[cells].argmax(axis=1)]]
+    for k in np.unique(of_cell, return_index=True)[1].tolist():
+        place = mesh.points[cells[k]].mean(axis=0)
+        if _turns(mesh.points[edges], place) > 1:
+            around = np.flatnonzero(_holds(mesh.points[mesh.cells], place))
+            other = int(around[around != at_boundary[k]][0])
+            return Overlap(cells=(int(at_boundary[k]), other), place=_pair(place), is_inside=True)
+    return None
+
+
+def _pairs_of_cells(mesh: QuadMesh, edges: IntArray, cells: IntArray, touching: float) -> tuple[IntArray, IntArray]:
+    """The pairs of places in ``cells`` whose cells are at two edges of the boundary that meet, each once."""
+    ends = mesh.points[edges]
+    one, other = _pairs_of_boxes(ends.min(axis=1) - touching, ends.max(axis=1) + touching)
+    same = np.arange(len(edges))
+    meets = _incidence(np.append(one, same), np.append(other, same), (len(edges), len(edges)))
+    of_edge = _incidence(np.repeat(same, 2), edges.ravel(), (len(edges), len(mesh.points)))
+    of_cell = _incidence(mesh.cells[cells].ravel(), np.repeat(np.arange(len(cells)), 4), (len(mesh.points), len(cells)))
+    at_edge = of_edge @ of_cell
+    pairs = np.sort(np.column_stack((at_edge.T @ meets @ at_edge).nonzero()).astype(np.int64), axis=1)
+    found = np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)
+    return found[:, 0], found[:, 1]
+
+
+def _incidence(row: IntArray, column: IntArray, shape: tuple[int, int]) -> csr_array:
+    return coo_array((np.ones(len(row)), (row, column)), shape=shape).tocsr()
+
+
+def _pairs_of_boxes(low: Array, high: Array) -> tuple[IntArray, IntArray]:
+    """The pairs of boxes that overlap, each once, the lower number first.
+
+    Boxes with near numbers should be near: a tree of boxes around pairs of them, pairs of pairs, and so on is searched.
+    """
+    levels = [(low, high)]
+    while len(levels[-1][0]) > 1:
+        low, high = levels[-1]
+        if len(low) % 2:
+            low, high = np.concatenate([low, low[-1:]]), np.concatenate([high, high[-1:]])
+        levels.append((np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])))
+    one = other = np.zeros(1, dtype=np.int64)
+    for low, high in levels[-2::-1]:
+        one = (2 * one[:, None] + np.array([0, 0, 1, 1])).ravel()
+        other = (2 * other[:, None] + np.array([0, 1, 0, 1])).ravel()
+        kept = (one <= other) & (other < len(low))
+        one, other = one[kept], other[kept]
+        kept = ((low[one] < high[other]) & (low[other] < high[one])).all(axis=1) | (one == other)
+        one, other = one[kept], other[kept]
+    return one[one != other], other[one != other]
+
+
+def _depth(a: Array, b: Array) -> Array:
+    """How far each quadrilateral of ``b`` reaches into that of ``a`` at least, by the edges of ``a``; ``(k, 4, 2)``."""
+    along = np.roll(a, -1, axis=1) - a
+    away = b[:, None] - a[:, :, None]
+    inwards = along[..., None, 0] * away[..., 1] - along[..., None, 1] * away[..., 0]
+    return np.asarray((inwards.max(axis=2) / np.hypot(along[..., 0], along[..., 1])).min(axis=1))
+
+
+def _turns(edges: Array, place: Array) -> int:
+    """How often the ``edges``, shape ``(k, 2, 2)``, wind around a place that is on none of them."""
+    (x0, y0), (x1, y1) = (edges - place).transpose(1, 2, 0)
+    left = x0 * y1 - y0 * x1 > 0.0
+    return int(((y0 <= 0.0) & (y1 > 0.0) & left).sum() - ((y0 > 0.0) & (y1 <= 0.0) & ~left).sum())
+
+
+def _holds(corners: Array, place: Array) -> BoolArray:
+    """Which convex quadrilaterals, shape ``(m, 4, 2)``, hold a place."""
+    away, along = place - corners, np.roll(corners, -1, axis=1) - corners
+    return np.asarray((along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0] >= 0.0).all(axis=1))
+
+
+def _pair(place: Array) -> tuple[float, float]:
+    return float(place[0]) + 0.0, float(place[1]) + 0.0
+
 
 # Pieces of a curve in the search for crossings.
 PIECES = 600

@@ -2,18 +2,195 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from equimesh.blocks.airfoil import Airfoil
+import numpy as np
+
 from equimesh.blocks.checks import check_not_crossing
-from equimesh.blocks.curves import BoundaryCurve, Circle, FormulaCurve, Point
-from equimesh.blocks.entries import entries, mapping, members, number, place, point
+from equimesh.blocks.curves import BoundaryCurve, Circle, FormulaCurve, Point, nearest_on, wrapped
 from equimesh.blocks.spline_curve import SplineCurve
 from equimesh.domains.curve import Curve
+from equimesh.domains.domain import MAX_COORDINATE
 from equimesh.errors import InputError
-from equimesh.inputs import describe_value
+from equimesh.inputs import check_name, describe_value
+from equimesh.numerics.types import Array
+
+# Checked entries of the JSON of a description: objects, lists, names, numbers.
+
+# Characters of a value that a message repeats.
+SHOWN = 40
+
+
+def members(value: object, field: str, known: Collection[str]) -> Mapping[str, Any]:
+    """``value`` as an object with no other members than the ``known`` ones."""
+    found = mapping(value, field)
+    for name in found:
+        if name not in known:
+            message = f"{place(field)} has a member {name[:SHOWN]!r} that is not known: {', '.join(known)} are"
+            raise InputError(message, field=f"{field}.{name[:SHOWN]}")
+    return found
+
+
+def mapping(value: object, field: str) -> Mapping[str, Any]:
+    """``value`` as an object whose names are texts."""
+    if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
+        raise InputError(f"{place(field)} is {describe_value(value)}: it must be an object", field=field)
+    return value
+
+
+def named(value: object, field: str, what: str) -> Mapping[str, Any]:
+    """``value`` as an object whose members are named by the caller; ``what`` each of them is."""
+    found = mapping(value, field)
+    for name in found:
+        check_name(name, what, field)
+    return found
+
+
+def entries(value: object, field: str, *, count: int | None = None, what: str = "a list") -> Sequence[Any]:
+    """``value`` as a list, of ``count`` entries where that is given; ``what`` it must be is said where it is none."""
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise InputError(f"{place(field)} is {describe_value(value)}: it must be {what}", field=field)
+    if count is not None and len(value) != count:
+        raise InputError(f"{place(field)} has {len(value)} entries: it must have {count}", field=field)
+    return value
+
+
+def name_among(value: object, field: str, known: Collection[str], what: str) -> str:
+    """``value`` as one of the ``known`` names of ``what``."""
+    if not isinstance(value, str) or value not in known:
+        shown = repr(value)[:SHOWN]
+        few = ", ".join(list(known)[:8]) + (", ..." if len(known) > 8 else "")
+        raise InputError(f"{place(field)} = {shown} is no {what}: there are {few or 'none'}", field=field)
+    return value
+
+
+def number(value: object, field: str, *, positive: bool = False) -> float:
+    """``value`` as a float of at most the size of a coordinate."""
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not is_number or not abs(value) <= MAX_COORDINATE or (positive and not value > 0):  # type: ignore[arg-type,operator]
+        found = repr(value)[:SHOWN] if is_number else describe_value(value)
+        wanted = f"a {'positive ' if positive else ''}number of at most {MAX_COORDINATE:g} in size"
+        raise InputError(f"{place(field)} is {found}: it must be {wanted}", field=field)
+    return float(value)  # type: ignore[arg-type]
+
+
+def whole(value: object, field: str, largest: int) -> int:
+    """``value`` as a whole number from 1 to ``largest``."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= largest:
+        found = repr(value)[:SHOWN] if isinstance(value, (int, float)) else describe_value(value)
+        raise InputError(f"{place(field)} is {found}: it must be a whole number from 1 to {largest}", field=field)
+    return value
+
+
+def point(value: object, field: str) -> Point:
+    """``value`` as a pair of coordinates."""
+    x, y = entries(value, field, count=2)
+    return number(x, f"{field}[0]"), number(y, f"{field}[1]")
+
+
+def place(field: str) -> str:
+    """The name of a field in a message."""
+    return field.removeprefix("domain.")
+
+
+# Profiles of airfoils with four digits, by their formula.
+#
+# E. N. Jacobs, K. E. Ward and R. M. Pinkerton, *The characteristics of 78 related airfoil sections from tests in the
+# variable-density wind tunnel*, NACA Report 460 (1933). The last coefficient of the thickness is the one that closes
+# the trailing edge.
+
+# Half the thickness of a profile with thickness 1, in powers 1/2, 1, 2, 3 and 4 of the share of the chord.
+THICKNESS = (1.4845, -0.63, -1.758, 1.4215, -0.518)
+# Places on a profile at which the search for the nearest point begins.
+SEARCH_POINTS = 1025
+
+
+@dataclass(frozen=True, kw_only=True)
+class Airfoil:
+    """The profile with the four ``digits`` of NACA, such as ``"0012"``; a curve of boundaries.
+
+    It begins at the trailing edge, its only corner, runs along the upper side to the leading edge and back along the
+    lower side: counter-clockwise. With t from 0 to 2 the share of the chord is ``(1 - t)^2``, so that the formula is
+    smooth at the leading edge, t = 1. ``leading_edge`` is its place, ``chord`` its length, ``angle`` the angle of
+    attack in degrees, which turns the profile clockwise.
+
+    Raises :class:`~equimesh.errors.InputError` with the field ``where`` for other digits.
+    """
+
+    digits: str
+    chord: float = 1.0
+    leading_edge: Point = (0.0, 0.0)
+    angle: float = 0.0
+    where: str = "domain.curves"
+
+    def __post_init__(self) -> None:
+        if not (len(self.digits) == 4 and self.digits.isascii() and self.digits.isdigit() and int(self.digits[2:]) > 0):
+            message = f'naca = {self.digits[:20]!r}: four digits, the last two the thickness, such as "0012"'
+            raise InputError(message, field=self.where)
+        if bool(int(self.digits[0])) != bool(int(self.digits[1])):
+            message = f"naca = {self.digits!r}: of camber and its place, the first two digits, both are 0 or none"
+            raise InputError(message, field=self.where)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """0 and 2, both at the trailing edge."""
+        return 0.0, 2.0
+
+    @property
+    def closed(self) -> bool:
+        """A profile is closed."""
+        return True
+
+    @property
+    def corners(self) -> Array:
+        """0: the trailing edge."""
+        return np.zeros(1)
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t``, exactly differentiated."""
+        root = 1.0 - wrapped(self, np.asarray(t, dtype=np.float64))  # from 1 to -1; the upper side is positive
+        share, side = root**2, np.where(root < 0.0, -1.0, 1.0)
+        a, b, c, d, e = (int(self.digits[2:]) / 100.0 * k for k in THICKNESS)
+        half = a * root + side * share * (b + share * (c + share * (d + share * e)))
+        half_t = -(a + side * 2.0 * root * (b + share * (2.0 * c + share * (3.0 * d + share * 4.0 * e))))
+        rise, slope, bend = self._camber(share)
+        # The thickness stands at right angles on the line of camber, whose angle is atan(slope).
+        norm = np.sqrt(1.0 + slope**2)
+        sine, cosine, share_t = slope / norm, 1.0 / norm, -2.0 * root
+        angle_t = bend / (1.0 + slope**2) * share_t
+        x, y = share - half * sine, rise + half * cosine
+        x_t = share_t - half_t * sine - half * cosine * angle_t
+        y_t = slope * share_t + half_t * cosine - half * sine * angle_t
+        turn_x, turn_y = (
+            self.chord * math.cos(math.radians(self.angle)),
+            self.chord * math.sin(math.radians(self.angle)),
+        )
+        return (
+            self.leading_edge[0] + turn_x * x + turn_y * y,
+            self.leading_edge[1] - turn_y * x + turn_x * y,
+            turn_x * x_t + turn_y * y_t,
+            -turn_y * x_t + turn_x * y_t,
+        )
+
+    def nearest(self, x: Array, y: Array) -> Array:
+        """The t of the nearest point of the profile."""
+        return nearest_on(self, x, y, np.linspace(0.0, 2.0, SEARCH_POINTS))
+
+    def _camber(self, share: Array) -> tuple[Array, Array, Array]:
+        """The line of camber over the chord, and its first and second derivative."""
+        height, place = int(self.digits[0]) / 100.0, int(self.digits[1]) / 10.0
+        if height == 0.0:
+            return np.zeros_like(share), np.zeros_like(share), np.zeros_like(share)
+        ahead = share < place
+        factor = height / np.where(ahead, place**2, (1.0 - place) ** 2)
+        constant = np.where(ahead, 0.0, 1.0 - 2.0 * place)
+        rise = factor * (constant + 2.0 * place * share - share**2)
+        return rise, 2.0 * factor * (place - share), -2.0 * factor
+
 
 # Points of one curve.
 MAX_POINTS = 100_000

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 from typing import Protocol, TypeAlias
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from equimesh.domains.curve import Curve
+from equimesh.domains.domain import PLACES, area_between
 from equimesh.errors import InputError
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, BoolArray, IntArray
 
 Point: TypeAlias = tuple[float, float]
 
@@ -199,3 +201,123 @@ def nearest_on(curve: BoundaryCurve, x: Array, y: Array, places: Array) -> Array
     cx, cy, *_ = curve.evaluate(ends)
     distance = (cx - px) ** 2 + (cy - py) ** 2
     return np.asarray(np.where(distance[0] <= distance[1], t, places[best])).reshape(np.shape(x))
+
+
+# Parts of curves: from which t to which an edge runs, and where its nodes stand.
+
+# Parts of an edge between which the length of the curve is summed.
+LENGTH_PARTS = 512
+# Newton steps from the table to the t of a length.
+NEWTON_STEPS = 4
+# Speeds that differ by less, as a share, are one speed.
+SAME_SPEED = 1e-12
+# Two ways around a closed curve whose lengths differ by less, as a share, are equally long.
+EQUALLY_LONG = 1e-6
+GAUSS = np.polynomial.legendre.leggauss(5)
+
+
+def span(curve: BoundaryCurve, first: float, last: float, *, via: Point | None, name: str, field: str) -> Array:
+    """The t at the begin and at the end of an edge between the places ``first`` and ``last``, shape ``(2,)``.
+
+    On a closed curve t may leave the ends of the curve. There the edge takes the way through the point ``via``, or else
+    the shorter one; an edge from a place to itself is the whole curve, with t rising. Raises
+    :class:`~equimesh.errors.InputError` where both ways are equally long.
+    """
+    if not curve.closed:
+        return np.array([first, last])
+    period = curve.ends[1] - curve.ends[0]
+    rise = (last - first) % period
+    if min(rise, period - rise) < EQUALLY_LONG * period:
+        return np.array([first, first + period])
+    ways = np.array([[first, first + rise], [first, first + rise - period]])
+    if via is not None:
+        at = float(curve.nearest(np.array(via[0]), np.array(via[1])))
+        return np.asarray(ways[0] if (at - first) % period <= rise else ways[1])
+    lengths = [abs(_length_table(curve, *way)[1][-1]) for way in ways]
+    if abs(lengths[0] - lengths[1]) < EQUALLY_LONG * sum(lengths):
+        middle = [float(part) for part in curve.evaluate(np.array(ways[0].mean()))[:2]]
+        raise InputError(
+            f"the edge {name} can take two ways around its curve, and both are equally long: name a point of the way"
+            f' with "via", such as [{middle[0]:.6g}, {middle[1]:.6g}]',
+            field=field,
+        )
+    return np.asarray(ways[int(np.argmin(lengths))])
+
+
+def parameters_at(curve: BoundaryCurve, ends: Array, shares: Array) -> Array:
+    """The t at which an edge between the two ``ends`` has these shares of its length; the ends are met exactly."""
+    t, length, speed = _length_table(curve, *ends)
+    even = ends[0] + (ends[1] - ends[0]) * shares
+    if np.ptp(speed) <= SAME_SPEED * speed.max():
+        found = even
+    else:
+        goal = length[-1] * shares
+        found = np.interp(goal, length, t) if length[-1] > 0 else even
+        table = CubicHermiteSpline(t, length, speed) if t[1] > t[0] else CubicHermiteSpline(-t, length, speed)
+        sign = 1.0 if t[1] > t[0] else -1.0
+        slope = table.derivative()
+        for _ in range(NEWTON_STEPS):
+            ahead = (goal - table(sign * found)) / np.maximum(slope(sign * found), 0.1 * speed.mean() / LENGTH_PARTS)
+            found = np.clip(found + sign * ahead, min(ends), max(ends))
+    found[0], found[-1] = ends
+    return np.asarray(found)
+
+
+def _length_table(curve: BoundaryCurve, first: float, last: float) -> tuple[Array, Array, Array]:
+    """Values of t from first to last, the length of the curve up to each of them, and its speed there."""
+    t = np.linspace(first, last, LENGTH_PARTS + 1)
+    half, middle = 0.5 * np.diff(t), 0.5 * (t[1:] + t[:-1])
+    speeds = np.hypot(*curve.evaluate(middle[:, None] + half[:, None] * GAUSS[0])[2:])
+    parts = np.abs(half) * (speeds * GAUSS[1]).sum(axis=1)
+    return t, np.concatenate([[0.0], np.cumsum(parts)]), np.hypot(*curve.evaluate(t)[2:])
+
+
+# Edges of cells that join two points of a boundary curve: the area between them and the curve.
+
+MAX_DISTANCE_SHARE = 1e-6
+"""The largest distance of a fixed node from a curve that it ends, as a share of the size of the curve."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chords:
+    """Edges between two points of one ``curve``: the two ``nodes`` of each, shape ``(edges, 2)``."""
+
+    curve: BoundaryCurve
+    nodes: IntArray
+    fixed: Array
+    """The parameters of nodes that are fixed, else NaN, shape ``(edges, 2)``."""
+    turns: Array
+    """What the parameter jumps by from the first to the second node, shape ``(edges,)``: turns of a closed curve."""
+
+    @classmethod
+    def of(
+        cls, curve: BoundaryCurve, edges: IntArray, slides: BoolArray, points: Array, parameters: Array
+    ) -> Chords | None:
+        """The chords of the ``edges`` with a node that ``slides`` on the curve; ``None`` for a line, or without any.
+
+        ``slides`` and ``parameters`` have the shape ``(nodes,)``, ``points`` the shape ``(2, nodes)``. An edge whose
+        other node is not on the curve is left out.
+        """
+        nodes = edges[slides[edges].any(axis=1)]
+        if isinstance(curve, Line) or not nodes.size:
+            return None
+        (first, last), fixed = curve.ends, np.full(nodes.shape, math.nan)
+        x, y, _, _ = curve.evaluate(np.linspace(first, last, 9))
+        size, is_fixed = float(np.ptp(x) + np.ptp(y)), ~slides[nodes]
+        at = points[:, nodes[is_fixed]]
+        fixed[is_fixed] = curve.nearest(*at)
+        there_x, there_y, _, _ = curve.evaluate(fixed[is_fixed])
+        is_near = np.ones(nodes.shape, dtype=bool)
+        is_near[is_fixed] = np.hypot(there_x - at[0], there_y - at[1]) <= MAX_DISTANCE_SHARE * size
+        meets = math.hypot(x[-1] - x[0], y[-1] - y[0]) <= MAX_DISTANCE_SHARE * size
+        begins, ends = np.where(is_fixed, fixed, parameters[nodes]).T
+        turns = (last - first) * np.round((ends - begins) / (last - first)) if meets else np.zeros(len(nodes))
+        kept = is_near.all(axis=1)
+        return cls(curve=curve, nodes=nodes[kept], fixed=fixed[kept], turns=turns[kept])
+
+    def cut_off(self, parameters: Array) -> float:
+        """The area between the curve and the edges, for ``parameters`` of all nodes, shape ``(nodes,)``."""
+        begins, ends = np.where(np.isnan(self.fixed), parameters[self.nodes], self.fixed).T
+        t = begins[:, None] + np.multiply.outer(ends - self.turns - begins, PLACES)
+        x, y, _, _ = self.curve.evaluate(t)
+        return area_between(x, y)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from equimesh.blocks.curve_entries import curve_of, with_points
-from equimesh.blocks.curves import BoundaryCurve, Point
-from equimesh.blocks.entries import (
+from equimesh.blocks.curve_entries import (
+    curve_of,
     entries,
     mapping,
     members,
@@ -20,7 +19,9 @@ from equimesh.blocks.entries import (
     place,
     point,
     whole,
+    with_points,
 )
+from equimesh.blocks.curves import BoundaryCurve, Point
 from equimesh.blocks.grading import Grading, grading_of
 from equimesh.errors import InputError
 from equimesh.inputs import check_name

@@ -1,22 +1,52 @@
-"""The initial mesh of a description: graded edges on their curves, and blocks between them."""
+"""Meshes of blocks: the initial one of a description, and one with other numbers of cells on the same curves."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from equimesh.blocks.arcs import parameters_at, span
 from equimesh.blocks.counts import Plan
-from equimesh.blocks.curves import BoundaryCurve
+from equimesh.blocks.curves import BoundaryCurve, parameters_at, span
 from equimesh.blocks.description import Description, EdgeEntry
 from equimesh.blocks.grading import shares
-from equimesh.blocks.layout import BOTTOM, LEFT, RIGHT, TOP
+from equimesh.blocks.layout import BOTTOM, LEFT, RIGHT, TOP, Layout, line_of
+from equimesh.blocks.sides import side_edges
+from equimesh.blocks.sliding import BoundaryEdge
 from equimesh.blocks.spline_curve import SplineCurve
-from equimesh.blocks.transfinite import transfinite
 from equimesh.errors import InputError
+from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
 from equimesh.numerics.types import Array, IntArray
+
+# The nodes of a block between its four sides, by transfinite interpolation.
+#
+# W. J. Gordon and C. A. Hall, *Construction of curvilinear coordinate systems and applications to mesh generation*,
+# Int. J. Numer. Meth. Engng 7 (1973).
+
+
+def transfinite(sides: Sequence[Array], shares: Sequence[Array]) -> Array:
+    """The nodes of a block, shape ``(n_i, n_j, 2)``.
+
+    ``sides`` are the nodes on left, right, bottom and top with their index rising, shape ``(n, 2)`` each, and
+    ``shares`` their places on the side from 0 to 1. A line of the block begins and ends at such shares of opposite
+    sides; a node stands where two straight lines between them cross in the unit square, and there the four sides are
+    blended.
+    """
+    left, right, bottom, top = sides
+    v_left, v_right, u_bottom, u_top = shares
+    u_bottom, u_top, v_left, v_right = u_bottom[:, None], u_top[:, None], v_left[None, :], v_right[None, :]
+    du, dv = u_top - u_bottom, v_right - v_left
+    u = (u_bottom + v_left * du) / (1.0 - du * dv)
+    v = (v_left + u_bottom * dv) / (1.0 - du * dv)
+    u, v = u[..., None], v[..., None]
+    corners = (1.0 - u) * ((1.0 - v) * bottom[0] + v * top[0]) + u * ((1.0 - v) * bottom[-1] + v * top[-1])
+    found = (1.0 - v) * bottom[:, None] + v * top[:, None] + (1.0 - u) * left[None] + u * right[None] - corners
+    found[0], found[-1], found[:, 0], found[:, -1] = left, right, bottom, top
+    return np.asarray(found)
+
 
 # A vertex may be so far from the curve of its edge, as a share of the size of the domain: it is moved onto the curve.
 MAX_DISTANCE_SHARE = 0.02
@@ -168,3 +198,76 @@ def _with_copies(plan: Plan, lines: list[EdgeLine]) -> tuple[EdgeLine, ...]:
         share = here.shares if same else 1.0 - here.shares[::-1]
         lines[copy] = EdgeLine(points=points, shares=share, curve=-1, parameters=np.empty(0))
     return tuple(lines)
+
+
+# The mesh of a domain with other numbers of cells: cubic between its nodes, and on the same curves.
+
+
+def resampled(
+    mesh: QuadMesh, layout: Layout, curves: Sequence[BoundaryCurve], edges: Sequence[BoundaryEdge], wanted: Layout
+) -> tuple[QuadMesh, dict[int, tuple[int, Array]]]:
+    """The mesh with the counts of ``wanted``, and for each edge on the boundary its curve and the parameters there.
+
+    ``layout``, ``curves`` and boundary ``edges`` are those of the domain of ``mesh``. Nodes whose place between the
+    ends of their edges does not change stay to rounding. It may fold where cells of very different sizes meet.
+    """
+    count, blocks = wanted.numbering()
+    parameters = {edge.edge: _between(edge.parameters, int(wanted.edge_counts[edge.edge])) for edge in edges}
+    number = {edge.edge: edge.curve for edge in edges}
+    lines = []
+    for edge, nodes in enumerate(layout.edge_nodes(mesh.blocks)):
+        line = mesh.points[nodes]
+        finer = _cubic(line, int(wanted.edge_counts[edge]))
+        if edge in parameters:
+            finer = np.column_stack(curves[number[edge]].evaluate(parameters[edge])[:2])
+        finer[0], finer[-1] = line[0], line[-1]
+        lines.append(finer)
+    points = np.empty((count, 2))
+    for b, (old, new) in enumerate(zip(mesh.blocks, blocks, strict=True)):
+        inner = _cubic(mesh.points[old], new.shape[0] - 1)
+        inner = _cubic(inner.transpose(1, 0, 2), new.shape[1] - 1).transpose(1, 0, 2)
+        sides = [
+            lines[layout.block_edges[b, side]][:: 1 if layout.forward[b, side] else -1]
+            for side in (LEFT, RIGHT, BOTTOM, TOP)
+        ]
+        offsets = [line - line_of(inner, side) for side, line in enumerate(sides)]
+        even = [np.linspace(0.0, 1.0, len(line)) for line in sides]
+        points[new] = inner + transfinite(offsets, even)
+        for side, line in enumerate(sides):
+            points[line_of(new, side)] = line
+    edge_nodes = wanted.edge_nodes(blocks)
+    found = QuadMesh(
+        points=points,
+        cells=np.concatenate([quads_of_block(block) for block in blocks]),
+        sides=side_edges(wanted, edge_nodes, _edges_of_sides(mesh, layout)),
+        blocks=blocks,
+        block_names=mesh.block_names,
+        ties=wanted.ties(blocks),
+    )
+    return found, {edge.edge: (edge.curve, parameters[edge.edge]) for edge in edges}
+
+
+def _edges_of_sides(mesh: QuadMesh, layout: Layout) -> dict[str, list[int]]:
+    """The edges of the layout that lie on each side of a mesh."""
+    of = {(int(a), int(b)): name for name, edges in mesh.sides.items() for a, b in edges}
+    found: dict[str, list[int]] = {name: [] for name in mesh.sides}
+    for edge, nodes in enumerate(layout.edge_nodes(mesh.blocks)):
+        first, second = int(nodes[0]), int(nodes[1])
+        name = of.get((first, second), of.get((second, first)))
+        if name is not None and layout.edge_uses[edge] == 1:
+            found[name].append(edge)
+    return {name: edges for name, edges in found.items() if edges}
+
+
+def _between(values: Array, cells: int) -> Array:
+    """Parameters that rise or fall, at other numbers of cells; they still do."""
+    places = np.linspace(0.0, len(values) - 1.0, cells + 1)
+    return np.asarray(PchipInterpolator(np.arange(len(values)), values)(places))
+
+
+def _cubic(values: Array, cells: int) -> Array:
+    """Values along the first axis at other numbers of cells, by a cubic spline."""
+    if len(values) - 1 == cells:
+        return values.copy()
+    places = np.linspace(0.0, len(values) - 1.0, cells + 1)
+    return np.asarray(CubicSpline(np.arange(len(values)), values, axis=0)(places))

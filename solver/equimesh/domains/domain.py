@@ -1,5 +1,7 @@
 """Physical domains: one-to-one images of the reference square, on which the equations are solved."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeAlias
@@ -8,10 +10,54 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import cosdg, sindg
 
-from equimesh.domains.closing import close_seam, is_closed
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.nested import Closed
 from equimesh.numerics.types import Array
+
+# Closed lines: domains whose opposite sides are one line, so that grid lines run around.
+#
+# Both copies of the seam are in the arrays of a mesh: the last node of a closed line is its first one, moved by the
+# period. In reference coordinates the period is 1. In the plane it is a translation, which is zero where the domain
+# closes around itself, as a ring does.
+
+Periods: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+"""The translations of the plane from the first to the last node of a xi-line, and of an eta-line."""
+OPEN: Closed = (False, False)
+"""Four sides."""
+NOWHERE: Periods = ((0.0, 0.0), (0.0, 0.0))
+"""No translations."""
+
+
+def closed_of(domain: object) -> Closed:
+    """Whether the xi-lines and the eta-lines of a domain are closed; a domain that does not say so has four sides."""
+    closed: Closed = getattr(domain, "closed_lines", OPEN)
+    return closed
+
+
+def is_closed(domain: object) -> bool:
+    """Whether some grid lines of a domain are closed."""
+    return any(closed_of(domain))
+
+
+def periods_of(domain: object) -> Periods:
+    """The translations of the plane from the first to the last node of a closed xi-line, and of a closed eta-line.
+
+    They are zero for lines that are open, and where both copies of the seam are the same points.
+    """
+    periods: Periods = getattr(domain, "periods", NOWHERE)
+    return periods
+
+
+def close_seam(x: Array, y: Array, domain: object) -> None:
+    """Write the second copy of each seam of a mesh of ``domain``, in place: the first one, moved by the period."""
+    closed, periods = closed_of(domain), periods_of(domain)
+    for axis in (0, 1):
+        if closed[axis]:
+            for q, period in zip((x, y), periods[axis], strict=True):
+                lines = q if axis == 0 else q.T
+                lines[-1] = lines[0] + period
+
 
 Interval: TypeAlias = tuple[float, float]
 Box: TypeAlias = tuple[Interval, Interval]
@@ -259,3 +305,43 @@ def _between(ends: Interval, share: Array) -> Array:
 
 
 UNIT_SQUARE = Rectangle()
+
+
+# The area that the straight sides of cells cut off the curved sides of a domain, or add to it.
+#
+# A cell on a curved side ends at a chord. Where nodes move apart along the side, its chord leaves out much of the
+# domain, or covers much beyond it. The error of a mesh is measured on its cells alone, so that such a mesh seems
+# better than it is.
+
+PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Where a piece of a side is compared with its chord, as shares of the way from node to node in the parameter."""
+WEIGHTS = (0.0, 1.0 / 3.0, 1.0 / 6.0, 1.0 / 3.0, 0.0)
+"""Simpson's weights of these places, over two intervals."""
+MAX_MORE_SHARE = 0.25
+"""A mesh may cut off this share of the area more than the initial mesh; or twice as much, where that is more."""
+
+
+def area_between(x: Array, y: Array) -> float:
+    """The area between pieces of curves and their chords, on either side of these.
+
+    The points of a piece at the ``PLACES`` are a row of ``x`` and ``y``, of shape ``(pieces, 5)``. The rule is exact
+    for a parabola.
+    """
+    along_x, along_y = x[:, -1:] - x[:, :1], y[:, -1:] - y[:, :1]
+    heights = np.abs((x - x[:, :1]) * along_y - (y - y[:, :1]) * along_x)
+    return float((heights @ np.array(WEIGHTS)).sum())
+
+
+def cut_off(domain: Domain, begins: Array, ends: Array) -> float:
+    """The area between pieces of the sides of a domain and their chords.
+
+    ``begins`` and ``ends`` are the nodes of each piece on the reference square, of shape ``(2, pieces)``.
+    """
+    s, t = (np.multiply.outer(one, 1.0 - np.array(PLACES)) + np.multiply.outer(two, PLACES)
+            for one, two in zip(begins, ends, strict=True))  # fmt: skip
+    return area_between(*domain.map(s, t))
+
+
+def most_cut_off(first: float, area: float) -> float:
+    """What a mesh may cut off a domain with this ``area``, whose initial mesh cuts off ``first``."""
+    return first + max(first, MAX_MORE_SHARE * area)

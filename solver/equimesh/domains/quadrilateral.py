@@ -9,12 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.domains.closing import OPEN
-from equimesh.domains.curve import Curve
-from equimesh.domains.domain import Interval, check_extent
-from equimesh.domains.seam import PAIRS, closed_curve, seam_of
+from equimesh.domains.curve import PAIRS, Curve, closed_curve, seam_of
+from equimesh.domains.domain import OPEN, Interval, check_extent
 from equimesh.errors import InputError
-from equimesh.meshes.closed import Closed
+from equimesh.meshes.nested import Closed
 from equimesh.numerics.types import Array
 
 CORNERS = {  # (s, t) of the corner, and the two sides that meet there, each with its value of t

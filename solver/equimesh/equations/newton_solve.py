@@ -11,7 +11,7 @@ from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics import dissection, newton
+from equimesh.numerics import newton
 
 # Rounding errors: of positions, of the moves of a sweep, and of residuals.
 
@@ -85,7 +85,7 @@ def newton_steps(
         z,
         admissible=lambda candidate: not equations.mesh(candidate).is_folded,
         tolerance=max(tolerance, floor) * unit,
-        factorise=(lambda matrix: dissection.factorise(matrix, equations.shape)) if fast else newton.superlu,
+        factorise=(lambda matrix: newton.factorise(matrix, equations.shape)) if fast else newton.superlu,
         reuse=fast,
     )
     for record in steps:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.domains.closing import is_closed
 from equimesh.domains.curve import FormulaPath
-from equimesh.domains.domain import UNIT_SQUARE, Domain
+from equimesh.domains.domain import UNIT_SQUARE, Domain, is_closed
 from equimesh.equations.boundary import Boundary, sides
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.metric import ReferenceMetric

@@ -1,15 +1,17 @@
-"""A field given as text, such as ``tanh(20*(x + y/2 - k))``: data, never code, with exact derivatives.
+"""Scalar functions of the plane: their interface, and formulas in text with exact derivatives.
 
 The language: numbers, ``x``, ``y``, ``t``, ``pi``, ``e``, declared parameters; ``+ - * / **``; the functions
 of :data:`FUNCTIONS`; comparisons with ``and``, ``or``, ``not`` as the first argument of ``where``.
 :mod:`equimesh.formulas.jet` defines the derivatives at kinks.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +29,7 @@ __all__ = ["FUNCTIONS", "LIMITS", "Expression"]
 
 @dataclass(frozen=True)
 class Expression:
-    """The function of x and y that ``text`` describes; a :class:`~equimesh.fields.field.Field`.
+    """The function of x and y that ``text`` describes; a :class:`~equimesh.fields.expression.Field`.
 
     ``text`` stays what was typed; :attr:`understood` is the same in the language itself: ``2*x`` for ``2x``.
     ``parameters`` gives values to further names, ``t`` (default 0) to the name t; both are constants.
@@ -64,7 +66,7 @@ class Expression:
         return frozenset(used - {"pi", "e"})
 
     def evaluate(self, x: npt.ArrayLike, y: npt.ArrayLike, order: int = 0) -> tuple[Array, ...]:
-        """The value and all partial derivatives up to ``order``, as :meth:`equimesh.fields.field.Field.evaluate`.
+        """The value and all partial derivatives up to ``order``, as :meth:`equimesh.fields.expression.Field.evaluate`.
 
         ``x`` and ``y`` are broadcast against each other. Where the function is not defined the result is nan
         or infinite, without a warning; see :meth:`check_finite`.
@@ -131,3 +133,48 @@ def _places(domain: Domain | Blocks, n: int) -> Pair:
 
 def _restore(text: str, parameters: dict[str, float], t: float) -> Expression:
     return Expression(text, parameters=parameters, t=t)
+
+
+# The interface of scalar functions of the plane.
+
+
+class Field(Protocol):
+    """A scalar function u(x, y) with derivatives: an expression, or a spline of samples.
+
+    :func:`equimesh.testing.check_field` checks what is promised here.
+    """
+
+    def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
+        """The value and all partial derivatives up to ``order`` (0, 1 or 2) at points of any shape.
+
+        Returns ``(u,)``, ``(u, u_x, u_y)`` or ``(u, u_x, u_y, u_xx, u_xy, u_yy)``, each of the points' shape. The
+        derivatives are exact, and the value at a point does not depend on the other points. ``x`` and ``y`` are not
+        written into. Never raises for points inside the closed domain. Values may be non-finite; the caller checks.
+        """
+        ...
+
+
+def require_field(field: object, name: str) -> Field:
+    """``field`` if it can be evaluated, the expression that a text describes.
+
+    Raises :class:`~equimesh.errors.InputError` for anything else, with ``name`` as its field.
+    """
+    if isinstance(field, str):
+        try:
+            return Expression(field)
+        except InputError as error:
+            error.field = name
+            raise
+    if not callable(getattr(field, "evaluate", None)):
+        raise InputError(
+            f"{name} = {str(field)[:40]!r} is not a function of x and y: write em.Expression('...') for a formula,"
+            " em.GridSamples(...) for values on a grid",
+            field=name,
+        )
+    return cast(Field, field)
+
+
+def require_fields(owner: object, *names: str) -> None:
+    """Replace these attributes of a frozen ``owner`` by what :func:`require_field` returns for them."""
+    for name in names:
+        object.__setattr__(owner, name, require_field(getattr(owner, name), name))

@@ -13,9 +13,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.errors import InputError
-from equimesh.fields.axis import ORDER, Axis, at_piece, buckets_per_length, piece, slopes_at_piece
-from equimesh.fields.bicubic import Bicubic
-from equimesh.fields.patches import at_patch
+from equimesh.fields.bicubic import ORDER, Axis, Bicubic, at_patch, at_piece, buckets_per_length, piece, slopes_at_piece
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled, vectorised
 from equimesh.numerics.types import Array, BoolArray, Pair

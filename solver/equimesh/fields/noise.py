@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from equimesh.fields.chunked_samples import ChunkedSamples
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples

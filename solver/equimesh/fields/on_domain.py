@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+import numpy.typing as npt
 
 from equimesh.domains.domain import Domain, Rectangle, map_mesh
-from equimesh.fields.field import Field
-from equimesh.fields.mesh_map import MeshMap
+from equimesh.fields.expression import Field
+from equimesh.fields.mesh_map import MeshMap, reference_of
+from equimesh.fields.nodal_field import HermiteField
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, Pair
@@ -29,8 +31,8 @@ MAX_CACHED_DOMAINS = 4
 class OnDomain:
     """``reference``, a function of (s, t) in the unit square, as one of the points (x, y) of ``domain``.
 
-    Implements :class:`~equimesh.fields.field.Field`; second derivatives are exact up to those of the map, which are
-    differences. A point outside of the domain has the value of one next to it.
+    Implements :class:`~equimesh.fields.expression.Field`; second derivatives are exact up to those of the map, which
+    are differences. A point outside of the domain has the value of one next to it.
     """
 
     reference: Field
@@ -104,3 +106,38 @@ def _kept(domain: Domain) -> Inverse:
 def inverse_of(domain: Domain) -> Inverse:
     """The inverse of the map of a domain; kept for the next call where the domain can be hashed."""
     return _kept(domain) if isinstance(domain, Hashable) else Inverse(domain=domain)
+
+
+# u as a function of x and y from the values of a solver at the nodes of a mesh of a domain.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recovered:
+    """The function ``u`` and its nodes: ``reference``, their mesh of the unit square, and the ``values`` there."""
+
+    u: Field
+    reference: Mesh
+    values: Array
+
+
+def recover(mesh: Mesh, values: npt.ArrayLike, domain: Domain) -> Recovered:
+    """u from ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, a mesh of ``domain``.
+
+    Raises as :class:`~equimesh.fields.nodal_field.HermiteField`. On a domain with curved sides u is recovered on the
+    reference square, so that a layer along such a side has the values of that side on all of it.
+    """
+    is_straight = isinstance(domain, Rectangle)
+    reference = reference_on(mesh, domain)
+    own = HermiteField(mesh=mesh if is_straight else reference, values=values)
+    u = own if is_straight else OnDomain(reference=own, domain=domain)
+    return Recovered(u=u, reference=reference, values=own.values)
+
+
+def reference_on(mesh: Mesh, domain: Domain) -> Mesh:
+    """The mesh of the reference square whose image is ``mesh``; its sides are those of the square exactly."""
+    if not isinstance(domain, Rectangle):
+        return reference_of(mesh, domain)
+    if domain.is_unit_square:
+        return Mesh.of_unit_square(mesh.x, mesh.y)
+    ((x0, x1), (y0, y1)) = domain.x, domain.y
+    return Mesh.of_unit_square((mesh.x - x0) / (x1 - x0), (mesh.y - y0) / (y1 - y0))

@@ -7,12 +7,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from equimesh.domains.closing import closed_of
-from equimesh.domains.domain import Domain, Interval, Rectangle
+from equimesh.domains.domain import Domain, Interval, Rectangle, closed_of
 from equimesh.errors import InputError
-from equimesh.fields.field import Field
-from equimesh.fields.hermite_field import HermiteField
-from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.expression import Field
+from equimesh.fields.nodal_field import HermiteField, NodalField
 from equimesh.fields.on_domain import OnDomain
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
@@ -43,7 +41,7 @@ SEAM_SHARE = 1e-9
 class Periodic:
     """``field`` of the points of a periodic ``domain``, continued to the whole plane.
 
-    Implements :class:`~equimesh.fields.field.Field`. Points of the rectangle keep their values to the last bit.
+    Implements :class:`~equimesh.fields.expression.Field`. Points of the rectangle keep their values to the last bit.
     """
 
     field: Field

@@ -34,8 +34,8 @@ class GridSamples:
     they reach from 0 or less to 1 or more. For smooth u and spacing h the values are accurate to O(h^4), the gradient
     to O(h^3). With only 2 or 3 points in a direction the spline is linear or quadratic there.
 
-    Implements :class:`~equimesh.fields.field.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names the
-    first bad index.
+    Implements :class:`~equimesh.fields.expression.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names
+    the first bad index.
     """
 
     x: Array

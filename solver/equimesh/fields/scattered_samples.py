@@ -44,8 +44,8 @@ class ScatteredSamples:
     The points must cover ``box = ((x0, x1), (y0, y1))``, that of the domain, corners included: the unit square unless
     given. Where 32 or more come near a side but do not lie on it, as cell centres do, u is continued to the side by a
     local thin-plate spline.
-    Implements :class:`~equimesh.fields.field.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names the
-    first bad index.
+    Implements :class:`~equimesh.fields.expression.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names
+    the first bad index.
     """
 
     points: Array

@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from equimesh.meshes.cell_edges import Join
 from equimesh.meshes.interfaces import EDGES, Contact
-from equimesh.meshes.joins import Join
 from equimesh.numerics.types import Array
 
 # Rows of a text file from tables of integers.

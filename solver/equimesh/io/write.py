@@ -21,10 +21,9 @@ from equimesh.io.formats import CELLS, FORMATS, Cells, MeshFormat
 from equimesh.io.npz import mesh_arrays
 from equimesh.io.solver_files import gmsh_text, medit_text, neutral_map, plot3d_text, su2_text, with_time
 from equimesh.io.vtk import vtm_text, write_vts, write_vtu
+from equimesh.meshes.cell_edges import Join, joins_of
 from equimesh.meshes.interfaces import contacts
-from equimesh.meshes.joined import at_one_place
-from equimesh.meshes.joins import Join, joins_of
-from equimesh.meshes.mesh_data import MeshData
+from equimesh.meshes.mesh_data import MeshData, at_one_place
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import IntArray
 

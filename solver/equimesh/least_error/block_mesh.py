@@ -10,7 +10,7 @@ import numpy as np
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.blocks.curves import Line
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.least_error import kernels
 from equimesh.least_error.block_levels import (
     COARSEST_POINTS,

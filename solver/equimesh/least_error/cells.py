@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from equimesh.meshes.quad_links import places_of
+from equimesh.meshes.cell_edges import places_of
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.parts import corner_cuts, cuts_at_corners

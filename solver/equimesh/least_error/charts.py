@@ -11,10 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from equimesh.blocks.chords import Chords
-from equimesh.blocks.curves import BoundaryCurve, Line
-from equimesh.domains.cut_off import cut_off
-from equimesh.domains.domain import Domain, Rectangle
+from equimesh.blocks.curves import BoundaryCurve, Chords, Line
+from equimesh.domains.domain import Domain, Rectangle, cut_off
 from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 
 FREE = -1

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import Chart
 from equimesh.least_error.elements import Norm

@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from equimesh.domains.cut_off import most_cut_off
-from equimesh.fields.field import Field
+from equimesh.domains.domain import most_cut_off
+from equimesh.fields.expression import Field
 from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells, Region
 from equimesh.least_error.charts import Chart

@@ -19,8 +19,7 @@ from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.parts import Parts, row_cuts
-from equimesh.numerics.channel import ALONE, Channel
-from equimesh.numerics.gather import joined, summed
+from equimesh.numerics.channel import ALONE, Channel, joined, summed
 from equimesh.numerics.types import Array, IntArray
 
 

@@ -16,8 +16,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.numerics.channel import ALONE, Channel
-from equimesh.numerics.communicator import Communicator, agree
+from equimesh.numerics.channel import ALONE, Channel, Communicator, agree
 from equimesh.numerics.types import Array, IntArray
 
 # Strips of rows, and the binary tree over them by which sums over all rows are added.

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from equimesh.errors import InputError
+from equimesh.meshes.cell_edges import Join, joins_of
 from equimesh.meshes.folding import largest_difference, smallest_of_cells
-from equimesh.meshes.joins import Join, joins_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from equimesh.meshes.quad_links import QuadLinks, links_of
+from equimesh.meshes.cell_edges import QuadLinks, links_of
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
 

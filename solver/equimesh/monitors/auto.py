@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, require_fields
+from equimesh.fields.expression import Field, require_fields
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import CELLS, LeastError
 from equimesh.monitors.monitor import Monitor, require_orthogonality

@@ -10,11 +10,10 @@ from typing import Literal
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, require_fields
+from equimesh.fields.expression import Field, require_fields
 from equimesh.monitors.curvature import NORMS, Curvature
-from equimesh.monitors.monitor import Monitor, require_orthogonality
+from equimesh.monitors.monitor import Monitor, require_orthogonality, weaken
 from equimesh.monitors.probe import AnyDomain, Probe, bound_copy, is_bound_to
-from equimesh.monitors.weakened import weaken
 from equimesh.numerics.types import Array
 
 CELLS = ("quad", "triangle")

@@ -9,10 +9,10 @@ import numpy as np
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.errors import InputError
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.on_domain import recover
 from equimesh.fields.quad_field import QuadField
-from equimesh.fields.recovered import recover
 from equimesh.meshes.grid import Grid
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import LeastError

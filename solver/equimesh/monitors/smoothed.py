@@ -10,14 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from equimesh.domains.closing import Periods, periods_of
-from equimesh.domains.domain import Box, Domain
+from equimesh.domains.domain import Box, Domain, Periods, periods_of
 from equimesh.errors import InputError
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.fields.periodic import within
-from equimesh.monitors.monitor import Monitor, map_of
+from equimesh.monitors.monitor import Monitor, map_of, weaken
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
-from equimesh.monitors.weakened import weaken
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.spd import Matrices
 from equimesh.numerics.types import Array, BoolArray, Pair

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, require_fields
-from equimesh.fields.hermite_field import HermiteField
-from equimesh.fields.nodal_field import NodalField
-from equimesh.monitors.monitor import Monitor, require_orthogonality
+from equimesh.fields.expression import Field, require_fields
+from equimesh.fields.nodal_field import HermiteField, NodalField
+from equimesh.monitors.monitor import Monitor, map_of, require_orthogonality, weaken
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
-from equimesh.monitors.weakened import weaken
-from equimesh.numerics.spd import eigenvalues
+from equimesh.numerics.spd import eigenvalues, intersection
 from equimesh.numerics.types import Array
 
 MAPS = ("lines", "gradient")
@@ -34,7 +32,7 @@ class Weight:
 
     ``map`` says how cells get equal shares of ``rho``. ``"lines"`` makes the metric lengths along each mesh line equal,
     as for all monitors. ``"gradient"`` moves the nodes by a gradient, so that the areas of cells times ``rho`` are
-    equal (:mod:`equimesh.gradient_map.level`): smoother meshes, in a few microseconds a point also where ``rho`` is
+    equal (:mod:`equimesh.gradient_map`): smoother meshes, in a few microseconds a point also where ``rho`` is
     steep. A gradient map has no subdomains.
 
     A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` when ``rho`` is no field
@@ -138,3 +136,77 @@ class Tensor:
     def weakened(self, strength: float) -> Monitor:
         """The metric to the matrix power ``strength``."""
         return weaken(self, strength)
+
+
+# Several monitors at once.
+
+MIN_MONITORS = 2
+MAX_MONITORS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Intersection:
+    """The metric in which no length is less than in any of ``monitors``: cells are as small as each of them requests.
+
+    By simultaneous reduction of two metrics at a time (:func:`equimesh.numerics.spd.intersection`), as in P. J. Frey
+    and F. Alauzet, *Anisotropic mesh adaptation for CFD computations*, Comput. Methods Appl. Mech. Engrg. 194 (2005).
+    For more than two metrics the result depends slightly on their order. The sizes of the metrics matter: a
+    :class:`~equimesh.monitors.tensor.Weight` of 100 hides an arc length of u. :attr:`u` is that of the first monitor
+    that has one.
+
+    A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` for fewer than 2 or more
+    than 8 monitors, and for one that asks for a gradient map.
+    """
+
+    monitors: tuple[Monitor, ...]
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "monitors", tuple(self.monitors))
+        require_orthogonality(self.orthogonality)
+        if not MIN_MONITORS <= len(self.monitors) <= MAX_MONITORS:
+            raise InputError(
+                f"{len(self.monitors)} monitors: an intersection is of {MIN_MONITORS} to {MAX_MONITORS}",
+                field="monitors",
+            )
+        for number, monitor in enumerate(self.monitors):
+            if map_of(monitor) != "lines":
+                raise InputError(
+                    "an intersection is equidistributed along mesh lines: leave out map = 'gradient' of its members",
+                    field=f"monitors.{number}.map",
+                )
+
+    @property
+    def u(self) -> Field | None:
+        """The u of the first monitor that has one."""
+        return next((monitor.u for monitor in self.monitors if monitor.u is not None), None)
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` at physical points."""
+        metric = self.monitors[0].metric(x, y)
+        for monitor in self.monitors[1:]:
+            metric = intersection(metric, monitor.metric(x, y))
+        return metric
+
+    def on(self, domain: Domain) -> Intersection:
+        """The intersection of the monitors bound to ``domain``.
+
+        Raises the :class:`~equimesh.errors.InputError` of the first one that cannot be; ``field`` begins with
+        ``monitors.<number>``.
+        """
+        bound = tuple(_bound(monitor, domain, number) for number, monitor in enumerate(self.monitors))
+        if all(new is old for new, old in zip(bound, self.monitors, strict=True)):
+            return self
+        return replace(self, monitors=bound)
+
+    def weakened(self, strength: float) -> Intersection:
+        """The intersection of the weakened monitors."""
+        return replace(self, monitors=tuple(monitor.weakened(strength) for monitor in self.monitors))
+
+
+def _bound(monitor: Monitor, domain: Domain, number: int) -> Monitor:
+    try:
+        return monitor.on(domain)
+    except InputError as error:
+        raise InputError(error.message, field=f"monitors.{number}.{error.field}".rstrip(".")) from error

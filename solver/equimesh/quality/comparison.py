@@ -10,7 +10,7 @@ import numpy as np
 
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor

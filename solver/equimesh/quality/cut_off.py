@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.blocks.chords import Chords
-from equimesh.domains.closing import closed_of
-from equimesh.domains.cut_off import cut_off, most_cut_off
-from equimesh.domains.domain import Domain, Rectangle
+from equimesh.blocks.curves import Chords
+from equimesh.domains.domain import Domain, Rectangle, closed_of, cut_off, most_cut_off
 from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array

@@ -13,11 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.closed import OPEN, Closed
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.nested import OPEN, Closed
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_rows import Rows, WindowCells
 from equimesh.meshes.quad_mesh import QuadMesh

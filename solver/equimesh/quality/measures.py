@@ -17,10 +17,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from equimesh.domains.closing import closed_of
-from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
+from equimesh.domains.domain import UNIT_SQUARE, Domain, closed_of, map_mesh
 from equimesh.errors import InputError
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_rows import MeshWindow

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.meshes.mesh_rows import Rows, WindowCells
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.meshes.mesh_rows import MeshWindow, WindowCells
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.threads import run_on_threads

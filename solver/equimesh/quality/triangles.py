@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.meshes.mesh_rows import MeshWindow, WindowCells
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_maps import locate

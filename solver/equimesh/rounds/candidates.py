@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from equimesh.domains.domain import Domain, map_mesh
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend

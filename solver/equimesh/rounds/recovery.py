@@ -13,9 +13,9 @@ import numpy.typing as npt
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.errors import InputError
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Field
+from equimesh.fields.on_domain import recover
 from equimesh.fields.quad_field import QuadField
-from equimesh.fields.recovered import recover
 from equimesh.least_error.cells import cells_of_grid, cells_of_mesh
 from equimesh.least_error.charts import FREE, CurveChart, DomainChart
 from equimesh.least_error.elements import Norm, Rule
@@ -47,7 +47,7 @@ class Recovery:
     def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain) -> Recovery:
         """From ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, a mesh of ``domain``.
 
-        Raises as :func:`~equimesh.fields.recovered.recover`.
+        Raises as :func:`~equimesh.fields.on_domain.recover`.
         """
         found = recover(mesh, values, domain)
         return cls(

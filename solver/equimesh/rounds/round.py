@@ -177,7 +177,7 @@ def adapt_round(
 
     ``values`` have the shape ``mesh.node_shape``: ``(n_xi, n_eta)`` on a grid, ``(n,)`` on blocks. ``mesh`` is one of
     ``domain``, of any kind. u is recovered from the values as in
-    :class:`~equimesh.fields.hermite_field.HermiteField`, on blocks as in
+    :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks as in
     :class:`~equimesh.fields.quad_field.QuadField`. The next mesh has the smallest measured error of its interpolant, in
     ``norm``, among descents from ``mesh`` and meshes of straight lines, on blocks from the initial mesh of the domain.
     A pure function: equal arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 70 to 120

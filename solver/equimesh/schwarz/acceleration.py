@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics import dissection
+from equimesh.numerics import newton
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.line_corrections import CorrectionResult
@@ -111,7 +111,7 @@ class Slope:
             for k in range(worker, len(states), threads):
                 equations = subdomains.equations(k)
                 jacobian = equations.jacobian(equations.vector(states[k]))
-                self._solvers[k] = dissection.factorise(jacobian, equations.shape)
+                self._solvers[k] = newton.factorise(jacobian, equations.shape)
 
         run_on_threads(threads, factorise)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, require_field
+from equimesh.fields.expression import Field, require_field
 from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import describe_value
 from equimesh.meshes.quad_mesh import QuadMesh

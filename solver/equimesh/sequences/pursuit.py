@@ -19,7 +19,7 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, require_field
+from equimesh.fields.expression import Field, require_field
 from equimesh.fields.nodal_field import NodalField
 from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
@@ -27,11 +27,11 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
-from equimesh.monitors.intersection import Intersection
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
+from equimesh.monitors.tensor import Intersection
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
 from equimesh.solving.solution import BlockSolution, Solution
@@ -167,7 +167,7 @@ MAX_HALVINGS = 4
 class Between:
     """``(1 - share) * earlier + share * later``: a function of x and y between two times, by linear interpolation.
 
-    Implements :class:`~equimesh.fields.field.Field`.
+    Implements :class:`~equimesh.fields.expression.Field`.
     """
 
     earlier: Field

@@ -10,8 +10,7 @@ from typing import Any, Generic, Literal, Self, TypeVar, Unpack
 
 import numpy as np
 
-from equimesh.domains.closing import closed_of
-from equimesh.domains.domain import Domain, map_mesh
+from equimesh.domains.domain import Domain, closed_of, map_mesh
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError

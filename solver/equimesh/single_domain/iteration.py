@@ -14,14 +14,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from equimesh.domains.closing import closed_of, is_closed
+from equimesh.domains.domain import closed_of, is_closed
 from equimesh.equations.problem import Problem
-from equimesh.meshes.closed import Closed, closed_mesh, distance_closed, padded, padded_shape, prolong_closed, unpadded
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.interpolation import rows_needed
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_rows import HeldMesh
-from equimesh.meshes.nested import is_refined, nested_grids, prolong, prolong_rows, square_grids
+from equimesh.meshes.nested import (
+    Closed,
+    closed_mesh,
+    distance_closed,
+    is_refined,
+    nested_grids,
+    padded,
+    padded_shape,
+    prolong,
+    prolong_closed,
+    prolong_rows,
+    square_grids,
+    unpadded,
+)
 from equimesh.meshes.parts import Parts, rows_held
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh.numerics.types import Array

@@ -19,9 +19,8 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
-from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor
+from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor, weaken
 from equimesh.monitors.smoothed import Smoothed
-from equimesh.monitors.weakened import weaken
 from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import measure_interpolation

@@ -10,10 +10,9 @@ import numpy as np
 import equimesh_schema
 from equimesh.equations.newton_solve import smallest_residual
 from equimesh.equations.problem import Problem
-from equimesh.fields.chunked_samples import ChunkedSamples
-from equimesh.fields.field import Field
+from equimesh.fields.chunked_samples import ChunkedSamples, steps_of
+from equimesh.fields.expression import Field
 from equimesh.fields.noise import noise_share
-from equimesh.fields.sample_scan import steps_of
 from equimesh.fields.samples import GridSamples
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh_rows import MeshWindow

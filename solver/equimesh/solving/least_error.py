@@ -6,16 +6,15 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from equimesh.domains.closing import closed_of
-from equimesh.domains.domain import map_mesh
+from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve, Reached
 from equimesh.least_error.nest import last_compared, nested_levels
-from equimesh.meshes.closed import closed_mesh
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.nested import closed_mesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.rounds.recovery import KEPT, AnyMesh, Round

@@ -7,12 +7,11 @@ from typing import TypedDict
 
 import numpy as np
 
-from equimesh.domains.closing import is_closed
-from equimesh.domains.domain import map_mesh
+from equimesh.domains.domain import is_closed, map_mesh
 from equimesh.equations.newton_solve import smallest_residual
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.gradient_map.iteration import gradient_map_steps
+from equimesh.gradient_map import gradient_map_steps
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import prolong
 from equimesh.monitors.arc_length import ArcLength

@@ -9,16 +9,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from equimesh.domains.closing import closed_of
+from equimesh.domains.domain import closed_of
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem, understood
 from equimesh.errors import EquimeshError
 from equimesh.least_error.block_schwarz import BlockSchwarz
-from equimesh.meshes.closed import tied_nodes
-from equimesh.meshes.joined import joined
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_data import MeshData
+from equimesh.meshes.mesh_data import MeshData, joined
 from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.nested import tied_nodes
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor, map_of

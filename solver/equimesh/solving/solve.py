@@ -6,8 +6,7 @@ from typing import Unpack, overload
 
 import numpy as np
 
-from equimesh.domains.closing import closed_of, is_closed
-from equimesh.domains.domain import Rectangle, map_mesh
+from equimesh.domains.domain import Rectangle, closed_of, is_closed, map_mesh
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, smallest_tolerance
 from equimesh.equations.problem import Problem

@@ -14,8 +14,7 @@ from equimesh.domains.domain import Box, Domain
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.chunked_samples import ChunkedSamples
-from equimesh.fields.expression import Expression
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Expression, Field
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.sample_arrays import HDF5_SUFFIXES
@@ -23,12 +22,11 @@ from equimesh.io.write import Cells
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
-from equimesh.monitors.intersection import Intersection
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
-from equimesh.monitors.tensor import Tensor, Weight
+from equimesh.monitors.tensor import Intersection, Tensor, Weight
 from equimesh.specs.document import Makers, Reading, text, within
 from equimesh.upload.samples import MAX_BYTES, NEEDS_BLOCKS, BlockNodes, block_nodes, nodal_samples, read_samples
 from equimesh_schema import monitors as monitors_schema

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from equimesh.domains.closing import closed_of, is_closed
+from equimesh.domains.domain import closed_of, is_closed
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
-from equimesh.meshes.closed import padded
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.nested import padded
 from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array

@@ -15,9 +15,8 @@ import numpy as np
 
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.parts import Node, Parts, cuts_of, nodes_across, nodes_inside, strips_of, subtree
-from equimesh.numerics.channel import Channel
+from equimesh.numerics.channel import Channel, joined
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.sweeps import kernels
 from equimesh.sweeps.kernels import Levels, Lines, close_lines

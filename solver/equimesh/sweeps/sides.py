@@ -12,7 +12,7 @@ import numpy as np
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric, Tensor
 from equimesh.meshes.parts import Parts
-from equimesh.numerics.communicator import gather
+from equimesh.numerics.channel import gather
 from equimesh.numerics.types import Array, Pair
 from equimesh.sweeps.kernels import Lines, SidePair, closed_side_moves, side_moves
 

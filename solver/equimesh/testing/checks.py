@@ -12,8 +12,7 @@ from equimesh.domains.domain import UNIT, UNIT_SQUARE, Box, Domain
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.fields.expression import Expression
-from equimesh.fields.field import Field
+from equimesh.fields.expression import Expression, Field
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
@@ -28,7 +27,7 @@ from equimesh.single_domain.steps import Mode
 from equimesh.solving.solve import solve
 from equimesh.testing.functions import STEP, check_derivative, check_function, place, require, require_finite, wrong_by
 
-# The conformance kit of :class:`~equimesh.fields.field.Field`.
+# The conformance kit of :class:`~equimesh.fields.expression.Field`.
 
 DERIVATIVES = ("u", "u_x", "u_y", "u_xx", "u_xy", "u_yy")
 COUNTS = (1, 3, 6)  # the number of them for each order
@@ -36,7 +35,7 @@ POINTS = 200
 
 
 def check_field(field: Field, box: Box = (UNIT, UNIT)) -> None:
-    """Raise :class:`AssertionError` where ``field`` breaks a promise of :class:`~equimesh.fields.field.Field` in a box.
+    """Raise :class:`AssertionError` if ``field`` breaks a promise of :class:`~equimesh.Field` in a box.
 
     The data of the field must be finite in ``box``, which is ``((x0, x1), (y0, y1))``. Checked at random points, which
     are the same in every call: shapes for all three orders, values point by point, arguments that are left alone, and

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from equimesh.errors import SamplesError
 from equimesh.inputs import real_array
+from equimesh.meshes.cell_edges import QuadLinks, links_of
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_links import QuadLinks, links_of
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 

@@ -8,8 +8,8 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from equimesh.fields.mesh_map import walk
+from equimesh.meshes.cell_edges import QuadLinks
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_links import QuadLinks
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.quad_search import Boxes, find_cell
 from equimesh.meshes.unrolled import Unrolled

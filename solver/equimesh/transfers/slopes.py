@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.meshes.quad_links import QuadLinks
+from equimesh.meshes.cell_edges import QuadLinks
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.transfers.integrals import Cells, QuadCells

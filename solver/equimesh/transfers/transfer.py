@@ -23,9 +23,9 @@ from equimesh.fields.mesh_map import MeshMap, through
 from equimesh.fields.nodal_field import in_cells
 from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import describe_value
-from equimesh.meshes.closed import Closed, tied_nodes
-from equimesh.meshes.joined import joined
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_data import joined
+from equimesh.meshes.nested import Closed, tied_nodes
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.types import Array

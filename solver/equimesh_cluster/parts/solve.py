@@ -9,8 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from equimesh.domains.closing import is_closed
-from equimesh.domains.domain import Domain, Rectangle, map_mesh
+from equimesh.domains.domain import Domain, Rectangle, is_closed, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice

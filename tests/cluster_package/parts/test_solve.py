@@ -13,7 +13,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from cluster_package.parts.whole import COARSE_POINTS, in_parts, low_strips, require_equal
-from equimesh.fields import tiles
+from equimesh.fields import chunked_samples
 from equimesh.meshes.parts import cuts_of, nodes_across, strips_of
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh_cluster.parts.solve import OtherGridsNeededError, coarse_solution, solve_in_threads, solve_part
@@ -83,7 +83,7 @@ def fields(folder: Path) -> Iterator[em.Field]:
 def test_bits_do_not_depend_on_where_u_comes_from_or_how_rows_are_shared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tiles, "TILE", 20)
+    monkeypatch.setattr(chunked_samples, "TILE", 20)
     boundaries = [em.Boundary.TRACE, em.Boundary.EQUIDISTRIBUTED_1D, em.Boundary.TRACE]
     for u, boundary in zip(fields(tmp_path), boundaries, strict=True):
         case = on(CURVED, boundary, em.ArcLength(u=u), 257, 129)

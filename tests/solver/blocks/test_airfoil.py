@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.blocks.airfoil import Airfoil
+from equimesh.blocks.curve_entries import Airfoil
 
 
 def test_a_symmetric_profile_has_its_thickness_and_closed_edges() -> None:

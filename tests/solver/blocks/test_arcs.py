@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.blocks.airfoil import Airfoil
-from equimesh.blocks.arcs import parameters_at, span
-from equimesh.blocks.curves import Circle, Line
+from equimesh.blocks.curve_entries import Airfoil
+from equimesh.blocks.curves import Circle, Line, parameters_at, span
 
 NAMES = {"name": "a-b", "field": "domain.edges[0].on"}
 

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 import equimesh as em
-from equimesh.blocks.airfoil import Airfoil
 from equimesh.blocks.blocks import Blocks
 from equimesh.blocks.checks import check_not_crossing
+from equimesh.blocks.curve_entries import Airfoil
 from equimesh.blocks.curves import Circle
 from equimesh.blocks.spline_curve import SplineCurve
 from solver.blocks import documents

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from equimesh.blocks.chords import Chords
-from equimesh.blocks.curves import Circle, Line
+from equimesh.blocks.curves import Chords, Circle, Line
 
 COUNT = 24
 ANGLES = np.linspace(-math.pi, math.pi, COUNT, endpoint=False)

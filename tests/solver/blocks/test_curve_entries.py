@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.blocks.airfoil import Airfoil
-from equimesh.blocks.curve_entries import curve_of, read_points, with_points
+from equimesh.blocks.curve_entries import Airfoil, curve_of, read_points, with_points
 from equimesh.blocks.curves import Circle, FormulaCurve
 from equimesh.blocks.spline_curve import SplineCurve
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.blocks.airfoil import Airfoil
+from equimesh.blocks.curve_entries import Airfoil
 from equimesh.blocks.curves import BoundaryCurve, Circle, FormulaCurve, Line, wrapped
 from equimesh.blocks.spline_curve import SplineCurve
 

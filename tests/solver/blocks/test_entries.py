@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 import equimesh as em
-from equimesh.blocks.entries import entries, mapping, members, name_among, number, point, whole
+from equimesh.blocks.curve_entries import entries, mapping, members, name_among, number, point, whole
 
 
 def test_good_entries_come_back() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import equimesh as em
 from equimesh.blocks.blocks import Blocks
-from equimesh.blocks.overlaps import _pairs_of_cells, find_overlap
+from equimesh.blocks.checks import _pairs_of_cells, find_overlap
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.testing import geometries
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.blocks.transfinite import transfinite
+from equimesh.blocks.initial import transfinite
 
 
 def test_a_skew_block_with_graded_sides_is_met_exactly() -> None:

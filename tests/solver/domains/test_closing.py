@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domains.closing import close_seam, closed_of, is_closed, periods_of
-from equimesh.domains.domain import map_mesh
+from equimesh.domains.domain import close_seam, closed_of, is_closed, map_mesh, periods_of
 
 
 @pytest.mark.parametrize(("periodic", "closed"), [(None, (0, 0)), ("x", (1, 0)), ("y", (0, 1)), ("both", (1, 1))])

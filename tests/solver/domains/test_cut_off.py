@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domains.cut_off import PLACES, area_between, cut_off, most_cut_off
+from equimesh.domains.domain import PLACES, area_between, cut_off, most_cut_off
 
 
 def test_the_area_of_segments_of_circles() -> None:

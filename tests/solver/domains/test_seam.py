@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domains.closing import closed_of
+from equimesh.domains.domain import closed_of
 from solver.domains.shapes import line, refusal
 
 TURN = np.linspace(0.0, -2.0 * np.pi, 33)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, make_interp_spline
 
-from equimesh.fields.axis import ORDER, Axis, at_piece, buckets_per_length, piece
+from equimesh.fields.bicubic import ORDER, Axis, at_piece, buckets_per_length, piece
 
 
 def knots_of(points: np.ndarray) -> np.ndarray:

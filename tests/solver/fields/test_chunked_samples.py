@@ -17,7 +17,7 @@ import zarr
 import equimesh as em
 from equimesh import specs
 from equimesh.errors import SamplesError
-from equimesh.fields import chunked_samples, tiles
+from equimesh.fields import chunked_samples
 from equimesh.fields.noise import noise_share
 from equimesh.testing import check_field
 
@@ -44,7 +44,7 @@ def write(path: Path, x: np.ndarray = X, y: np.ndarray = Y, values: np.ndarray =
 @pytest.fixture(autouse=True)
 def small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Several tiles of few samples."""
-    monkeypatch.setattr(tiles, "TILE", 40)
+    monkeypatch.setattr(chunked_samples, "TILE", 40)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -110,8 +110,8 @@ def test_another_process_reads_the_file_by_itself(tmp_path: Path) -> None:
     sent = pickle.dumps(chunked)
     code = (
         "import pickle, sys, numpy as np\n"
-        "from equimesh.fields import tiles\n"
-        "tiles.TILE = 40\n"
+        "from equimesh.fields import chunked_samples\n"
+        "chunked_samples.TILE = 40\n"
         "u = pickle.loads(sys.stdin.buffer.read())\n"
         "found = u.evaluate(np.array([0.3, 0.9]), np.array([0.4, 0.1]), 1)\n"
         "sys.stdout.buffer.write(np.array(found).tobytes())"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.fields.field import require_field
+from equimesh.fields.expression import require_field
 
 AXIS = np.linspace(0, 1, 5)
 

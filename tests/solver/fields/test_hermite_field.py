@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.errors import InputError, SamplesError
-from equimesh.fields.hermite_field import HermiteField
+from equimesh.fields.nodal_field import HermiteField
 from equimesh.testing import check_field
 from solver.fields.bent_meshes import ANYWHERE, largest, smooth_mesh
 

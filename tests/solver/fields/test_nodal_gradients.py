@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
-from equimesh.fields.nodal_gradients import nodal_gradients
+from equimesh.fields.nodal_field import nodal_gradients
 from solver.fields.bent_meshes import largest, smooth_mesh
 
 WAVY = em.Expression("sin(3*x + y)*exp(y/2)")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.fields.hermite_field import HermiteField
+from equimesh.fields.nodal_field import HermiteField
 from equimesh.fields.quad_field import QuadField
 from equimesh.meshes.quad_mesh import QuadMesh
 from solver.fields.bent_meshes import smooth_mesh

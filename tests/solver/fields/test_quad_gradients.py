@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.fields.quad_gradients import MAX_TURNS, along_lines, from_neighbours, mean_of_cells, quad_gradients
-from equimesh.meshes.quad_links import QuadLinks, links_of
+from equimesh.fields.quad_field import MAX_TURNS, along_lines, from_neighbours, mean_of_cells, quad_gradients
+from equimesh.meshes.cell_edges import QuadLinks, links_of
 from equimesh.meshes.quad_mesh import QuadMesh
 from solver.meshes.quad_cases import bent, corner, disc, merged, ring
 

@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
-from equimesh.fields.recovered import recover, reference_on
+from equimesh.fields.on_domain import recover, reference_on
 from solver.fields.bent_meshes import smooth_mesh
 
 SECTOR = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0))

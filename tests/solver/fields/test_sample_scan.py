@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from equimesh.errors import SamplesError
-from equimesh.fields import sample_scan
-from equimesh.fields.sample_scan import scan, steps_of
+from equimesh.fields import chunked_samples
+from equimesh.fields.chunked_samples import scan, steps_of
 from equimesh.io.sample_arrays import SampleArray
 
 X, Y = np.linspace(0, 1, 31), np.linspace(0, 1, 23)
@@ -24,7 +24,7 @@ def stored(values: np.ndarray, chunk: tuple[int, int]) -> SampleArray:
 @pytest.mark.parametrize("chunk", [(31, 23), (1, 23), (4, 5), (100, 100), (7, 1)], ids=str)
 @pytest.mark.parametrize("most", [1, 60, 1 << 22])
 def test_blocks_do_not_matter(monkeypatch: pytest.MonkeyPatch, chunk: tuple[int, int], most: int) -> None:
-    monkeypatch.setattr(sample_scan, "MAX_BLOCK_NUMBERS", most)
+    monkeypatch.setattr(chunked_samples, "MAX_BLOCK_NUMBERS", most)
     found = scan(stored(VALUES, chunk), X, Y)
     size, steps = steps_of(VALUES)
     assert (found.low, found.high, found.size) == (VALUES.min(), VALUES.max(), size)
@@ -36,7 +36,7 @@ def test_blocks_do_not_matter(monkeypatch: pytest.MonkeyPatch, chunk: tuple[int,
 
 
 def test_every_chunk_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sample_scan, "MAX_BLOCK_NUMBERS", 100)
+    monkeypatch.setattr(chunked_samples, "MAX_BLOCK_NUMBERS", 100)
 
     class Counting:
         reads = np.zeros(VALUES.shape, dtype=int)
@@ -53,7 +53,7 @@ def test_every_chunk_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e101])
 def test_the_first_bad_sample_is_named(monkeypatch: pytest.MonkeyPatch, bad: float) -> None:
-    monkeypatch.setattr(sample_scan, "MAX_BLOCK_NUMBERS", 20)
+    monkeypatch.setattr(chunked_samples, "MAX_BLOCK_NUMBERS", 20)
     values = VALUES.copy()
     values[17, 11] = bad
     with pytest.raises(SamplesError, match=r"values\[17\]\[11\] (is NaN|is infinite|= 1e\+101)"):
@@ -61,7 +61,7 @@ def test_the_first_bad_sample_is_named(monkeypatch: pytest.MonkeyPatch, bad: flo
 
 
 def test_slopes_that_are_too_large_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sample_scan, "MAX_BLOCK_NUMBERS", 1)  # the two samples are in two blocks
+    monkeypatch.setattr(chunked_samples, "MAX_BLOCK_NUMBERS", 1)  # the two samples are in two blocks
     values = np.zeros((4, 3))
     values[2:] = 1e99
     y = np.array([0.0, 0.5, 1.0])

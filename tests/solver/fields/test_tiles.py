@@ -10,8 +10,8 @@ import pytest
 
 import equimesh as em
 from equimesh.errors import SamplesError
-from equimesh.fields import tiles
-from equimesh.fields.tiles import Tiles, tile_count, tile_of, window
+from equimesh.fields import chunked_samples
+from equimesh.fields.chunked_samples import Tiles, tile_count, tile_of, window
 
 RANDOM = np.random.default_rng(7)
 X, Y = np.linspace(0, 1, 151) ** 1.3, np.linspace(0, 1, 110)
@@ -24,7 +24,7 @@ CLOSE = 3e-14
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Tiles of 40 samples: 4 by 3 of them. The windows that are read."""
-    monkeypatch.setattr(tiles, "TILE", 40)
+    monkeypatch.setattr(chunked_samples, "TILE", 40)
     return []
 
 
@@ -46,7 +46,7 @@ def test_values_and_derivatives_are_those_of_the_whole_spline(small: list[Any], 
 
 
 def test_without_a_margin_they_are_not(small: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tiles, "MARGIN", 12)
+    monkeypatch.setattr(chunked_samples, "MARGIN", 12)
     (whole,) = em.GridSamples(x=X, y=Y, values=VALUES).evaluate(*POINTS)
     (found,) = tiled(small).evaluate(*POINTS)
     assert np.abs(found - whole).max() > 100 * CLOSE

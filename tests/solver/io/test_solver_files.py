@@ -22,9 +22,9 @@ from equimesh.io.solver_files import (
     words,
 )
 from equimesh.io.write import Cells, write_mesh
+from equimesh.meshes.cell_edges import joins_of
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.interfaces import contacts
-from equimesh.meshes.joins import joins_of
 from equimesh.meshes.mesh import SIDES, Mesh
 from solver.io.files import DATA, KINDS, areas, check_edges, written
 from solver.quality.handmade import wavy

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from equimesh.meshes.quad_links import links_of
+from equimesh.meshes.cell_edges import links_of
 from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
 
 CORE = 0.35  # half the side of the square in the disc

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.closed import (
+from equimesh.meshes.nested import (
     Closed,
     closed_mesh,
     distance_closed,

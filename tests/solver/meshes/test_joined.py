@@ -6,8 +6,8 @@ import numpy as np
 
 import equimesh as em
 from equimesh.domains.domain import map_mesh
-from equimesh.meshes.closed import tied_nodes
-from equimesh.meshes.joined import joined
+from equimesh.meshes.mesh_data import joined
+from equimesh.meshes.nested import tied_nodes
 
 UNIFORM = em.Mesh.uniform(em.Grid(n_xi=4, n_eta=9))
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from equimesh.errors import InputError
+from equimesh.meshes.cell_edges import joins_of
 from equimesh.meshes.grid import Grid
-from equimesh.meshes.joins import joins_of
 from equimesh.meshes.mesh import Mesh
 
 SQUARE = Mesh.uniform(Grid(n_xi=5, n_eta=4))

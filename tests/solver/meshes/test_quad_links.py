@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.meshes.quad_links import MAX_SPOKES, corner_at, links_of, spokes_of
+from equimesh.meshes.cell_edges import MAX_SPOKES, corner_at, links_of, spokes_of
 from equimesh.meshes.quad_mesh import QuadMesh
 from solver.meshes.quad_cases import corner, disc, ring
 

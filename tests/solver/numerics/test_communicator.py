@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from equimesh.numerics.communicator import Communicator
+from equimesh.numerics.channel import Communicator
 
 
 @pytest.mark.parametrize("size", [1, 2, 5])

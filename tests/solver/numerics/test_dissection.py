@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from equimesh.numerics import dissection
+from equimesh.numerics import newton
 
 
 def test_nested_dissection_orders_every_unknown_once() -> None:
-    order = dissection.elimination_order((13, 37))
+    order = newton.elimination_order((13, 37))
     assert sorted(order) == list(range(2 * 13 * 37))
     assert (order[1::2] - order[::2] == 13 * 37).all()

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.numerics.channel import ALONE, Channel, Counted, ThreadChannels
-from equimesh.numerics.gather import TAG, gathered, joined, summed
+from equimesh.numerics.channel import ALONE, TAG, Channel, Counted, ThreadChannels, gathered, joined, summed
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8])

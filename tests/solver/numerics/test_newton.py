@@ -10,7 +10,7 @@ from scipy.sparse import csc_array
 
 from cases import problem
 from equimesh.meshes.nested import prolong
-from equimesh.numerics import dissection, newton
+from equimesh.numerics import newton
 from equimesh.numerics.types import Array
 from equimesh.single_domain.iteration import single_domain_steps
 
@@ -72,7 +72,7 @@ def test_a_factorisation_is_kept_while_it_serves() -> None:
 
     def factorise(matrix: csc_array) -> newton.Solver:
         made.append(matrix.nnz)
-        return dissection.factorise(matrix, (33, 33))
+        return newton.factorise(matrix, (33, 33))
 
     equations = case.equations()
     coarse = list(single_domain_steps(problem("tanh20", 17)))[-1].mesh

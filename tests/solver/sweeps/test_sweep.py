@@ -10,7 +10,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import Cells
-from equimesh.meshes.closed import Closed, padded
+from equimesh.meshes.nested import Closed, padded
 from equimesh.meshes.parts import Parts
 from equimesh.single_domain import iteration
 from equimesh.sweeps.deviation import deviation

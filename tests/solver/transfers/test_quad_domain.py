@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.quad_links import links_of
+from equimesh.meshes.cell_edges import links_of
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.transfers.one_domain import boundary_of, in_loops, require_one_domain, require_valid_quads
 from solver.meshes.quad_cases import bent, corner, disc, ring, strip, turned

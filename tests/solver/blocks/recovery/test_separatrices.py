@@ -7,8 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from equimesh.blocks.recovery.half_edges import HalfEdges
-from equimesh.blocks.recovery.separatrices import blocks_of
+from equimesh.blocks.recovery.half_edges import HalfEdges, blocks_of
 from equimesh.meshes.quad_mesh import quads_of_block
 from equimesh.numerics.types import IntArray
 from solver.blocks.recovery.meshes import Arrays, disc, grid, ring, without

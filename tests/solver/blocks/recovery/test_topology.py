@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from equimesh.blocks.layout import line_of
-from equimesh.blocks.recovery.half_edges import HalfEdges
-from equimesh.blocks.recovery.separatrices import blocks_of
-from equimesh.blocks.recovery.topology import layout_of
+from equimesh.blocks.recovery.half_edges import HalfEdges, blocks_of
+from equimesh.blocks.recovery.recovered import layout_of
 from solver.blocks.recovery.meshes import Arrays, disc, grid, ring, without
 
 MESHES = {

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh import gradient_map
 from equimesh.domains.domain import map_mesh
-from equimesh.gradient_map import iteration, level
-from equimesh.gradient_map.iteration import gradient_map_steps
-from equimesh.gradient_map.level import MAX_DEVIATION
+from equimesh.gradient_map import MAX_DEVIATION, gradient_map_steps
 from equimesh.schwarz.iteration import schwarz_iterations
 from equimesh.single_domain.steps import Step
 from equimesh.specs import build
@@ -77,14 +76,14 @@ def test_shares_of_the_weight_are_equal_on_a_bent_domain() -> None:
 
 
 def test_a_weight_that_is_not_reached_is_relaxed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(level, "MAX_MOVES", 2)
+    monkeypatch.setattr(gradient_map, "MAX_MOVES", 2)
     solution = em.solve(problem(HARD["ring"]))
     assert solution.status is em.Status.RELAXED
     (relaxed,) = solution.relaxed
     assert relaxed.what == "strength"
     assert 0.0 < relaxed.reached < 1.0
     assert not solution.mesh.is_folded
-    monkeypatch.setattr(iteration, "MIN_STRENGTH", 0.9)
+    monkeypatch.setattr(gradient_map, "MIN_STRENGTH", 0.9)
     failed = em.solve(problem(HARD["ring"]), check=False)
     assert failed.status is em.Status.NEWTON_FAILED
     assert not failed.mesh.is_folded

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.gradient_map.density import Density
-from equimesh.gradient_map.level import MAX_DEVIATION, MAX_MOVES, MIN_JACOBIAN, MapLevel, Placed
+from equimesh.gradient_map import MAX_DEVIATION, MAX_MOVES, MIN_JACOBIAN, Density, MapLevel, Placed
 
 
 def level(rho: str, n_xi: int = 17, n_eta: int = 17, domain: em.Domain | None = None) -> MapLevel:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.gradient_map.density import MAX_TABLE_CELLS, MIN_DENSITY_SHARE, MIN_TABLE_CELLS, Density
+from equimesh.gradient_map import MAX_TABLE_CELLS, MIN_DENSITY_SHARE, MIN_TABLE_CELLS, Density
 
 GRID = em.Grid(n_xi=17, n_eta=33)
 

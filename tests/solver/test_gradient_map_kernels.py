@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.gradient_map import kernels
+from equimesh import gradient_map
 
 
 def nodes(phi: np.ndarray, along: float = 1.0, across: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     x, y = np.empty((phi.shape[0] + 1, phi.shape[1] + 1)), np.empty((phi.shape[0] + 1, phi.shape[1] + 1))
-    kernels.move_nodes(phi, along, across, x, y)
+    gradient_map.move_nodes(phi, along, across, x, y)
     return x, y
 
 
@@ -47,13 +47,13 @@ def test_a_chess_board_moves_no_node() -> None:
 def test_areas_fill_the_square_and_folds_have_a_negative_jacobian() -> None:
     x, y = nodes(potential(12, 9))
     area = np.empty((12, 9))
-    smallest = kernels.measure_cells(x, y, area)
+    smallest = gradient_map.measure_cells(x, y, area)
     assert area.mean() == pytest.approx(1.0, rel=1e-13)
     assert 0.0 < smallest < area.min()
     x[6, 4] = x[8, 4]
-    assert kernels.measure_cells(x, y, area) < 0.0
+    assert gradient_map.measure_cells(x, y, area) < 0.0
     x[6, 4] = np.nan
-    assert np.isnan(kernels.measure_cells(x, y, area))
+    assert np.isnan(gradient_map.measure_cells(x, y, area))
 
 
 def test_the_smallest_jacobian_is_that_of_any_corner() -> None:
@@ -61,14 +61,14 @@ def test_the_smallest_jacobian_is_that_of_any_corner() -> None:
     for seed in range(20):
         x, y = (q + 0.1 * np.random.default_rng((seed, k)).normal(size=(4, 4)) for k, q in enumerate((s, t)))
         expected = em.Mesh(x, y).min_jacobian
-        assert kernels.measure_cells(x, y, np.empty((3, 3))) == pytest.approx(expected, rel=1e-12), seed
+        assert gradient_map.measure_cells(x, y, np.empty((3, 3))) == pytest.approx(expected, rel=1e-12), seed
 
 
 def test_densities_are_read_at_the_centres_of_cells() -> None:
     table = np.add.outer(2.0 * np.linspace(0, 1, 9), 3.0 * np.linspace(0, 1, 5))
     x, y = nodes(potential(6, 7))
     out = np.empty((6, 7))
-    kernels.look_up(table, x, y, out)
+    gradient_map.look_up(table, x, y, out)
     middle = [0.25 * (q[1:, 1:] + q[:-1, 1:] + q[1:, :-1] + q[:-1, :-1]) for q in (x, y)]
     assert np.allclose(out, 2.0 * middle[0] + 3.0 * middle[1], rtol=1e-13)
 
@@ -84,11 +84,11 @@ def test_an_average_keeps_the_integral_and_is_local(mirrored: bool) -> None:
     spike = np.zeros((8, 6))
     spike[4, 3] = 1.0
     for field in (values, spike):
-        kernels.average(field, np.empty((8, 6)), mirrored)
+        gradient_map.average(field, np.empty((8, 6)), mirrored)
     assert float((weights * values).sum()) == pytest.approx(before, rel=1e-13)
     assert spike[3:6, 2:5].tolist() == [[1 / 16, 1 / 8, 1 / 16], [1 / 8, 1 / 4, 1 / 8], [1 / 16, 1 / 8, 1 / 16]]
 
 
 def test_the_inner_product() -> None:
     one, other = np.random.default_rng(2).random((2, 5, 4))
-    assert kernels.product(one, other) == pytest.approx(float((one * other).sum()), rel=1e-14)
+    assert gradient_map.product(one, other) == pytest.approx(float((one * other).sum()), rel=1e-14)

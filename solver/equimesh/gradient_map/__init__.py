@@ -1,1 +1,0 @@
-"""Gradient maps: meshes whose cells have equal shares of a density, by the equation of Monge and Ampere."""
