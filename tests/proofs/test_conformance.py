@@ -88,7 +88,7 @@ def client(connect: Any, url: str) -> Any:
 
 def heavy(**more: Any) -> dict[str, Any]:
     """A spec that keeps a worker busy for a while."""
-    schwarz = Schwarz(subdomains=(4, 4), overlap=2, tolerance=None, max_iterations=1000).json()
+    schwarz = Schwarz(subdomains=(4, 4), overlap=2, tolerance=None, max_iterations=1000).to_json()
     monitor = {"kind": "arc_length", "u": {"expression": "tanh(20*((x-0.5)**2+(y-0.5)**2-0.09))"}}
     return {"monitor": monitor, "grid": {"n_xi": 200, "n_eta": 200}, "schwarz": schwarz, **more}
 
