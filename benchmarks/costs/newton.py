@@ -15,7 +15,7 @@ from costs.solves import front
 from equimesh.meshes.nested import distance, nested_grids, prolong
 from equimesh.meshes.parts import Parts
 from equimesh.numerics import newton
-from equimesh.single_domain.steps import TIGHT_DEVIATION
+from equimesh.single_domain.level import TIGHT_DEVIATION
 from equimesh.sweeps.sweep import Sweep, memory_needed
 
 Array: TypeAlias = npt.NDArray[np.float64]

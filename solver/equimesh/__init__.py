@@ -19,8 +19,7 @@ from equimesh.domains.curve import Curve
 from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
 from equimesh.equations.block_problem import BlockProblem
-from equimesh.equations.boundary import Boundary
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Boundary, Problem
 from equimesh.errors import DecompositionError, EquimeshError, ExpressionError, InputError, Position, SamplesError
 from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.expression import Expression, Field
@@ -30,16 +29,13 @@ from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.descent import Descent
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
-from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor
-from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Intersection, Tensor, Weight
 from equimesh.quality.measures import Quality, measure
@@ -60,12 +56,11 @@ from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
 from equimesh.sequences.block_sequence import BlockSequence
 from equimesh.sequences.pursuit import Earlier
 from equimesh.sequences.sequence import BlockStep, Sequence, SequenceStep
-from equimesh.single_domain.steps import Mode, Step
+from equimesh.single_domain.level import Mode, Step
 from equimesh.solving.certificate import Certificate
-from equimesh.solving.progress import Event
 from equimesh.solving.solution import BlockSolution, Solution, SolveError
 from equimesh.solving.solve import solve
-from equimesh.solving.status import Initial, Status
+from equimesh.solving.status import Event, Initial, Status
 from equimesh.solving.target import Target, solve_to
 from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues

@@ -14,13 +14,12 @@ from scipy.fft import dctn, idctn
 
 from equimesh.domains.domain import Domain
 from equimesh.equations.problem import Problem
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.compiled import compiled, vectorised
 from equimesh.numerics.types import Array
 from equimesh.single_domain.continuation import Relaxation
-from equimesh.single_domain.steps import Step
+from equimesh.single_domain.level import Step
 
 # The compiled loops of the gradient map.
 #

@@ -19,11 +19,11 @@ from distributed import Client, Future
 
 from equimesh.equations.problem import Problem
 from equimesh.fields.expression import Field
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.level import Mode
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.status import Status
 from equimesh_cluster.connection import close_after

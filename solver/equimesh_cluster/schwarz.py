@@ -20,10 +20,9 @@ from equimesh.monitors.monitor import require_lines
 from equimesh.numerics.channel import Traffic
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.schwarz.settings import Schwarz
-from equimesh.single_domain.steps import Mode
-from equimesh.solving.progress import Iterating
+from equimesh.single_domain.level import Mode
 from equimesh.solving.schwarz import schwarz_reference, schwarz_start
-from equimesh.solving.status import Initial, SolveOptions
+from equimesh.solving.status import Initial, Iterating, SolveOptions
 from equimesh_cluster.connection import sent
 from equimesh_cluster.handle import Handle
 from equimesh_cluster.parts.kept import Kept

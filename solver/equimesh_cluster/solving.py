@@ -15,14 +15,14 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.descent import Descent
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh.meshes.nested import nested_grids
-from equimesh.numerics.threads import thread_count
+from equimesh.numerics.channel import thread_count
 from equimesh.schwarz.settings import Schwarz
-from equimesh.single_domain.steps import Mode, Step
+from equimesh.single_domain.level import Mode, Step
 from equimesh.solving.blocks import count_subdomains
-from equimesh.solving.progress import Event, approach, level_share
 from equimesh.solving.solution import BlockSolution, SolveError
+from equimesh.solving.status import Event, approach, level_share
 from equimesh_cluster.connection import check_client, connect, sent
 from equimesh_cluster.handle import Handle, PartsError
 from equimesh_cluster.parts.part_solution import PartSolution, PartStep

@@ -17,7 +17,7 @@ from distributed import Client
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.chunked_samples import ChunkedSamples
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh.meshes.parts import rows_held
 from equimesh_cluster.channel import install
 from equimesh_cluster.connection import no_scheduler

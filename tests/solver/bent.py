@@ -9,7 +9,7 @@ import numpy as np
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.ways import coordinates_of
 from equimesh.numerics.types import Array

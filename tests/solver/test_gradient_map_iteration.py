@@ -10,7 +10,7 @@ from equimesh import gradient_map
 from equimesh.domains.domain import map_mesh
 from equimesh.gradient_map import MAX_DEVIATION, gradient_map_steps
 from equimesh.schwarz.iteration import schwarz_iterations
-from equimesh.single_domain.steps import Step
+from equimesh.single_domain.level import Step
 from equimesh.specs import build
 
 HARD = {

@@ -16,8 +16,7 @@ from starlette.responses import Response
 
 from equimesh_schema.mesh import WITHOUT_NUL, MeshSpec
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.formats import known_format
-from equimesh_service.admission.intake import AcceptedMesh, MeshRequest
+from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, known_format
 from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_mesh
 from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
 from equimesh_service.api.results import MEDIA_TYPES, MESH_CONTENT, check_done, mesh_bytes, mesh_file

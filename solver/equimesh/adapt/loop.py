@@ -17,14 +17,13 @@ from equimesh.errors import InputError
 from equimesh.fields.nodal_field import HermiteField
 from equimesh.fields.on_domain import OnDomain, reference_on
 from equimesh.fields.quad_field import QuadField
-from equimesh.least_error.elements import Norm
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.least_error.kernels import Norm
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.tensor import Weight
-from equimesh.numerics.threads import thread_count
+from equimesh.numerics.channel import thread_count
 from equimesh.numerics.types import Array
 from equimesh.rounds.recovery import KEPT, moved_cells, moved_lengths
 from equimesh.rounds.round import BlockKnowledge, Knowledge

@@ -19,8 +19,7 @@ from equimesh.blocks.layout import BOTTOM, LEFT, RIGHT, TOP
 from equimesh.domains.curve import Curve
 from equimesh.domains.quadrilateral import Quadrilateral
 from equimesh.errors import InputError
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from equimesh.blocks.blocks import Blocks
 from equimesh.errors import InputError
 from equimesh.inputs import describe_value
-from equimesh.monitors.auto import Auto
-from equimesh.monitors.least_error import LeastError
-from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 
 NO_LINES = (
     "a metric is equidistributed along grid lines from side to side, and lines that run through several blocks meet"
@@ -36,10 +34,11 @@ NO_ANGLES_OF_A_ROUND = (
 class BlockProblem:
     """The mesh of a ``domain`` in blocks on which the error of interpolating u is least.
 
-    ``monitor`` is a :class:`~equimesh.monitors.least_error.LeastError`, an :class:`~equimesh.monitors.auto.Auto`,
-    which chooses its weights, or a :class:`~equimesh.monitors.nodal_solution.NodalSolution` with values on a mesh of
-    the domain. It is bound to the domain. The mesh has the nodes, cells and sides of the initial mesh of
-    the domain, with other positions of the nodes.
+    ``monitor`` is a :class:`~equimesh.monitors.least_error.LeastError`, an
+    :class:`~equimesh.monitors.least_error.Auto`, which chooses its weights, or a
+    :class:`~equimesh.monitors.least_error.NodalSolution` with values on a mesh of the
+    domain. It is bound to the domain. The mesh has the nodes, cells and sides of the initial mesh of the domain, with
+    other positions of the nodes.
 
     Raises :class:`~equimesh.errors.InputError` for other monitors and domains, and where u is not finite.
     """

@@ -2,23 +2,211 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
+from enum import StrEnum
 from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.curve import FormulaPath
 from equimesh.domains.domain import UNIT_SQUARE, Domain, is_closed
-from equimesh.equations.boundary import Boundary, sides
-from equimesh.equations.mesh_equations import MeshEquations
-from equimesh.equations.metric import ReferenceMetric
+from equimesh.equations.mesh_equations import MeshEquations, NodalState, Rows, Triplets
+from equimesh.equations.metric import SLOPE_STEP, ReferenceMetric, Tensor, Vector, quadratic
 from equimesh.errors import InputError
 from equimesh.fields.expression import Expression
 from equimesh.fields.periodic import repeated
 from equimesh.inputs import choice
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
+from equimesh.monitors.least_error import NodalSolution
 from equimesh.monitors.monitor import Monitor
-from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.numerics.types import Array, IntArray
+
+# The physical boundary of the unit square: the conditions that place its nodes along each side.
+
+S = TypeVar("S", bound=np.generic)
+
+
+class Boundary(StrEnum):
+    """The condition that places the nodes along the four sides.
+
+    ``TRACE``: equal metric length with the full gradient of u, the trace of the interior equations (the default).
+    ``EQUIDISTRIBUTED_1D``: equal metric length with the slope of u along the side alone, the paper's choice, equation
+    (7); on fine grids it leads to folds where u is steep. ``ORTHOGONAL``: coordinate lines meet the sides of the
+    reference square at right angles, equation (6); a domain's map may change these angles.
+    """
+
+    TRACE = "trace"
+    EQUIDISTRIBUTED_1D = "equidistributed_1d"
+    ORTHOGONAL = "orthogonal"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Side:
+    """A side of the unit square as the condition that closes a window there.
+
+    ``axis`` is the coordinate that is fixed on the side (0: left and right, 1: bottom and top), ``end`` its fixed
+    value, 0 or 1. The tangential equations hold at the nodes between the window's corners.
+    """
+
+    axis: int
+    end: int
+    kind: Boundary
+
+    def rows(self, window: NodalState) -> Rows:
+        """The fixed coordinate on all nodes of the side, and the tangential equations (paper, (5) to (7))."""
+        fixed, tangential = (self.line(window.numbers[axis]) for axis in (self.axis, 1 - self.axis))
+        values, triplets = self._tangential(window, tangential)
+        position = self.line((window.x, window.y)[self.axis])
+        return Rows(
+            np.concatenate([fixed, tangential[1:-1]]),
+            np.concatenate([position - self.end, values]),
+            lambda: [(fixed, fixed, np.ones(fixed.size)), *triplets()],
+        )
+
+    def points(self, t: Array) -> Vector:
+        """The reference points at positions ``t`` along the side."""
+        fixed = np.full(t.shape, float(self.end))
+        return (fixed, t) if self.axis == 0 else (t, fixed)
+
+    def line(self, values: npt.NDArray[S], depth: int = 0) -> npt.NDArray[S]:
+        """Nodal values on the side's own line, or ``depth`` lines into the domain."""
+        index = -1 - depth if self.end else depth
+        return values[index] if self.axis == 0 else values[:, index]
+
+    def _tangential(self, window: NodalState, unknown: IntArray) -> tuple[Array, Callable[[], Triplets]]:
+        if self.kind is Boundary.ORTHOGONAL:
+            return self._orthogonal(window)
+        return self._equidistributed(window, unknown)
+
+    def _orthogonal(self, window: NodalState) -> tuple[Array, Callable[[], Triplets]]:
+        """Zero normal derivative of the tangential coordinate, one-sided and of second order."""
+        spacing = (window.d_xi, window.d_eta)[self.axis]
+        position, numbers = (window.x, window.y)[1 - self.axis], window.numbers[1 - self.axis]
+        rows = self.line(numbers)[1:-1]
+        values = np.zeros(rows.size)
+        triplets: Triplets = []
+        for depth, weight in enumerate((-1.5, 2.0, -0.5)):
+            values += weight / spacing * self.line(position, depth)[1:-1]
+            columns = self.line(numbers, depth)[1:-1]
+            triplets.append((rows, columns, np.full(rows.size, weight / spacing)))
+        return values, lambda: triplets
+
+    def _equidistributed(self, window: NodalState, unknown: IntArray) -> tuple[Array, Callable[[], Triplets]]:
+        spacing = (window.d_xi, window.d_eta)[1 - self.axis]
+        line = SideLine.of(self, window.metric, self.line((window.x, window.y)[1 - self.axis]))
+        rows, scale = unknown[1:-1], 1.0 / spacing**2
+
+        def triplets() -> Triplets:
+            by_first, by_second = line.flux_derivatives
+            return [
+                (rows, unknown[:-2], -scale * by_first[:-1]),
+                (rows, unknown[1:-1], scale * (by_first[1:] - by_second[:-1])),
+                (rows, unknown[2:], scale * by_second[1:]),
+            ]
+
+        return scale * np.diff(line.fluxes), triplets
+
+
+@dataclass(frozen=True)
+class SideLine:
+    """u along one side of the reference square, at its nodes: position ``t``, value, tangential and normal derivative.
+
+    The normal derivative ``u_n`` is zero where the boundary condition ignores it.
+    """
+
+    side: Side
+    metric: ReferenceMetric
+    t: Array
+    u: Array
+    u_t: Array
+    u_n: Array
+
+    @classmethod
+    def of(cls, side: Side, metric: ReferenceMetric, t: Array) -> SideLine:
+        """The side with nodes at ``t``."""
+        u, *gradient = metric.u_with_gradient(*side.points(t))
+        seen = side.kind is Boundary.TRACE
+        return cls(side, metric, t, u, gradient[1 - side.axis], gradient[side.axis] if seen else np.zeros(t.size))
+
+    @cached_property
+    def fluxes(self) -> Array:
+        """The squared metric length of every edge of the side."""
+        k, _, _ = self._strength
+        return self._base[0] * self._d**2 + k * np.diff(self.u) ** 2
+
+    @cached_property
+    def flux_derivatives(self) -> tuple[Array, Array]:
+        """The derivatives of :attr:`fluxes` by the positions of the edge's two nodes."""
+        d, du, (g, _) = self._d, np.diff(self.u), self._gradient
+        k, slope, raised = self._strength
+        by_middle, by_normal = self._by_middle, self._normal_slopes
+        found = []
+        for sign, node in ((-1.0, slice(0, -1)), (1.0, slice(1, None))):
+            by_du = sign * self.u_t[node]
+            by_square = 2 * raised[0] * (by_du - sign * g) / d + raised[1] * by_normal[node]
+            by_node = 2 * sign * d * self._base[0] + slope * by_square * du**2 + 2 * k * du * by_du
+            found.append(by_node + 0.5 * by_middle)
+        return found[0], found[1]
+
+    @property
+    def _d(self) -> Array:
+        return np.diff(self.t)
+
+    @property
+    def _gradient(self) -> Vector:
+        """The gradient of u on every edge, its tangential component first."""
+        return np.diff(self.u) / self._d, (self.u_n[1:] + self.u_n[:-1]) / 2
+
+    @property
+    def _middles(self) -> Vector:
+        return self.side.points((self.t[1:] + self.t[:-1]) / 2)
+
+    @cached_property
+    def _base(self) -> Tensor:
+        """The pointwise part of the metric at the middles of the edges, its tangential entry first."""
+        base = self._turned(self.metric.base(*self._middles))
+        if self.side.kind is Boundary.EQUIDISTRIBUTED_1D:  # only the metric along the side counts
+            return base[0], np.zeros(base[0].shape), np.ones(base[0].shape)
+        return base
+
+    @cached_property
+    def _strength(self) -> tuple[Array, Array, Vector]:
+        return self.metric.strength(self._gradient, self._base)
+
+    @property
+    def _by_middle(self) -> Array:
+        """The derivative of the fluxes by the middles of the edges, where the pointwise part is taken."""
+        changes = self.metric.base_slopes(*self._middles)
+        if changes is None:
+            return np.zeros(self.t.size - 1)
+        change = self._turned(changes[1 - self.side.axis])
+        if self.side.kind is Boundary.EQUIDISTRIBUTED_1D:
+            change = (change[0], np.zeros(change[0].shape), np.zeros(change[0].shape))
+        _, slope, raised = self._strength
+        return np.asarray(change[0] * self._d**2 - slope * quadratic(change, raised) * np.diff(self.u) ** 2)
+
+    @property
+    def _normal_slopes(self) -> Array:
+        """The tangential derivative of ``u_n`` at the nodes, by a difference quotient."""
+        if self.side.kind is not Boundary.TRACE or self.metric.arc_length is None:
+            return np.zeros(self.t.size)
+        ahead, behind = np.minimum(self.t + SLOPE_STEP, 1.0), np.maximum(self.t - SLOPE_STEP, 0.0)
+        u_n = [self.metric.u_with_gradient(*self.side.points(at))[1 + self.side.axis] for at in (ahead, behind)]
+        return np.asarray((u_n[0] - u_n[1]) / (ahead - behind))
+
+    def _turned(self, tensor: Tensor) -> Tensor:
+        """The tensor with its tangential entry first."""
+        return tensor[::-1] if self.side.axis == 0 else tensor
+
+
+def sides(kind: Boundary) -> dict[tuple[int, int], Side]:
+    """The four sides of the unit square by (axis, end)."""
+    return {(axis, end): Side(axis=axis, end=end, kind=kind) for axis in (0, 1) for end in (0, 1)}
+
 
 NO_NODAL_SOLUTION = (
     "slopes are recovered from the values at nodes on four sides, and the lines of this domain are closed: take"

@@ -13,8 +13,7 @@ from equimesh.domains.domain import Domain, Rectangle, map_mesh
 from equimesh.fields.expression import Field
 from equimesh.fields.mesh_map import MeshMap, reference_of
 from equimesh.fields.nodal_field import HermiteField
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.numerics.types import Array, Pair
 
 GRID = Grid(n_xi=65, n_eta=65)

@@ -23,7 +23,7 @@ from equimesh.least_error.block_levels import (
 )
 from equimesh.least_error.cells import Cells, cells_of_mesh
 from equimesh.least_error.charts import CurveChart
-from equimesh.least_error.elements import Norm
+from equimesh.least_error.kernels import Norm
 from equimesh.least_error.lifting import SMALLEST_SHARE, Lifting, along, mended
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.paved import is_paved

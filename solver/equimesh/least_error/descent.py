@@ -18,8 +18,7 @@ from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.objective import Evaluation, Objective
 from equimesh.least_error.ways import product
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 

@@ -18,14 +18,13 @@ from equimesh.domains.domain import Domain
 from equimesh.least_error.block_mesh import BlockNest, BlockWay
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import Descent, StraightLines, descend
-from equimesh.least_error.elements import Norm, Rule
+from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import Level, Nest, Way, last_compared
 from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.paved import descend_paved, paved_steps
 from equimesh.least_error.restricted import Merged
 from equimesh.least_error.ways import GridNest
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.types import Array

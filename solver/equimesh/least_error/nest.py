@@ -11,10 +11,9 @@ from typing import Protocol, TypeVar
 from equimesh.fields.expression import Field
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import Chart
-from equimesh.least_error.elements import Norm
+from equimesh.least_error.kernels import Norm
 from equimesh.least_error.objective import Objective
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 

@@ -14,9 +14,8 @@ from equimesh.fields.expression import Field
 from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells, Region
 from equimesh.least_error.charts import Chart
-from equimesh.least_error.elements import Rule
-from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Values
-from equimesh.numerics.threads import run_on_threads
+from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Rule, Values
+from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.types import Array
 
 MAX_BLOCK_POINTS = 16_384

@@ -14,13 +14,11 @@ from equimesh.domains.domain import UNIT_SQUARE, Domain, closed_of, map_mesh
 from equimesh.fields.expression import Field
 from equimesh.least_error.cells import Cells, cells_of_grid
 from equimesh.least_error.charts import DomainChart
-from equimesh.least_error.elements import Norm
+from equimesh.least_error.kernels import Norm
 from equimesh.least_error.nest import GridLevel, nested_levels
 from equimesh.least_error.objective import Objective
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.interpolation import interpolated_values
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.nested import Closed, closed_mesh, interpolated_across, interpolated_closed
+from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.nested import Closed, closed_mesh, interpolated_across, interpolated_closed, interpolated_values
 from equimesh.numerics.types import Array
 
 # Meshes to start from: the uniform one, and the best rectilinear ones.

@@ -15,9 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from equimesh.meshes.folding import smallest_jacobian
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh, smallest_jacobian
 from equimesh.meshes.parts import Parts, row_cuts
 from equimesh.numerics.channel import ALONE, Channel, joined, summed
 from equimesh.numerics.types import Array, IntArray

@@ -10,8 +10,7 @@ import numpy as np
 from equimesh.domains.domain import Domain, closed_of, is_closed
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_fields
-from equimesh.monitors.monitor import require_orthogonality, require_strength
-from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.monitors.monitor import Probe, bound_copy, is_bound_to, require_orthogonality, require_strength
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
 

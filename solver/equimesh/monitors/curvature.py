@@ -22,8 +22,7 @@ from scipy.optimize import brentq
 
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_fields
-from equimesh.monitors.monitor import Monitor, require_orthogonality, weaken
-from equimesh.monitors.probe import AnyDomain, Probe, bound_copy, is_bound_to
+from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
 

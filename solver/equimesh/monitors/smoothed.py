@@ -14,8 +14,7 @@ from equimesh.domains.domain import Box, Domain, Periods, periods_of
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.fields.periodic import within
-from equimesh.monitors.monitor import Monitor, map_of, weaken
-from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.monitors.monitor import Monitor, Probe, bound_copy, is_bound_to, map_of, weaken
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.spd import Matrices
 from equimesh.numerics.types import Array, BoolArray, Pair

@@ -11,8 +11,7 @@ from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_fields
 from equimesh.fields.nodal_field import HermiteField, NodalField
-from equimesh.monitors.monitor import Monitor, map_of, require_orthogonality, weaken
-from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.monitors.monitor import Monitor, Probe, bound_copy, is_bound_to, map_of, require_orthogonality, weaken
 from equimesh.numerics.spd import eigenvalues, intersection
 from equimesh.numerics.types import Array
 

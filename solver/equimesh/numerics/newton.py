@@ -1,16 +1,19 @@
-"""Guarded Newton iteration on vectors. Knows nothing of meshes."""
+"""Solvers of systems of equations: guarded Newton steps, GMRES, sparse factors, and a fast solver by sines."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias, TypeVar
 
 import numpy as np
+from scipy.fft import dst, idst
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
+from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 
 Solver: TypeAlias = Callable[[Array], Array]
@@ -168,3 +171,128 @@ def _dissect(block: IntArray) -> list[IntArray]:
         block = block.T
     middle = block.shape[0] // 2
     return [*_dissect(block[:middle]), *_dissect(block[middle + 1 :]), block[middle]]
+
+
+# GMRES: a linear system whose matrix is known by its products only.
+
+Linear: TypeAlias = Callable[[Array], Array]
+
+
+def gmres(apply: Linear, precondition: Linear, right: Array, *, tolerance: float, most: int) -> Array:
+    """An approximate solution of ``apply(v) = right``, after at most ``most`` products.
+
+    It minimises the Euclidean norm of the residual over the Krylov space of ``apply(precondition(.))``, and ends where
+    the residual is ``tolerance`` times that of zero. Saad and Schultz 1986, with the preconditioner on the right. All
+    sums are compiled loops: results do not depend on the number of threads of a library.
+    """
+    size = math.sqrt(dot(right, right))
+    if not 0.0 < size < math.inf:
+        return np.zeros_like(right)
+    basis, triangle = [right / size], np.zeros((most, most))
+    turns, rest = np.zeros((most, 2)), np.zeros(most + 1)
+    rest[0] = size
+    used = 0
+    for k in range(most):
+        product = apply(precondition(basis[k]))
+        if not math.isfinite(dot(product, product)):
+            break
+        column = np.array([_removed(product, old) for old in basis])
+        length = math.sqrt(dot(product, product))
+        for i in range(k):  # the rotations that made the earlier columns triangular
+            c, s = turns[i]
+            column[i], column[i + 1] = c * column[i] + s * column[i + 1], c * column[i + 1] - s * column[i]
+        whole = math.hypot(column[k], length)
+        if whole == 0.0:
+            break
+        turns[k] = column[k] / whole, length / whole
+        column[k] = whole
+        triangle[: k + 1, k] = column
+        rest[k], rest[k + 1] = turns[k, 0] * rest[k], -turns[k, 1] * rest[k]
+        used = k + 1
+        if abs(rest[used]) <= tolerance * size or length == 0.0:
+            break
+        basis.append(product / length)
+    weights = _back_substituted(triangle[:used, :used], rest[:used])
+    combined = np.zeros_like(right)
+    for weight, vector in zip(weights, basis, strict=False):
+        combined += weight * vector
+    return precondition(combined)
+
+
+def _removed(product: Array, old: Array) -> float:
+    """The component of ``product`` along ``old``, which is subtracted in place."""
+    component = dot(product, old)
+    product -= component * old
+    return component
+
+
+def _back_substituted(triangle: Array, right: Array) -> Array:
+    weights = right.copy()
+    for i in range(right.size - 1, -1, -1):
+        weights[i] = (weights[i] - sum(triangle[i, j] * weights[j] for j in range(i + 1, right.size))) / triangle[i, i]
+    return weights
+
+
+@compiled
+def dot(first: Array, second: Array) -> float:
+    """The inner product of two vectors, in four sums that are added at the end."""
+    a = b = c = d = 0.0
+    whole = first.size - first.size % 4
+    for k in range(0, whole, 4):
+        a += first[k] * second[k]
+        b += first[k + 1] * second[k + 1]
+        c += first[k + 2] * second[k + 2]
+        d += first[k + 3] * second[k + 3]
+    for k in range(whole, first.size):
+        a += first[k] * second[k]
+    return (a + b) + (c + d)
+
+
+# A fast solver of an elliptic equation on a grid: sines along one direction, tridiagonal systems along the other.
+
+
+def solve_by_sines(along: float, across: Array, right: Array) -> Array:
+    """The solution p of ``along D0 p + across[i] D1 p = right``, zero beyond the array.
+
+    ``D0`` and ``D1`` are the second differences ``p[i - 1] - 2 p[i] + p[i + 1]`` along the two directions. ``across``
+    has an entry for each row of ``right``. The cost is that of two sine transforms. ``along`` is positive and
+    ``across`` not negative.
+    """
+    waves = np.ascontiguousarray(dst(right, type=1, axis=1))
+    _solve_tridiagonal(along, across, _eigenvalues(right.shape[1]), waves)
+    return np.asarray(idst(waves, type=1, axis=1))
+
+
+def solve_lines(along: float, right: Array) -> Array:
+    """As :func:`solve_by_sines` without the second term: every line along the first direction by itself."""
+    found, nothing = np.array(right, order="C"), np.zeros(right.shape[1])
+    nothing.setflags(write=False)  # as the eigenvalues: for others the loop would be compiled once more
+    _solve_tridiagonal(along, np.zeros(right.shape[0]), nothing, found)
+    return found
+
+
+@lru_cache(maxsize=32)
+def _eigenvalues(size: int) -> Array:
+    """The eigenvalues of the negative second difference of ``size`` values that are zero beyond their ends."""
+    values = 4.0 * np.sin(np.pi * np.arange(1, size + 1) / (2 * (size + 1))) ** 2
+    values.setflags(write=False)
+    return np.asarray(values)
+
+
+@compiled
+def _solve_tridiagonal(along: float, across: Array, eigenvalues: Array, right: Array) -> None:
+    """For every column k: ``along D0 p - across eigenvalues[k] p = right``, in place."""
+    rows, columns = right.shape
+    upper = np.empty((rows, columns))
+    for k in range(columns):
+        pivot = -2.0 * along - across[0] * eigenvalues[k]
+        upper[0, k] = along / pivot
+        right[0, k] /= pivot
+    for i in range(1, rows):
+        for k in range(columns):
+            pivot = -2.0 * along - across[i] * eigenvalues[k] - along * upper[i - 1, k]
+            upper[i, k] = along / pivot
+            right[i, k] = (right[i, k] - along * right[i - 1, k]) / pivot
+    for i in range(rows - 2, -1, -1):
+        for k in range(columns):
+            right[i, k] -= upper[i, k] * right[i + 1, k]

@@ -18,8 +18,7 @@ from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import error_rule, gauss_points
-from equimesh.quality.survey import Survey
-from equimesh.quality.tally import ErrorTally
+from equimesh.quality.survey import ErrorTally, Survey
 from equimesh.quality.triangles import squared_errors
 
 

@@ -18,7 +18,7 @@ from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_maps import gather_values
 from equimesh.quality.cells import AnyMesh, BilinearCells, CellPoints, Cells, MeshCells, QuadCells, cells_of, pieces
 from equimesh.quality.resolution import Pieces, resolved_integrals, scattered
-from equimesh.quality.tally import ErrorRule, ErrorTally
+from equimesh.quality.survey import ErrorRule, ErrorTally
 
 MIN_SAMPLED_CELLS = 30_000
 """Cells that :func:`interpolation_errors` samples, or up to three times as many; on smaller meshes all cells."""

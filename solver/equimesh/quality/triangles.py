@@ -29,7 +29,7 @@ from equimesh.quality.interpolation import (
     sample,
 )
 from equimesh.quality.resolution import BLOCK_PIECES, Pieces, resolved_integrals
-from equimesh.quality.tally import add_errors
+from equimesh.quality.survey import add_errors
 from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 
 GAUSS_POINTS = 3

@@ -13,14 +13,13 @@ from equimesh.fields.expression import Field
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend
-from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.iteration import MORE_SLOPE_POINTS, weights_of
+from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import GridLevel, nested_levels
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.ways import Way, coordinates_of, mesh_of, rectilinear
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.interpolation import interpolated_values
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.nested import interpolated_values
 from equimesh.numerics.types import Array
 from equimesh.rounds.recovery import measured
 

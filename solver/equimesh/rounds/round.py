@@ -12,15 +12,15 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
 from equimesh.least_error.descent import Descent
-from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.iteration import MORE_SLOPE_POINTS, LeastErrorSolve, Reached
+from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import coarse_level
 from equimesh.least_error.ways import mesh_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import LeastError
-from equimesh.numerics.threads import thread_count
+from equimesh.numerics.channel import thread_count
 from equimesh.rounds.candidates import MEASURED_POINTS, PARTS, SHARP, SMOOTH, Search
 from equimesh.rounds.recovery import (
     KEPT,

@@ -11,11 +11,9 @@ from typing import TypeAlias
 import numpy as np
 
 from equimesh.errors import DecompositionError
-from equimesh.meshes.folding import largest_difference
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh, largest_difference
 from equimesh.numerics.types import IntArray
-from equimesh.sweeps.sides import Frame
+from equimesh.sweeps.sweep import Frame
 
 MIN_OVERLAP = 2
 DIRECTIONS = (("xi", "columns"), ("eta", "rows"))

@@ -10,10 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
-from equimesh.equations.boundary import sides
 from equimesh.equations.mesh_equations import Condition, MeshEquations, NodalState, Rows, Triplets
 from equimesh.equations.newton_solve import NewtonSolution, newton_steps
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Problem, sides
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import Classical, PairOfFunctionals
@@ -21,7 +20,7 @@ from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, Subdomain,
 from equimesh.schwarz.merged_mesh import Holding, Place
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.subdomains import MAX_LOCAL_STEPS, Outcome, SubdomainSweeps
-from equimesh.sweeps.sides import Frame
+from equimesh.sweeps.sweep import Frame
 
 # An interface of a subdomain as rows of equations, closed by a transmission condition.
 

@@ -17,11 +17,9 @@ from typing import Any, TypeVar
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, newton_steps, smallest_tolerance
 from equimesh.equations.problem import Problem
-from equimesh.meshes.folding import largest_difference
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh, largest_difference
 from equimesh.monitors.monitor import require_lines
-from equimesh.numerics.threads import run_on_threads
+from equimesh.numerics.channel import run_on_threads
 from equimesh.schwarz.acceleration import AccelerationResult, accelerator
 from equimesh.schwarz.conditions import Classical, Optimized, label
 from equimesh.schwarz.decomposition import Decomposition, Ordering, SubdomainWindow, turns

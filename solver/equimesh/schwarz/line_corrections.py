@@ -14,14 +14,13 @@ from equimesh.equations.newton_solve import smallest_move
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.parts import Parts
-from equimesh.numerics.threads import run_on_threads
+from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, SubdomainWindow
 from equimesh.schwarz.merged_mesh import Holding, LineSweep
 from equimesh.sweeps import kernels
 from equimesh.sweeps.line_sums import cell_metrics
-from equimesh.sweeps.sides import WHOLE, Frame, SideNodes, Sides
-from equimesh.sweeps.sweep import Sweep, error_left, memory_needed
+from equimesh.sweeps.sweep import WHOLE, Frame, SideNodes, Sides, Sweep, error_left, memory_needed
 
 # Sums of squared metric lengths along the pieces of the lines of a mesh, between some of its cross lines.
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.equations.problem import Problem
-from equimesh.meshes.folding import smallest_jacobian
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Mesh, smallest_jacobian
 from equimesh.numerics.types import Array
 from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, SubdomainWindow
 from equimesh.sweeps.sweep import Correction

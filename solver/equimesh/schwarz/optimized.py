@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.equations.boundary import Boundary, Side, SideLine
-from equimesh.equations.boundary import sides as physical_sides
 from equimesh.equations.mesh_equations import EDGES, Cells, Condition, MeshEquations, NodalState, Rows, Triplets
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, NewtonSolution, newton_steps
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Boundary, Problem, Side, SideLine
+from equimesh.equations.problem import sides as physical_sides
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.conditions import LineData, Optimized

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias, TypeGuard
 
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
 from equimesh.schwarz.decomposition import Cuts, Decomposition, Ordering
 

@@ -18,8 +18,7 @@ from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.decomposition import SubdomainWindow
 from equimesh.schwarz.merged_mesh import Place
 from equimesh.schwarz.records import SubdomainRecord
-from equimesh.sweeps.sides import Frame
-from equimesh.sweeps.sweep import Sweep, memory_needed, take_midpoints
+from equimesh.sweeps.sweep import Frame, Sweep, memory_needed, take_midpoints
 
 # The interface between the Schwarz iteration and its subdomains, for every family of transmission conditions.
 

@@ -17,8 +17,7 @@ from equimesh.errors import InputError
 from equimesh.fields.mesh_map import reference_of
 from equimesh.fields.nodal_field import NodalField
 from equimesh.inputs import describe_value
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import prolong
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array

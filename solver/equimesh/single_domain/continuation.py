@@ -14,16 +14,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from equimesh.equations.boundary import Boundary
 from equimesh.equations.newton_solve import smallest_residual
-from equimesh.equations.problem import Problem
-from equimesh.meshes.folding import smallest_jacobian
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.equations.problem import Boundary, Problem
+from equimesh.meshes.mesh import Grid, Mesh, smallest_jacobian
 from equimesh.numerics.compiled import compiled, vectorised
-from equimesh.numerics.gmres import gmres
-from equimesh.numerics.newton import newton_iterations
-from equimesh.numerics.sines import solve_by_sines, solve_lines
+from equimesh.numerics.newton import gmres, newton_iterations, solve_by_sines, solve_lines
 from equimesh.numerics.types import Array
 from equimesh.single_domain.solved_sides import straight_start, with_solved_sides
 from equimesh.sweeps.line_sums import cell_metrics

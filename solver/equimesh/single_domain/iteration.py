@@ -16,9 +16,7 @@ import numpy as np
 
 from equimesh.domains.domain import closed_of, is_closed
 from equimesh.equations.problem import Problem
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.interpolation import rows_needed
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.mesh_rows import HeldMesh
 from equimesh.meshes.nested import (
     Closed,
@@ -31,6 +29,7 @@ from equimesh.meshes.nested import (
     prolong,
     prolong_closed,
     prolong_rows,
+    rows_needed,
     square_grids,
     unpadded,
 )
@@ -38,10 +37,8 @@ from equimesh.meshes.parts import Parts, rows_held
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh.numerics.types import Array
 from equimesh.single_domain.continuation import Relaxation
-from equimesh.single_domain.level import MAX_SWEEPS, Level, Solved, interpolated_level, newton_level
-from equimesh.single_domain.steps import Mode, Step, Steps
-from equimesh.sweeps.sides import Frame
-from equimesh.sweeps.sweep import memory_needed
+from equimesh.single_domain.level import MAX_SWEEPS, Level, Mode, Solved, Step, Steps, interpolated_level, newton_level
+from equimesh.sweeps.sweep import Frame, memory_needed
 
 # The levels of a nested iteration, from coarse to fine.
 #

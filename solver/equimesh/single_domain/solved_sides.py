@@ -12,14 +12,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import LinAlgError, solve_banded
 
-from equimesh.equations.boundary import Boundary, Side, SideLine, sides
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.newton_solve import smallest_residual
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Boundary, Problem, Side, SideLine, sides
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.newton import Solver, newton_iterations
 from equimesh.numerics.types import Array
-from equimesh.sweeps.sides import SideNodes, Sides
+from equimesh.sweeps.sweep import SideNodes, Sides
 
 # Guarded sweeps of all sides before Newton's method takes over.
 MAX_SWEEPS = 30

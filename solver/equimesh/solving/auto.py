@@ -14,22 +14,20 @@ from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve, Reached
 from equimesh.least_error.nest import GridLevel, coarse_level, last_compared, nested_levels
 from equimesh.least_error.ways import mesh_of
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.arc_length import ArcLength
-from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
+from equimesh.monitors.least_error import Auto
 from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor, weaken
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import measure_interpolation
 from equimesh.single_domain.iteration import single_domain_steps
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.level import Mode
 from equimesh.solving.orthogonality import bounded, is_within
-from equimesh.solving.progress import Descending, descent_work
 from equimesh.solving.solution import Solution
-from equimesh.solving.status import SolveOptions, Status
+from equimesh.solving.status import Descending, SolveOptions, Status, descent_work
 from equimesh_schema import Candidate
 
 LEAST_ERROR_SETTINGS = ((0.5, 1.0), (0.5, 0.1))
@@ -90,7 +88,7 @@ class Choice:
 
 
 def choose_monitor(problem: Problem, options: SolveOptions, *, metrics_only: bool) -> Choice:
-    """The best of the monitors that stand for an :class:`~equimesh.monitors.auto.Auto`, by the error on a coarse grid.
+    """The best monitor for an :class:`~equimesh.monitors.least_error.Auto`, by the error on a coarse grid.
 
     ``metrics_only`` leaves out least error, which subdomains cannot solve. ``options`` are those of the comparison.
     """

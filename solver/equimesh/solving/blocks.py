@@ -18,15 +18,21 @@ from equimesh.least_error.iteration import LeastErrorSolve, Reached
 from equimesh.least_error.nest import Level, coarse_level, last_compared
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.auto import Auto
-from equimesh.monitors.least_error import MAX_WEIGHT, LeastError
-from equimesh.monitors.nodal_solution import NodalSolution
-from equimesh.numerics.threads import thread_count
+from equimesh.monitors.least_error import MAX_WEIGHT, Auto, LeastError, NodalSolution
+from equimesh.numerics.channel import thread_count
 from equimesh.solving.least_error import other_ways, solve_block_round
 from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks
-from equimesh.solving.progress import Announcer, Descending, descent_work
 from equimesh.solving.solution import BlockSolution, SolveError
-from equimesh.solving.status import Initial, SolveArguments, SolveOptions, Status, complete_arguments
+from equimesh.solving.status import (
+    Announcer,
+    Descending,
+    Initial,
+    SolveArguments,
+    SolveOptions,
+    Status,
+    complete_arguments,
+    descent_work,
+)
 from equimesh_schema import Candidate
 
 WEIGHTS = ((0.5, 1.0), (0.5, 0.1))

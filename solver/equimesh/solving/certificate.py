@@ -20,10 +20,10 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.types import Pair
 from equimesh.quality.cells import Cells, UniformCells, cells_of
-from equimesh.quality.cut_off import CutOff, measure_cut_off
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors, probe_errors, quadratic_gain
-from equimesh.single_domain.steps import Mode
+from equimesh.quality.measures import CutOff, measure_cut_off
+from equimesh.single_domain.level import Mode
 from equimesh.solving.status import Status
 from equimesh_schema import Relaxed
 from equimesh_schema.certificate import FaceAngles, InterpolationGain

@@ -15,13 +15,11 @@ from equimesh.least_error.iteration import LeastErrorSolve, Reached
 from equimesh.least_error.nest import last_compared, nested_levels
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
-from equimesh.monitors.least_error import LeastError
-from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.rounds.recovery import KEPT, AnyMesh, Round
 from equimesh.rounds.round import adapt_round
-from equimesh.solving.progress import Descending
 from equimesh.solving.solution import BlockSolution, Solution, status_unless_folded
-from equimesh.solving.status import Initial, SolveOptions, Status
+from equimesh.solving.status import Descending, Initial, SolveOptions, Status
 from equimesh_schema import Candidate, Estimate
 
 GIVEN_IS_KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."

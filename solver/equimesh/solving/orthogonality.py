@@ -15,9 +15,8 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
-from equimesh.monitors.least_error import MAX_WEIGHT, LeastError
+from equimesh.monitors.least_error import MAX_WEIGHT, LeastError, NodalSolution
 from equimesh.monitors.monitor import orthogonality_of
-from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.quality.faces import measure_faces
 from equimesh.solving.solution import BlockSolution, Solution
 from equimesh.solving.status import Status

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from equimesh.equations.newton_solve import smallest_tolerance
 from equimesh.equations.problem import Problem
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import distance, halved, is_refined, nested_grids, refinement, square_grids
 from equimesh.schwarz.conditions import label
 from equimesh.schwarz.iteration import schwarz_iterations
@@ -18,12 +17,20 @@ from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, IterationNumbers, last_rate
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
-from equimesh.single_domain.steps import ALGEBRAIC_SHARE, Mode, Step
+from equimesh.single_domain.level import ALGEBRAIC_SHARE, Mode, Step
 from equimesh.solving.certificate import safe_discretization_error
-from equimesh.solving.progress import Iterating, Sweeping
 from equimesh.solving.single_domain import last_of_newton, last_step, solve_single_domain, what_was_found
 from equimesh.solving.solution import Solution, status_unless_folded
-from equimesh.solving.status import Initial, SolveOptions, Status, after_folding, after_newton, after_schwarz
+from equimesh.solving.status import (
+    Initial,
+    Iterating,
+    SolveOptions,
+    Status,
+    Sweeping,
+    after_folding,
+    after_newton,
+    after_schwarz,
+)
 
 # How a Schwarz iteration ended, from its records: the status, its details, and what to try.
 

@@ -18,11 +18,10 @@ from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.monitor import map_of
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
-from equimesh.single_domain.steps import Mode, Step
+from equimesh.single_domain.level import Mode, Step
 from equimesh.solving.certificate import safe_algebraic_error, safe_discretization_error
-from equimesh.solving.progress import Sweeping
 from equimesh.solving.solution import Solution, status_unless_folded
-from equimesh.solving.status import Initial, SolveOptions, Status, after_mapping, after_newton, after_rounding
+from equimesh.solving.status import Initial, SolveOptions, Status, Sweeping, after_mapping, after_newton, after_rounding
 from equimesh_schema import Relaxed
 
 # Problems whose rounding errors are as large as what they are to resolve.

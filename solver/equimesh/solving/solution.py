@@ -19,21 +19,27 @@ from equimesh.meshes.mesh_data import MeshData, joined
 from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.nested import tied_nodes
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor, map_of
-from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import Angles, measure_angles
 from equimesh.quality.comparison import UniformComparison, compare_with_uniform
-from equimesh.quality.cut_off import CutOff, measure_block_cut_off, measure_cut_off
 from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.quality.measures import Quality, measure_all, measure_interpolation, measure_quality
+from equimesh.quality.measures import (
+    CutOff,
+    Quality,
+    measure_all,
+    measure_block_cut_off,
+    measure_cut_off,
+    measure_interpolation,
+    measure_quality,
+)
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, last_rate, plain
 from equimesh.schwarz.settings import Schwarz
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.level import Mode
 from equimesh.solving.certificate import Certificate, about_cut_off, about_faces, block_warnings, warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation

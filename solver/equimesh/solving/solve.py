@@ -16,19 +16,16 @@ from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.iteration import Reached
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.auto import Auto
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, require_lines
-from equimesh.monitors.nodal_solution import NodalSolution
-from equimesh.numerics.threads import thread_count
+from equimesh.numerics.channel import thread_count
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.level import Mode
 from equimesh.solving.auto import choose_monitor, comparison_share, solve_for_finite_volumes
 from equimesh.solving.blocks import solve_block_problem
 from equimesh.solving.least_error import is_no_worse, solve_least_error, solve_round
 from equimesh.solving.orthogonality import bounded, require_possible
-from equimesh.solving.progress import Announcer
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import (
     is_lost_in_rounding,
@@ -37,7 +34,7 @@ from equimesh.solving.single_domain import (
     solve_single_domain,
 )
 from equimesh.solving.solution import BlockSolution, Solution, SolveError
-from equimesh.solving.status import Initial, SolveArguments, SolveOptions, complete_arguments
+from equimesh.solving.status import Announcer, Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.sweeps.deviation import deviation
 
 # Largest deviation of squared metric lengths from the mean of their line, as a share of it, at which a given mesh is

@@ -11,17 +11,14 @@ import numpy as np
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
-from equimesh.equations.boundary import Boundary
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Boundary, Problem
 from equimesh.errors import InputError
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.monitor import Monitor
-from equimesh.solving.progress import Announcer
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
-from equimesh.solving.status import SolveArguments
+from equimesh.solving.status import Announcer, SolveArguments
 from equimesh_schema import Aim
 
 FIRST_CELLS = 32

@@ -20,11 +20,9 @@ from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.sample_arrays import HDF5_SUFFIXES
 from equimesh.io.write import Cells
 from equimesh.monitors.arc_length import ArcLength
-from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor
-from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Intersection, Tensor, Weight
 from equimesh.specs.document import Makers, Reading, text, within

@@ -16,19 +16,17 @@ from equimesh.domains.curve import Curve
 from equimesh.domains.domain import UNIT_SQUARE, AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
 from equimesh.equations.block_problem import BlockProblem
-from equimesh.equations.boundary import Boundary
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Boundary, Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.io.write import CELLS, Cells
 from equimesh.least_error.block_schwarz import BlockSchwarz
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.monitors.least_error import NO_OTHER_GRID, NodalSolution
 from equimesh.monitors.monitor import require_lines
-from equimesh.monitors.nodal_solution import NO_OTHER_GRID, NodalSolution
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
 from equimesh.schwarz.settings import Schwarz
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.level import Mode
 from equimesh.solving.blocks import count_subdomains
 from equimesh.solving.solution import BlockSolution, Solution
 from equimesh.solving.solve import NO_SUBDOMAINS, solve

@@ -7,17 +7,17 @@ import math
 import numpy as np
 
 from equimesh.domains.domain import closed_of, is_closed
-from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
+from equimesh.equations.problem import Boundary
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.nested import padded
+from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.compiled import vectorised
-from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 from equimesh.sweeps.kernels import Nodes
 from equimesh.sweeps.line_sums import cell_memory, cell_metrics, line_extremes
-from equimesh.sweeps.sides import Frame, SideNodes, Sides
+from equimesh.sweeps.sweep import Frame, SideNodes, Sides
 
 # How far a mesh with closed lines is from the solution of the equations.
 

@@ -13,8 +13,7 @@ from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.expression import Expression, Field
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
@@ -23,7 +22,7 @@ from equimesh.schwarz.decomposition import Ordering
 from equimesh.schwarz.iteration import schwarz_iterations, subdomains_of
 from equimesh.schwarz.merged_mesh import InOneProcess
 from equimesh.schwarz.settings import LocalSolver, Schwarz
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.level import Mode
 from equimesh.solving.solve import solve
 from equimesh.testing.functions import STEP, check_derivative, check_function, place, require, require_finite, wrong_by
 

@@ -7,8 +7,7 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.inputs import describe_value
 from equimesh.meshes.cell_edges import QuadLinks, links_of
-from equimesh.meshes.grid import MIN_POINTS
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import MIN_POINTS, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.unrolled import moves_of
 from equimesh.numerics.compiled import compiled

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh.numerics.types import Array
 from equimesh_cluster.mesh_part import MeshPart
 

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.part_files.formats import (
     PartData,

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from equimesh.io.reading.vtk import VtkXml, parse_xml
 from equimesh.io.vtk import CELL_TYPES, NUMBERS
 from equimesh.io.vtk import head as head_lines
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.part_files.formats import (
     PARTED_FORMATS,

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.io.vtk import CELL_TYPES
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.part_files.formats import (
     PARTED_FORMATS,

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError
 from equimesh.io.sample_arrays import import_zarr
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.part_files.formats import (
     NodeValues,

@@ -10,8 +10,7 @@ import numpy as np
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.meshes.folding import largest_difference, smallest_jacobian
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Mesh, largest_difference, smallest_jacobian
 from equimesh.meshes.mesh_rows import HeldMesh
 from equimesh.meshes.parts import Parts, with_halos
 from equimesh.numerics.channel import Channel, Counted
@@ -20,8 +19,7 @@ from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, SubdomainW
 from equimesh.schwarz.line_corrections import HeldLineSums
 from equimesh.schwarz.merged_mesh import Numbers, Place, WholeWork, chain, common, moved, product, rim
 from equimesh.sweeps.line_sums import cell_metrics
-from equimesh.sweeps.sides import SideNodes, Sides
-from equimesh.sweeps.sweep import Correction, Sweep, memory_needed
+from equimesh.sweeps.sweep import Correction, SideNodes, Sides, Sweep, memory_needed
 
 # The subdomains that one of several processes holds, and the merged mesh in their windows.
 #

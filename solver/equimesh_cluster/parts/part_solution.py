@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.equations.problem import Problem, understood
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh.meshes.mesh_rows import HeldMesh, MeshWindow, Rows
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality, equidistribution
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.level import Mode
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.solution import MeasuredMesh
 from equimesh.solving.status import Status
@@ -22,7 +22,7 @@ from equimesh_schema import Relaxed
 
 @dataclass(frozen=True, kw_only=True)
 class PartStep:
-    """The record of one sweep, or of the end of a level; as :class:`~equimesh.single_domain.steps.Step`, no mesh.
+    """The record of one sweep, or of the end of a level; as :class:`~equimesh.single_domain.level.Step`, no mesh.
 
     The numbers are those of the whole mesh; every part has the same ones. The traffic is that of this part.
     """

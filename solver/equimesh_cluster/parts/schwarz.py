@@ -18,22 +18,20 @@ from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.meshes.mesh import Mesh
-from equimesh.monitors.auto import Auto
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.schwarz.decomposition import SubdomainWindow
 from equimesh.schwarz.iteration import iterations_on
 from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.level import Mode
 from equimesh.solving.blocks import solve_blocks
 from equimesh.solving.certificate import safe_discretization_error
-from equimesh.solving.progress import Announcer, Event
 from equimesh.solving.schwarz import ending_of
 from equimesh.solving.single_domain import require_open
 from equimesh.solving.solution import BlockSolution
-from equimesh.solving.status import Initial, SolveOptions
+from equimesh.solving.status import Announcer, Event, Initial, SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.parts.holding import GHOSTS, OnChannel, cuts_of_rows, holder, rows_of
 from equimesh_cluster.parts.kept import Kept, keep, resumed

@@ -13,22 +13,15 @@ from equimesh.domains.domain import Domain, Rectangle, is_closed, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.meshes.folding import smallest_in_parts
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.interpolation import rows_needed
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh, smallest_in_parts
 from equimesh.meshes.mesh_rows import HeldMesh
-from equimesh.meshes.nested import nested_grids, square_grids
+from equimesh.meshes.nested import nested_grids, rows_needed, square_grids
 from equimesh.meshes.parts import Parts, rows_held, strips_of
-from equimesh.monitors.auto import Auto
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, orthogonality_of
-from equimesh.monitors.nodal_solution import NodalSolution
-from equimesh.numerics.channel import Channel, Counted, ThreadChannels
-from equimesh.numerics.threads import thread_count
+from equimesh.numerics.channel import Channel, Counted, ThreadChannels, thread_count
 from equimesh.single_domain.iteration import Climb
-from equimesh.single_domain.level import MAX_RELAXED_POINTS, Solved
-from equimesh.single_domain.steps import Mode, Step, Steps
+from equimesh.single_domain.level import MAX_RELAXED_POINTS, Mode, Solved, Step, Steps
 from equimesh.solving.single_domain import is_lost_in_rounding, outcome, solution_lost_in_rounding, solution_of
 from equimesh.solving.solution import SolveError
 from equimesh.solving.status import SolveOptions

@@ -16,7 +16,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_rows import HeldMesh, Rows
 from equimesh.numerics.channel import Channel, Counted, ThreadChannels
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, SAMPLING
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
 from equimesh_cluster.mesh_part import cut

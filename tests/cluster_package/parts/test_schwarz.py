@@ -13,7 +13,7 @@ import equimesh as em
 from cases import problem
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.records import Iteration, IterationNumbers
-from equimesh.solving.progress import Event
+from equimesh.solving.status import Event
 from equimesh.testing.geometries import obstacle
 from equimesh_cluster.parts.kept import Kept
 from equimesh_cluster.parts.schwarz import (

@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.equations.boundary import SideLine, sides
+from equimesh.equations.problem import SideLine, sides
 
 WEIGHT = em.Weight(rho=em.Expression("1 + x*y + 3*exp(-9*(x - y)**2)"))
 SECTOR = em.AnnulusSector(angles=(5, 85))

@@ -9,9 +9,9 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.equations.boundary import sides
 from equimesh.equations.mesh_equations import HalfFlux, LocalMetric, MeshEquations, NodalState, Rows, SeenGradient
 from equimesh.equations.metric import ReferenceMetric, Vector
+from equimesh.equations.problem import sides
 
 
 @dataclass(frozen=True)

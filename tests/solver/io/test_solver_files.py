@@ -23,9 +23,8 @@ from equimesh.io.solver_files import (
 )
 from equimesh.io.write import Cells, write_mesh
 from equimesh.meshes.cell_edges import joins_of
-from equimesh.meshes.grid import Grid
 from equimesh.meshes.interfaces import contacts
-from equimesh.meshes.mesh import SIDES, Mesh
+from equimesh.meshes.mesh import SIDES, Grid, Mesh
 from solver.io.files import DATA, KINDS, areas, check_edges, written
 from solver.quality.handmade import wavy
 

@@ -13,7 +13,7 @@ from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import KNOWN_MESHES, DomainChart
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective
 from equimesh.numerics.types import Array
 from equimesh.testing.geometries import cylinder, disc, naca0012_o

@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.least_error import descent
 from equimesh.least_error.descent import History, descend, search
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Weights
 from solver.bent import DOMAINS, bent, objective_on, uniform
 

@@ -7,8 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
-from equimesh.least_error.elements import Rule, quadrilateral, triangle
-from equimesh.least_error.kernels import Nodes
+from equimesh.least_error.kernels import Nodes, Rule, quadrilateral, triangle
 from solver.bent import bent, objective_on, uniform
 
 ELEMENTS = {**{f"quad {n}": quadrilateral(n) for n in (2, 3, 4, 5)}, "triangle": triangle()}

@@ -8,8 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.least_error import kernels
 from equimesh.least_error.cells import cells_of_grid
-from equimesh.least_error.elements import Rule
-from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Values
+from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Rule, Values
 from equimesh.numerics.types import Array
 from solver.bent import RING, bent, remainders, uniform
 

@@ -11,11 +11,11 @@ import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.least_error import objective as module
 from equimesh.least_error.cells import cells_of_grid
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Weights
 from equimesh.least_error.ways import mesh_of
 from equimesh.quality.cells import BilinearCells
-from equimesh.quality.tally import ErrorRule, ErrorTally
+from equimesh.quality.survey import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors
 from solver.bent import CURVED, DOMAINS, RING, SECTOR, WEIGHTS, bent, objective_on, remainders, uniform
 

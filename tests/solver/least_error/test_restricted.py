@@ -14,7 +14,7 @@ from equimesh.least_error import restricted
 from equimesh.least_error.cells import Region, cells_of_grid, regions_of
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.restricted import Merged, RestrictedDescent, holders
 from equimesh.numerics.channel import Channel, ThreadChannels

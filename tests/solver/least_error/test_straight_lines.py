@@ -11,7 +11,7 @@ import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import StraightLines
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.ways import product
 

@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.meshes.folding import smallest_jacobian
+from equimesh.meshes.mesh import smallest_jacobian
 
 
 def test_smallest_jacobian_is_that_of_the_mesh() -> None:

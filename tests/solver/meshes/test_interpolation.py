@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.meshes.interpolation import extrapolate, interpolate, interpolated_values, rule, rules
+from equimesh.meshes.nested import extrapolate, interpolate, interpolated_values, rule, rules
 
 
 def nodes(*points: int) -> tuple[np.ndarray, np.ndarray]:

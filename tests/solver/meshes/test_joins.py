@@ -7,8 +7,7 @@ import pytest
 
 from equimesh.errors import InputError
 from equimesh.meshes.cell_edges import joins_of
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 
 SQUARE = Mesh.uniform(Grid(n_xi=5, n_eta=4))
 NUMBER = np.arange(20).reshape(5, 4)

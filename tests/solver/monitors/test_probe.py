@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.monitors import probe as probe_module
-from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.monitors import monitor as probe_module
+from equimesh.monitors.monitor import Probe, bound_copy, is_bound_to
 from equimesh.testing.geometries import disc
 from solver.monitors.metrics import SECTOR, STEEP, UNIT
 

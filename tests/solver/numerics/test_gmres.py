@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.numerics.gmres import dot, gmres
+from equimesh.numerics.newton import dot, gmres
 from equimesh.numerics.types import Array
 
 SIZE = 12

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.numerics.sines import solve_by_sines, solve_lines
+from equimesh.numerics.newton import solve_by_sines, solve_lines
 from equimesh.numerics.types import Array
 
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.plot.convergence import draw_convergence, draw_histories
 from equimesh.plot.meshes import (

@@ -71,7 +71,7 @@ import numpy as np
 from equimesh import plot
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 assert "matplotlib" not in sys.modules
 mesh, cells = Mesh.uniform(Grid(n_xi=4, n_eta=4)), (3, 3)
 data = MeshData(mesh=mesh, u=mesh.x, q_eq=np.ones(cells), subdomain=np.zeros(cells, dtype=np.int64))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Grid
 from equimesh.plot.figure import SHARED_OWNER, MeshLines
 from equimesh.plot.meshes import (
     MAX_LINES,

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.plot.figure import MeshLines
 from equimesh.plot.meshes import (

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import equimesh as em
-from equimesh.meshes.grid import Grid
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 
 Partial = Callable[[np.ndarray, np.ndarray], np.ndarray]
 

@@ -9,11 +9,10 @@ import pytest
 
 import equimesh as em
 from equimesh.monitors.monitor import OfDerivatives
-from equimesh.quality import tally
+from equimesh.quality import survey
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.measures import PER_CELL, measure, measure_all, measure_interpolation
-from equimesh.quality.survey import Statistics, Survey, fill_parts
-from equimesh.quality.tally import ErrorRule, ErrorTally
+from equimesh.quality.survey import ErrorRule, ErrorTally, Statistics, Survey, fill_parts
 from solver.quality.handmade import TANH20, wavy
 
 RULE = CellPoints.gauss(2)
@@ -39,7 +38,7 @@ def of(threads: int, *, keep: bool = False) -> tuple[Survey, ErrorTally]:
 
 def test_threads_change_nothing() -> None:
     (first, alone), (second, shared) = of(1), of(3)
-    assert alone.cells.count > tally.MIN_CELLS_FOR_THREADS
+    assert alone.cells.count > survey.MIN_CELLS_FOR_THREADS
     assert second.statistics == first.statistics
     assert np.array_equal(second.q_eq, first.q_eq)
     assert np.array_equal(shared.sums, alone.sums)

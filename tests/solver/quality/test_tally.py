@@ -9,7 +9,7 @@ import pytest
 
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.tally import (
+from equimesh.quality.survey import (
     MIDDLE_WEIGHT,
     ErrorRule,
     ErrorTally,

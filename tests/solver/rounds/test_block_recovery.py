@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.rounds.recovery import BlockRecovery, measured_on_blocks, moved_lengths
 from equimesh.testing.geometries import disc, l_shape
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.rounds.candidates import PARTS
 from equimesh.rounds.recovery import KEPT, measured_on_blocks
 from equimesh.rounds.round import WHOLE, BlockKnowledge

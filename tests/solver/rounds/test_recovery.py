@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.rounds.recovery import Recovery, measured, moved_cells
 from solver.fields.bent_meshes import smooth_mesh
 

@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError, SamplesError
-from equimesh.least_error.elements import Norm, Rule
+from equimesh.least_error.kernels import Norm, Rule
 from equimesh.rounds.candidates import Search
 from equimesh.rounds.recovery import KEPT, Recovery, Round, measured
 from equimesh.rounds.round import adapt_round

@@ -10,7 +10,7 @@ from cases import problem
 from equimesh.equations.newton_solve import newton_steps
 from equimesh.schwarz.functionals import SubdomainProblem
 from equimesh.schwarz.subdomains import SubdomainSweeps
-from equimesh.sweeps.sides import Frame
+from equimesh.sweeps.sweep import Frame
 from solver.schwarz.neighbours import SameMesh
 
 CASE = problem("paper", 20, 17)

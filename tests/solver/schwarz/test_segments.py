@@ -7,8 +7,8 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.equations.boundary import SideLine, sides
 from equimesh.equations.mesh_equations import Cells
+from equimesh.equations.problem import SideLine, sides
 from equimesh.schwarz import line_corrections as module
 from equimesh.schwarz.line_corrections import Segments
 from solver.schwarz.bent import bent

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import Rule
 from equimesh.rounds.recovery import measured_on_blocks
 from equimesh.testing.geometries import disc, l_shape
 

@@ -14,9 +14,8 @@ from equimesh.numerics.newton import newton_iterations
 from equimesh.numerics.types import Array
 from equimesh.single_domain.continuation import CROSS_LINE_WEIGHTS, Interior, Relaxation, scale
 from equimesh.single_domain.iteration import single_domain_steps
-from equimesh.single_domain.level import interpolated_level
+from equimesh.single_domain.level import Step, interpolated_level
 from equimesh.single_domain.solved_sides import with_solved_sides
-from equimesh.single_domain.steps import Step
 
 
 def two_peaks(points: int, **settings: float) -> em.Problem:

@@ -11,7 +11,7 @@ import equimesh as em
 from cases import FUNCTIONS, problem
 from equimesh.single_domain import iteration
 from equimesh.single_domain.iteration import single_domain_steps, steps_from
-from equimesh.single_domain.steps import Mode, Step
+from equimesh.single_domain.level import Mode, Step
 from equimesh.sweeps.deviation import deviation
 from solver.sweeps.windows import distance
 

@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.single_domain.solved_sides import cut, sampled, straight_start, with_solved_sides
-from equimesh.sweeps.sides import SideNodes, Sides
+from equimesh.sweeps.sweep import SideNodes, Sides
 
 
 def deviation(case: em.Problem, mesh: em.Mesh) -> float:

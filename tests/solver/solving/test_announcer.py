@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import equimesh as em
-from equimesh.solving.progress import Announcer, Sweeping
+from equimesh.solving.status import Announcer, Sweeping
 
 U = em.Expression("tanh(8*(x-y))")
 GRID = em.Grid(n_xi=17, n_eta=17)

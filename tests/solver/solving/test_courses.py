@@ -7,7 +7,7 @@ import pytest
 import equimesh as em
 from equimesh.least_error.nest import nested_levels
 from equimesh.single_domain.continuation import Relaxation
-from equimesh.solving.progress import Descending, Iterating, Sweeping, approach, level_share
+from equimesh.solving.status import Descending, Iterating, Sweeping, approach, level_share
 
 GRIDS = [em.Grid(n_xi=n, n_eta=n) for n in (9, 17, 33)]
 MESHES = [em.Mesh.uniform(grid) for grid in GRIDS]

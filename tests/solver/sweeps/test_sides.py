@@ -9,7 +9,7 @@ from cases import problem
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.single_domain import iteration
-from equimesh.sweeps.sides import WHOLE, Frame, SideNodes
+from equimesh.sweeps.sweep import WHOLE, Frame, SideNodes
 
 
 def test_the_sides_move_with_the_interior() -> None:

@@ -15,8 +15,7 @@ from equimesh.meshes.parts import Parts
 from equimesh.single_domain import iteration
 from equimesh.sweeps.deviation import deviation
 from equimesh.sweeps.kernels import copy_ends
-from equimesh.sweeps.sides import Frame
-from equimesh.sweeps.sweep import Correction, Sweep, error_left, halve_moves, memory_needed, take_midpoints
+from equimesh.sweeps.sweep import Correction, Frame, Sweep, error_left, halve_moves, memory_needed, take_midpoints
 from solver.sweeps.windows import distance, disturbed, sweep_on
 
 
