@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.formulas import program
-from equimesh.formulas import program as module
-from equimesh.formulas.program import CODES, Line, Trace, Traced, compact
+from equimesh.formulas import routine
+from equimesh.formulas import routine as module
+from equimesh.formulas.routine import CODES, Line, Trace, Traced, compact
 
 TEXTS = [
     "20*(x + y/2 - 0.75) / sqrt(1 + (20*(x + y/2 - 0.75))**2)",
@@ -72,7 +72,7 @@ def test_threads_share_an_expression() -> None:
 # Instructions of compiled arithmetic: each gives what numpy gives, to the last bit.
 
 
-SIZES = (1, program.BLOCK - 1, program.BLOCK, 3 * program.BLOCK + 7)
+SIZES = (1, routine.BLOCK - 1, routine.BLOCK, 3 * routine.BLOCK + 7)
 SPECIAL = [0.0, -0.0, 1.0, np.nan, np.inf, -np.inf, 1e308, 5e-324]
 
 
@@ -83,12 +83,12 @@ def numbers(size: int, seed: int) -> np.ndarray:
 
 def calculated(code: int, x: np.ndarray, y: np.ndarray, *, by_blocks: bool) -> np.ndarray:
     """One instruction on x, y and 0.5."""
-    width = program.BLOCK if by_blocks else max(x.size, program.BLOCK)
+    width = routine.BLOCK if by_blocks else max(x.size, routine.BLOCK)
     memory, results = np.full((4, width), 7.0), np.full((int(by_blocks), x.size), 7.0)
     memory[3] = 0.5
     if not by_blocks:
         memory[0, : x.size], memory[1, : x.size] = x, y
-    program.calculate(np.array([[code, 2, 0, 1, 3]]), memory, 3, x, y, results, np.array([2]))
+    routine.calculate(np.array([[code, 2, 0, 1, 3]]), memory, 3, x, y, results, np.array([2]))
     return results[0] if by_blocks else memory[2, : x.size]
 
 
@@ -97,7 +97,7 @@ def calculated(code: int, x: np.ndarray, y: np.ndarray, *, by_blocks: bool) -> n
 def test_every_instruction_gives_the_numbers_of_numpy(function: Callable[..., Any], by_blocks: bool) -> None:
     for size in SIZES:
         x, y = numbers(size, 1), numbers(size, 2)
-        if CODES[function] in (program.AND, program.OR, program.NOT, program.WHERE):
+        if CODES[function] in (routine.AND, routine.OR, routine.NOT, routine.WHERE):
             x, y = ((q > 0).astype(float) if function is not np.where else q for q in (x, y))
         with np.errstate(all="ignore"):
             operands = (x, y, 0.5)[: 3 if function is np.where else function.nin]  # type: ignore[attr-defined]
@@ -108,7 +108,7 @@ def test_every_instruction_gives_the_numbers_of_numpy(function: Callable[..., An
 
 def test_a_copy_keeps_the_numbers() -> None:
     x = numbers(1000, 3)
-    assert np.array_equal(calculated(program.COPY, x, x, by_blocks=True), x, equal_nan=True)
+    assert np.array_equal(calculated(routine.COPY, x, x, by_blocks=True), x, equal_nan=True)
 
 
 # Arithmetic that is written down: the lines, those that are needed, and the rows that they share.
@@ -116,18 +116,18 @@ def test_a_copy_keeps_the_numbers() -> None:
 
 def coordinates() -> tuple[Trace, Traced, Traced]:
     trace = Trace()
-    return trace, Traced(trace, program.X), Traced(trace, program.Y)
+    return trace, Traced(trace, routine.X), Traced(trace, routine.Y)
 
 
 def test_every_operation_is_a_line() -> None:
     trace, x, y = coordinates()
     np.where(x < 0.5, np.tanh(2.0 * x), -y)
     assert trace.lines == [
-        Line(program.LESS, 2, (0, 0.5)),
-        Line(program.MULTIPLY, 3, (2.0, 0)),
+        Line(routine.LESS, 2, (0, 0.5)),
+        Line(routine.MULTIPLY, 3, (2.0, 0)),
         Line(np.tanh, 4, (3,)),
-        Line(program.NEGATE, 5, (1,)),
-        Line(program.WHERE, 6, (2, 4, 5)),
+        Line(routine.NEGATE, 5, (1,)),
+        Line(routine.WHERE, 6, (2, 4, 5)),
     ]
 
 
@@ -156,7 +156,7 @@ def test_lines_without_influence_are_left_out() -> None:
     wanted = x * y
     np.exp(wanted)
     assert [line.target for line in trace.needed([wanted.row])] == [wanted.row]
-    assert trace.needed([program.X]) == []
+    assert trace.needed([routine.X]) == []
 
 
 def test_rows_are_used_again_but_never_while_they_are_read() -> None:
@@ -166,7 +166,7 @@ def test_rows_are_used_again_but_never_while_they_are_read() -> None:
         half = 0.5 * total
         total = np.sqrt(half * x) + y * half
     lines, results, rows = compact(trace.lines, [kept.row, total.row])
-    assert rows <= program.FIRST_FREE + 5
+    assert rows <= routine.FIRST_FREE + 5
     assert all(line.target not in line.operands for line in lines)
     assert results[0] not in [line.target for line in lines[1:]], "a result stays"
     memory = np.zeros((rows, 3))
