@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeAlias
 
-from equimesh_schema.monitors import FUNCTIONS, MONITORS, REQUIRED_FUNCTIONS, Intersection
+from equimesh_schema.monitors import FUNCTIONS, REQUIRED_FUNCTIONS, Intersection
 from equimesh_schema.sources import AnySource
 from equimesh_service.problems.problem import problem_at
-
-USES = {kind: monitor.USE for kind, monitor in MONITORS.documents.items()}
 
 
 def sources_of(monitor: object, pointer: str = "/monitor") -> Iterator[tuple[str, AnySource]]:

@@ -21,8 +21,6 @@ Value = TypeVar("Value", bound=np.generic)
 LEFT, RIGHT, BOTTOM, TOP = range(4)
 # Where the nodes of each side are in an array of those of the block.
 LINES = (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])
-# The side across the block.
-OPPOSITE = (RIGHT, LEFT, TOP, BOTTOM)
 # Where a side has the block on its left when it is followed with its index rising.
 RISES_WITH_BLOCK_ON_LEFT = (False, True, True, False)
 

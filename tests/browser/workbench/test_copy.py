@@ -20,7 +20,7 @@ from playwright.sync_api import Page, expect
 
 import equimesh_client
 from browser.workbench.panels import panel
-from equimesh_service.spec.monitors import USES
+from equimesh_schema.monitors import MONITORS
 
 pytestmark = pytest.mark.needs("chromium")
 ODD = 'it\'s "mine" $HOME `id` \\n %s !! é 𝑢'
@@ -165,7 +165,7 @@ def test_a_link_of_a_stranger_puts_nothing_into_copies_that_would_run(page: Page
 
 
 def test_a_program_names_the_class_of_every_kind_of_monitor(page: Page) -> None:
-    for kind in USES:
+    for kind in MONITORS.documents:
         spec = {"monitor": {"kind": kind, "u": "x*y", "norm": "h1"}, "grid": {"n_xi": 9, "n_eta": 9}}
         _, program, _ = page.evaluate(WRITTEN, spec)
         name = "".join(map(str.capitalize, kind.split("_")))

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from browser.workbench.panels import answered, fault_of, panel, set_number, spec_of, unfold
-from equimesh_service.spec import monitors
+from equimesh_schema.monitors import MONITORS
 
 pytestmark = pytest.mark.needs("chromium")
 # By kind: fields with what is put into them, and the settings that this gives.
@@ -54,11 +54,11 @@ def test_every_kind_and_setting_is_reachable_and_taken(page: Page) -> None:
     page.complaints.expected = ["status of 409"]  # type: ignore[attr-defined]
     box = panel(page, "monitor")
     kinds = box.get_by_label("Kind", exact=True)
-    assert {*kinds.locator("option").evaluate_all("all => all.map((one) => one.value)")} == {*monitors.USES}
+    assert {*kinds.locator("option").evaluate_all("all => all.map((one) => one.value)")} == {*MONITORS.documents}
     for kind, settings in CHOSEN.items():
         kinds.select_option(kind)
         unfold(box)
-        expect(box.locator(".hint").first).to_have_text(monitors.USES[kind])
+        expect(box.locator(".hint").first).to_have_text(MONITORS.documents[kind].USE)
         for label, (value, given) in settings.items():
             put(box, label, value)
             monitor = spec_of(page)["monitor"]

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
+from equimesh_schema.monitors import MONITORS
 from equimesh_service import Settings
 from equimesh_service.admission.admit import NO_PARTS, assign_parts
 from equimesh_service.problems.problem import Problem
 from equimesh_service.spec.mesh import read_spec
-from equimesh_service.spec.monitors import USES
 
 U = {"expression": "x*y"}
 CURVATURE = {"kind": "curvature", "u": U}
@@ -77,7 +77,7 @@ def test_a_target_has_no_parts(tmp_path: Path) -> None:
 
 
 def test_every_monitor_that_is_a_metric_may_be_in_parts(tmp_path: Path) -> None:
-    assert {*NO_PARTS} < {*USES}
+    assert {*NO_PARTS} < {*MONITORS.documents}
     metrics: list[dict[str, Any]] = [
         CURVATURE,
         {"kind": "arc_length", "u": U},
@@ -85,7 +85,7 @@ def test_every_monitor_that_is_a_metric_may_be_in_parts(tmp_path: Path) -> None:
         {"kind": "tensor", "m11": U, "m12": U, "m22": U},
         {"kind": "intersection", "monitors": [CURVATURE, CURVATURE]},
     ]
-    assert {metric["kind"] for metric in metrics} | {*NO_PARTS} == {*USES}
+    assert {metric["kind"] for metric in metrics} | {*NO_PARTS} == {*MONITORS.documents}
     for metric in metrics:
         spec = assign_parts(read_spec({"monitor": metric, "grid": LARGE}), settings(tmp_path))
         assert spec.canonical["parts"] == "auto"
