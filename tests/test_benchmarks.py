@@ -14,6 +14,7 @@ import adapt
 import bench
 import cluster
 import convection
+import golden
 import least_error_gains
 import least_error_goals
 import numpy as np
@@ -351,3 +352,23 @@ def test_the_roads_are_counted() -> None:
     assert {count.name: count.value > 0 for count in road.sizes()} == dict.fromkeys(
         ("lines", "files", "tests", "words"), True
     )
+
+
+def test_golden_meshes_are_made_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = list(golden.problems())
+    assert len(made) >= 300
+    kinds = {problem.kind: problem for problem in made}
+    assert set(kinds) == {"grids", "metrics", "domains", "schwarz", "samples", "blocks", "rounds", "sequences"}
+    nodes = kinds["domains"].nodes()
+    np.savez(tmp_path / "before.npz", **{"domains 0": nodes, "domains 1": nodes})
+    np.savez(tmp_path / "moved.npz", **{"domains 0": nodes, "domains 1": nodes + 1e-6})
+    np.savez(tmp_path / "lost.npz", **{"domains 0": nodes})
+
+    def same(after: str, *options: str) -> bool:
+        return golden.main(["compare", str(tmp_path / "before.npz"), str(tmp_path / after), *options]) == 0
+
+    assert same("before.npz")
+    assert not same("moved.npz")
+    assert "domains 1: moved by" in capsys.readouterr().out
+    assert same("moved.npz", "--within", "1e-5")
+    assert not same("lost.npz")
