@@ -35,7 +35,7 @@ from equimesh_client.errors import (
 )
 from equimesh_client.mesh import AsyncMesh, Mesh
 from equimesh_client.records.measures import Convergence, Measure, Quality
-from equimesh_client.records.resources import FileOfParts, PartRecord, Parts, Progress, SequenceRecord
+from equimesh_client.records.resources import Progress, SequenceRecord
 from equimesh_client.sequence import AsyncSequence, Sequence
 from equimesh_client.spec.domains import Blocks
 from equimesh_client.spec.fields import Field, Motion
@@ -67,6 +67,7 @@ from equimesh_schema import (
     Target,
     monitors,
 )
+from equimesh_schema.answers import FileOfParts, PartRecord, Parts
 from equimesh_schema.monitors import *  # noqa: F403
 
 Relaxation = Relaxed  # the name in release 0.2

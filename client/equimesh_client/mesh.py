@@ -10,7 +10,7 @@ from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.operation import Awaiting, Blocking, finish, operation
 from equimesh_client.progress_bar import Watch
 from equimesh_client.records.measures import Array, Convergence, IntArray, Quality
-from equimesh_client.records.resources import MeshState, Parts
+from equimesh_client.records.resources import MeshState
 from equimesh_client.wire import flows, part_downloads, protocol
 from equimesh_client.wire.arrays import MeshArrays, Plot, arrays_of, meshio_mesh, plot_format, raise_unless_succeeded
 from equimesh_client.wire.downloads import PartFile, unpack_foam, unpack_xdmf
@@ -19,6 +19,7 @@ from equimesh_client.wire.settings import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.stream import Event, StreamPosition
 from equimesh_client.wire.transport import Session
 from equimesh_coupling.parts import Cells, MeshParts
+from equimesh_schema.answers import Parts
 
 M = TypeVar("M", bound="MeshOperations[Any]")
 """The class of the meshes of a client."""

@@ -308,7 +308,13 @@ class _Handler(BaseHTTPRequestHandler):
             {"number": k, "first": 2 * k, "last": 2 * k + 2, "rows": 3, "file": file}
             for k, file in enumerate(listed[:-1])
         ]
-        more = {"format": request.query["format"], "formats": ["pvtu", "npz"], "grid": {"n_xi": 5, "n_eta": 4}}
+        more = {
+            "format": request.query["format"],
+            "formats": ["pvtu", "npz"],
+            "grid": {"n_xi": 5, "n_eta": 4},
+            "id": "m",
+            "count": 2,
+        }
         head = None if request.query["format"] == "npz" else listed[-1]
         return _json(200, {**more, "size": None, "head": head, "parts": parts})
 

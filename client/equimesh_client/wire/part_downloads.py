@@ -14,12 +14,12 @@ import numpy as np
 
 from equimesh_client.errors import BadArgument, DownloadDamaged, ServiceUnreachable
 from equimesh_client.records.measures import Array
-from equimesh_client.records.resources import FileOfParts, Parts
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.downloads import PartFile, write_atomically
 from equimesh_client.wire.flows import Flow
 from equimesh_client.wire.protocol import Call
 from equimesh_client.wire.settings import Deadline, Settings
+from equimesh_schema.answers import FileOfParts, Parts
 
 DEFAULT_FORMAT = "pvtu"
 """The format in which the service writes a mesh in parts."""

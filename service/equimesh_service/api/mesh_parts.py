@@ -4,12 +4,11 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
-from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from equimesh_schema.answers import FileOfParts, GridSize, PartRecord, Parts
 from equimesh_service.admission.intake import check_part
-from equimesh_service.api.resources import GridSize
 from equimesh_service.api.results import check_done, parts_of
 from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, problems
 from equimesh_service.files.port import StoredFile
@@ -21,39 +20,6 @@ from equimesh_service.worker.in_parts import PART_FORMATS, WRITTEN, PartFormat
 from equimesh_service.worker.job import head_name, part_artifact
 
 router = APIRouter(prefix="/v1/meshes/{id}/parts", tags=["results"], responses=KEY_PROBLEMS)
-
-
-class FileOfMesh(BaseModel):
-    """A file of a mesh in parts."""
-
-    name: str = Field(description="Its path next to the head, which looks for the files of parts under their names.")
-    media_type: str
-    size: int | None = Field(description="Bytes; null until the file is made, which its first request does.")
-    sha256: str | None = Field(description="Of its bytes, as its ETag; null until it is made.")
-    href: str = Field(description="Its address.")
-
-
-class PartOfMesh(BaseModel):
-    """One part of a mesh: consecutive rows of its grid, along xi."""
-
-    number: int = Field(description="0, 1, 2, …")
-    first: int = Field(description="Its first own row.")
-    last: int = Field(description="The first own row of the next part.")
-    rows: int = Field(description="Rows in its file: its own, and the first one of the next part, which closes cells.")
-    file: FileOfMesh
-
-
-class PartsManifest(BaseModel):
-    """All files of a mesh in parts, in one format."""
-
-    id: str
-    format: str = Field(description="The format of these files.")
-    formats: list[str] = Field(description="All formats of parts.")
-    grid: GridSize
-    count: int = Field(description="How many parts there are.")
-    size: int | None = Field(description="Bytes of all these files; null while one of them is not made.")
-    head: FileOfMesh | None = Field(description="The file to open, which names the others; null for npz.")
-    parts: list[PartOfMesh]
 
 
 _FORMAT = Query(
@@ -84,7 +50,7 @@ async def get_manifest(
     service: ServiceDependency,
     caller: Reader,
     format: Annotated[str, _FORMAT] = WRITTEN,
-) -> PartsManifest:
+) -> Parts:
     """Row ranges, names, sizes and hashes of all files; a 404 for a mesh that is whole.
 
     Save the files of all parts under their names, next to the head, and open the head.
@@ -143,11 +109,11 @@ async def _mesh_in_parts(mesh_id: str, service: Service, caller: Reader) -> tupl
 
 def _manifest(
     row: MeshRow, parts: Mapping[str, Any], form: PartFormat, artifacts: Mapping[str, Artifact], root: str
-) -> PartsManifest:
+) -> Parts:
     here = f"{root}/v1/meshes/{row.id}"
     rows = [(int(first), int(last)) for first, last in parts["rows"]]
     listed = [
-        PartOfMesh(
+        PartRecord(
             number=number,
             first=first,
             last=last,
@@ -167,18 +133,18 @@ def _manifest(
         href = f"{here}/file?format={form.name}"
         head = _file(form.head_name(parts["name"]), form.head_media_type, found, href)
     sizes = [file.size for file in (head, *(part.file for part in listed)) if file is not None]
-    return PartsManifest(
+    return Parts(
         id=row.id,
         format=form.name,
-        formats=[*PART_FORMATS],
+        formats=(*PART_FORMATS,),
         grid=GridSize(n_xi=row.n_xi, n_eta=row.n_eta),
         count=len(listed),
         size=None if None in sizes else sum(filter(None, sizes)),
         head=head,
-        parts=listed,
+        parts=tuple(listed),
     )
 
 
-def _file(name: str, media_type: str, artifact: Artifact | None, href: str) -> FileOfMesh:
+def _file(name: str, media_type: str, artifact: Artifact | None, href: str) -> FileOfParts:
     size, sha256 = (None, None) if artifact is None else (artifact.size, artifact.sha256)
-    return FileOfMesh(name=name, media_type=media_type, size=size, sha256=sha256, href=href)
+    return FileOfParts(name=name, media_type=media_type, size=size, sha256=sha256, href=href)

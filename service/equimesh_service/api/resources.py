@@ -8,37 +8,8 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from equimesh_schema import Certificate
+from equimesh_schema.answers import ConvergenceSummary, GridSize, PartsSummary, Timings
 from equimesh_service.store.rows import SUCCEEDED, EventRow, MeshRow, SamplesRow, SequenceRow
-
-
-class ConvergenceSummary(BaseModel):
-    """How the solve went, in one line."""
-
-    status: str = Field(description="converged, completed, relaxed, not_converged, newton_failed, folded.")
-    message: str
-    iterations: int = Field(description="Schwarz iterations; 0 for a single domain.")
-    newton_steps: int = Field(description="In all.")
-    transmission: str | None = Field(
-        None, description="The Schwarz condition in use at the end; after a fallback, not the requested one."
-    )
-    work: int | None = Field(None, description="Nodes corrected in all Schwarz iterations, counted each time.")
-    traffic: int | None = Field(None, description="Bytes that subdomains on machines of their own would have sent.")
-    residual: float | None = Field(description="Of the equations, relative.")
-    change: float | None = Field(description="Largest move of a node in the last iteration.")
-    error: float | None
-    max_q_eq: float | None = Field(description="Largest share of the metric of a cell; 1 where all are equal.")
-    rate: float | None
-    predicted_rate: float | None
-
-
-class Timings(BaseModel):
-    """The time of each part, in seconds."""
-
-    queued: float | None = None
-    solve: float | None = None
-    write: float | None = None
-    total: float | None = Field(None, description="From the request to the end.")
-
 
 Status = Literal["queued", "running", "succeeded", "failed", "canceled"]
 
@@ -89,22 +60,6 @@ class Progress(BaseModel):
     fraction: float | None = Field(
         0.0, description="Estimated part of the work that is done, 0 to 1; null where it is not known."
     )
-
-
-class GridSize(BaseModel):
-    """Points in each direction."""
-
-    n_xi: int
-    n_eta: int
-
-
-class PartsSummary(BaseModel):
-    """A mesh in parts: how many there are, and what they have sent each other."""
-
-    count: int = Field(description="Its parts; GET …/parts lists them.")
-    bytes: int = Field(description="Bytes that the parts have sent each other.")
-    messages: int = Field(description="Messages of the part that has sent most.")
-    attempts: int = Field(description="How often the parts have begun, as workers were lost.")
 
 
 class MeshResource(BaseModel):

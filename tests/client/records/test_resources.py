@@ -11,6 +11,8 @@ from equimesh_client.records.resources import MeshState, progress_of
 
 FILE: dict[str, Any] = {"name": "m/part-0000.vtu", "media_type": "x/y", "size": 7, "sha256": "ab", "href": "/x"}
 RECORD: dict[str, Any] = {
+    "id": "m-1",
+    "count": 1,
     "format": "pvtu",
     "formats": ["pvtu", "npz"],
     "grid": {"n_xi": 5, "n_eta": 4},
@@ -22,10 +24,10 @@ RECORD: dict[str, Any] = {
 
 def test_the_record_of_a_service() -> None:
     parts = Parts.from_json(RECORD)
-    assert (parts.count, parts.grid, parts.formats, parts.size) == (1, (5, 4), ("pvtu", "npz"), None)
-    file = FileOfParts(name="m/part-0000.vtu", media_type="x/y", size=7, sha256="ab")
+    assert (parts.count, tuple(parts.grid), parts.formats, parts.size) == (1, (5, 4), ("pvtu", "npz"), None)
+    file = FileOfParts(name="m/part-0000.vtu", media_type="x/y", size=7, sha256="ab", href="/x")
     assert parts.parts == (PartRecord(number=0, first=0, last=2, rows=3, file=file),)
-    assert parts.head == FileOfParts(name="m.pvtu", media_type="x/y", size=None, sha256=None)
+    assert parts.head == FileOfParts(name="m.pvtu", media_type="x/y", size=None, sha256=None, href="/x")
     assert Parts.from_json({**RECORD, "head": None, "size": 9}).head is None
 
 
