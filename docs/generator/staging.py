@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Collection
 from pathlib import Path
 
+from generator.command_pages import command_pages
 from generator.http_pages import http_pages
 from generator.places import ROOT, place_of, relinked
 from generator.python_pages import python_pages
@@ -32,6 +33,8 @@ _GENERATED = """
 
 - [Python packages](packages/index.md): every public name, with its types and its docstring
 - [operations of the HTTP interface](operations/index.md): every parameter, body, answer and schema
+- [options of all commands](commands.md)
+- [all settings of the service](variables.md)
 """
 # The page of the service for an address below /site that leads nowhere.
 _NOWHERE = """---
@@ -52,7 +55,7 @@ def stage(folder: Path, *, only: Collection[str] | None = None) -> None:
     """
     shutil.copytree(ROOT / "docs" / "images", folder / "images")
     pages = {"404.md": _NOWHERE, **_written_pages()}
-    pages |= python_pages() | http_pages(_openapi())
+    pages |= python_pages() | http_pages(_openapi()) | command_pages()
     pages["reference/index.md"] += _GENERATED
     if only is not None:
         pages = {name: pages[name] for name in only}

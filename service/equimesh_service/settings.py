@@ -34,7 +34,7 @@ class Settings(BaseSettings):
     )
     trusted_proxies: str = Field(
         "127.0.0.1",
-        description="Addresses of proxies whose X-Forwarded headers are trusted, separated by commas.",
+        description="Addresses and networks of proxies whose X-Forwarded headers are trusted, separated by commas.",
     )
     allowed_hosts: str = Field(
         "",
@@ -46,16 +46,21 @@ class Settings(BaseSettings):
         "pebble", description="Where meshes are solved: pebble, in processes of this machine; dask, on a cluster."
     )
     scheduler: str = Field(
-        "", description="Address of the scheduler of the cluster, e.g. tcp://host:8786; for the engine dask."
+        "",
+        description="Address of the scheduler of the cluster, tcp://host:8786 or tls://host:8786; for the engine dask.",
     )
     workers: int = Field(
         default_factory=lambda: max(1, os.cpu_count() or 1),
         ge=1,
         le=256,
-        description="Worker processes that solve; by default one for each processor.",
+        description="Worker processes that solve; by default one for each processor. Two more make files and pictures, "
+        "and read samples.",
     )
     threads: int = Field(
-        0, ge=0, le=64, description="Threads of one worker; 0: the processors divided among the workers."
+        0,
+        ge=0,
+        le=64,
+        description="Threads of one worker on large grids; 0: the processors shared by the workers, on a cluster 1.",
     )
     warm_up: Literal["all", "none"] = Field(
         "all",
@@ -65,7 +70,9 @@ class Settings(BaseSettings):
     time_limit: float = Field(300.0, gt=0, description="Seconds that one mesh may take before it fails.")
     preview_seconds: float = Field(10.0, gt=0, description="Seconds that one preview may take before it is stopped.")
     memory_limit: int = Field(
-        4096, ge=16, description="MiB that one worker may allocate on top of what it needs to start."
+        4096,
+        ge=16,
+        description="MiB that one worker may allocate on top of what it needs to start; then the mesh fails.",
     )
     max_attempts: int = Field(3, ge=1, description="Attempts at a mesh whose workers are lost.")
     lease: float = Field(15.0, gt=0, description="Seconds after which a silent service loses its meshes.")
@@ -83,22 +90,28 @@ class Settings(BaseSettings):
     max_samples: int = Field(1_000_000, ge=4, description="Most samples of a monitor function.")
     max_subdomains: int = Field(256, ge=1, description="Most subdomains of one mesh.")
     max_iterations: int = Field(1000, ge=1, description="Most Schwarz iterations of a spec.")
-    max_queue: int = Field(10_000, ge=1, description="Most waiting meshes; beyond it a request gets 429.")
-    max_wait: float = Field(30.0, ge=0, description="Longest wait, in seconds, of one request for a mesh.")
+    max_queue: int = Field(
+        10_000, ge=1, description="Most waiting meshes; beyond it a request gets 429 with Retry-After."
+    )
+    max_wait: float = Field(30.0, ge=0, description="Longest wait, in seconds, of one request (Prefer: wait, ?wait=).")
 
-    data_dir: Path = Field(Path("equimesh-data"), description="Folder of the database and of all files.")
+    data_dir: Path = Field(
+        Path("equimesh-data"), description="Folder of the database and of all files; one service for each folder."
+    )
     database_url: SecretStr = Field(
         SecretStr(""),
         description="Database as SQLAlchemy takes it, e.g. postgresql+psycopg://user:password@host/name; "
-        "empty: SQLite in the data folder.",
+        "empty: SQLite in the data folder. Give it as a variable: other users of the machine can read options.",
     )
     files_url: str = Field(
-        "", description="Where files are kept: s3://bucket/prefix; empty: the folder files in the data folder."
+        "",
+        description="Where files are kept: s3://bucket/prefix, or file:///folder on a disk that services share; empty: "
+        "the folder files in the data folder.",
     )
     s3_endpoint: str = Field("", description="Address of an S3-compatible storage; empty: that of AWS.")
     s3_region: str = Field("us-east-1", description="Region of the S3 storage.")
     s3_access_key: SecretStr = Field(SecretStr(""), description="Access key of the S3 storage.")
-    s3_secret_key: SecretStr = Field(SecretStr(""), description="Secret key of the S3 storage.")
+    s3_secret_key: SecretStr = Field(SecretStr(""), description="Secret key of the S3 storage; a variable, too.")
     retention_days: float = Field(
         30.0, ge=0, description="Days that a finished mesh and unused samples are kept; 0: until they are deleted."
     )
@@ -118,7 +131,10 @@ class Settings(BaseSettings):
         description="Most waits and event streams that one key holds open, in each service process; 0: no limit.",
     )
 
-    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Least level logged.")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info",
+        description="Least level logged; info has a line for every request. Not set at a terminal: warning.",
+    )
     log_format: Literal["text", "json"] = Field("text", description="Log lines for people, or as JSON objects.")
     metrics: bool = Field(True, description="Serve Prometheus metrics at /metrics.")
     trace_endpoint: str = Field(

@@ -7,14 +7,11 @@ import json
 import re
 from ast import literal_eval
 from pathlib import Path
-from typing import Any
 
 import equimesh as em
 from equimesh.specs import build
-from equimesh_cli.command import build_parser
-from equimesh_cli.options.monitors import flag as flag_of
 from equimesh_schema import mesh, schwarz
-from equimesh_schema.document import keys_of, types_of
+from equimesh_schema.document import keys_of
 from equimesh_schema.domains import DOMAINS
 from equimesh_schema.monitors import MONITORS
 from equimesh_service.spec.mesh import read_spec
@@ -47,21 +44,6 @@ def test_words_and_defaults_of_the_page_on_the_interface() -> None:
         assert {key: keys[key] for key, _ in told} == {key: json.loads(default) for key, default in told}, kind
         plain = {key for key, value in keys.items() if isinstance(value, float | bool | str | list)}
         assert {key for key, _ in told} == plain - {"kind", "smoothing", "monitors"}, kind
-
-
-def test_defaults_of_the_page_of_the_command_line_are_those_of_the_help() -> None:
-    rows = re.findall(r"^\| (`[^|]+`) \| ([^|]*) \|", (REFERENCE / "cli.md").read_text(), re.MULTILINE)
-    named = {flag: default.strip("`") for flags, default in rows for flag in re.findall(r"`(-[\w-]+)", flags)}
-    subparsers: Any = next(action for action in build_parser("solve")._actions if hasattr(action, "add_parser"))
-    of_monitors = {flag_of(name) for kind in MONITORS.documents.values() for name in types_of(kind)}
-    found = 0
-    for action in subparsers.choices["solve"]._actions:
-        told = re.search(r"\(([\w.-]+)\)$", action.help or "")
-        for flag in action.option_strings:
-            if told and not flag.startswith("--no-") and flag not in of_monitors:
-                assert named[flag] == told[1], flag
-                found += 1
-    assert found >= 14
 
 
 def test_defaults_that_the_page_on_python_names() -> None:

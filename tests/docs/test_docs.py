@@ -45,18 +45,18 @@ from equimesh.io.write import CELLS, FORMATS
 from equimesh.quality.measures import PER_CELL
 from equimesh.upload.samples import READERS
 from equimesh_cli.command import build_parser
-from equimesh_cli.options.monitors import flag as flag_of
 from equimesh_cli.parser import Exit
 from equimesh_client import Client
 from equimesh_client.spec.request import DEFAULTS
 from equimesh_cluster.part_files.formats import PARTED_FORMATS
 from equimesh_schema import schwarz as schwarz_schema
-from equimesh_schema.document import keys_of, types_of
+from equimesh_schema.document import keys_of
 from equimesh_schema.mesh import MeshSpec
-from equimesh_schema.monitors import MONITORS
 from equimesh_service import Settings, running
 from equimesh_service.api.app import create_app
 from equimesh_service.problems.problem import KINDS
+from equimesh_service.settings import groups
+from generator.command_pages import COMMANDS, SETTINGS, command_pages
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
@@ -227,41 +227,14 @@ def row_names(text: str) -> list[str]:
     ]
 
 
-def flags(name: str) -> set[str]:
-    """The options of a command, and of the actions below it."""
-    subparsers = next(
-        action for action in build_parser(name)._actions if isinstance(action, argparse._SubParsersAction)
-    )
-    return options_of(subparsers.choices[name])
-
-
-def options_of(parser: argparse.ArgumentParser) -> set[str]:
-    own = {flag for action in parser._actions for flag in action.option_strings}
-    below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    return own.union(*(options_of(child) for action in below for child in action.choices.values()))
-
-
-def test_every_flag_is_documented_and_exists() -> None:
-    text = page("cli")
-    commands = (
-        "demo",
-        "serve",
-        "worker",
-        "config",
-        "doctor",
-        "keys",
-        "database",
-        "generate",
-        "solve",
-        "check",
-        "completion",
-    )
-    known = {"--version"}.union(*(flags(name) for name in commands))
-    told = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
-    settings = {flag_of(name) for kind in MONITORS.documents.values() for name in types_of(kind)}
-    settings |= {flag.replace("--", "--no-") for flag in settings}
-    assert {flag for flag in known - settings if flag not in told} == set()
-    assert {flag for flag in told if flag.startswith("--") and flag not in known} == set()
+def test_every_flag_has_a_meaning_and_those_of_the_page_exist() -> None:
+    pages = command_pages()
+    rows = re.findall(r"^\| `([^|]*)` \| (.*) \|$", pages[COMMANDS], re.MULTILINE)
+    assert [option for option, meaning in rows if not meaning.strip()] == []
+    known = {flag for text in pages.values() for flag in re.findall(r"`(--?[a-z][a-z0-9-]*)`", text)}
+    told = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", page("cli")))
+    assert told - {"--help", "--version"} <= known
+    assert {"--subdomains", "--threads", "--deadline", "--max-points"} <= known
 
 
 def test_every_command_and_exit_code_is_documented() -> None:
@@ -274,14 +247,12 @@ def test_every_command_and_exit_code_is_documented() -> None:
     assert [int(code) for code in codes] == [int(code) for code in Exit]
 
 
-def test_every_setting_is_documented_with_its_default() -> None:
-    rows = re.findall(r"^\| `(EQUIMESH_\w+)` \| `(--[\w-]+)` \| (.+?) \|", page("settings"), re.MULTILINE)
+def test_every_setting_has_a_row_with_its_default_and_a_meaning() -> None:
+    text = command_pages()[SETTINGS]
+    rows = re.findall(r"^\| `(EQUIMESH_\w+)` \| `(--[\w-]+)` \| (.+?) \| (\S.*) \|$", text, re.MULTILINE)
     assert [row[0] for row in rows] == [f"EQUIMESH_{name.upper()}" for name in Settings.model_fields]
-    for (variable, option, default), (name, field) in zip(rows, Settings.model_fields.items(), strict=True):
-        assert option == f"--{name.replace('_', '-')}", variable
-        if field.default_factory is None:
-            shown = str(field.default).lower() if isinstance(field.default, bool) else str(field.default)
-            assert (shown.removesuffix(".0") or "empty") == default.strip("`"), variable
+    assert {row[0]: row[2] for row in rows}["EQUIMESH_PORT"] == "`8000`"
+    assert [name for name in groups() if not re.search(rf"^\| {name} \| \S", page("settings"), re.MULTILINE)] == []
 
 
 def test_every_setting_that_any_page_names_exists() -> None:
@@ -366,12 +337,10 @@ def test_every_key_of_the_convergence_is_documented(tmp_path: Path) -> None:
 
 
 def test_every_choice_is_documented() -> None:
-    for name in ("http", "cli", "choose-settings", "theory"):
+    for name in ("http", "choose-settings", "theory"):
         assert all(f"`{kind}`" in page(name) for kind in Boundary), name
-        for kind in ("classical", "linear_robin", "nonlinear_robin"):
-            assert f"`{kind}`" in page(name), (name, kind)
     for choice in (*Ordering, *Acceleration, *LocalSolver, *LineData, *Initial, *CELLS):
-        assert f"`{choice}`" in page("cli"), choice
+        assert f"`{choice}`" in command_pages()[COMMANDS], choice
     for name in ("http", "cli", "choose-settings", "choose-a-transmission-condition"):
         assert all(f"`{kind}`" in page(name) for kind in schwarz_schema.TRANSMISSIONS.documents), name
 

@@ -36,7 +36,14 @@ def add_parser(commands: Any) -> None:
         exits=EXITS,
     )
     parser.add_argument("u", metavar="EXPR", help="u(x, y)")
-    parser.add_argument("--parameter", metavar="NAME=VALUE", action="append", default=[], type=parameter)
+    parser.add_argument(
+        "--parameter",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        type=parameter,
+        help="value of a further name; may be repeated",
+    )
     parser.add_argument("--t", type=float, help="value of the name t")
     domains = parser.add_mutually_exclusive_group()
     domains.add_argument(
