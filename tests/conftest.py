@@ -26,7 +26,11 @@ END_SECONDS, KILL_SECONDS = 300.0, 270.0
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Mark what this run starts, and compile once what several processes would all compile."""
+    """Mark what this run starts, and compile once what several processes would all compile.
+
+    Services of tests start without a warm-up, which costs more than what most of them solve.
+    """
+    os.environ.setdefault("EQUIMESH_WARM_UP", "none")
     if not hasattr(config, "workerinput"):
         name = config.stash[MARK] = f"{os.getpid()} {time.time()}"
         leftovers.mark(name)

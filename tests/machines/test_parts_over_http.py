@@ -47,7 +47,6 @@ def url(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) -> 
         port=0,
         engine="dask",
         scheduler=cluster.scheduler,
-        warm_up="none",
         max_points=20_000,
         max_cluster_points=10_000_000,
         time_limit=120.0,

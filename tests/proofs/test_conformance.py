@@ -683,7 +683,7 @@ def test_a_mesh_survives_a_restart_of_the_service(tmp_path: Path) -> None:
         port = taken.getsockname()[1]
     command = [sys.executable, "-m", "equimesh_cli", "serve", "--port", str(port), "--data-dir", str(tmp_path)]
     command += ["--workers", "1", "--lease", "2"]
-    environment = {**os.environ, "EQUIMESH_LOG_LEVEL": "warning", "EQUIMESH_WARM_UP": "none"}
+    environment = {**os.environ, "EQUIMESH_LOG_LEVEL": "warning"}
     patient = RetryPolicy(retries=60, first=0.2, longest=1.0)
     spec = heavy(grid={"n_xi": 60, "n_eta": 60})
     spec["schwarz"] |= {"max_iterations": 5, "subdomains": [2, 1]}

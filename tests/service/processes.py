@@ -25,8 +25,6 @@ class ServiceProcess:
     """``equimesh serve`` on a port and a folder; it can be killed and started again any number of times.
 
     Every process runs the code ``first`` when it starts.
-    Workers do not warm up: most services of this kind end before they have solved what that costs. Those of the process
-    of the tests share one warm-up, which kills of workers outlive.
     """
 
     folder: Path
@@ -57,7 +55,7 @@ class ServiceProcess:
         """Start, without waiting until it is ready."""
         command = [sys.executable, "-m", "equimesh_cli", "serve", "--port", str(self.port)]
         command += ["--data-dir", str(self.folder / "data"), "--workers", str(self.workers)]
-        settings = {"LOG_LEVEL": "warning", "THREADS": "1", "WARM_UP": "none", **self.settings}
+        settings = {"LOG_LEVEL": "warning", "THREADS": "1", **self.settings}
         environment = {**os.environ, **{f"EQUIMESH_{name}": value for name, value in settings.items()}}
         self.folder.mkdir(exist_ok=True)
         if self.first:

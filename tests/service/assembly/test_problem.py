@@ -15,10 +15,13 @@ from service.assembly.specs import ARC, DOMAINS, MONITORS
 from service.conftest import small
 from service.requests import WAIT, arrays, solved
 
+# Each monitor on two domains, each domain with every other monitor; tests/proofs/test_monitors_on_domains.py has the
+# equations.
+PAIRS = [(monitor, domain) for k, monitor in enumerate(MONITORS) for domain in [*DOMAINS][k % 2 :: 2]]
 
-@pytest.mark.parametrize("domain", DOMAINS)
-@pytest.mark.parametrize("monitor", MONITORS)
-def test_every_monitor_on_every_domain(http: httpx.Client, monitor: str, domain: str) -> None:
+
+@pytest.mark.parametrize(("monitor", "domain"), PAIRS)
+def test_every_monitor_and_every_domain(http: httpx.Client, monitor: str, domain: str) -> None:
     spec = small(monitor=MONITORS[monitor], domain=DOMAINS[domain], grid={"n_xi": 13, "n_eta": 12})
     mesh = solved(http, spec)
     certificate = mesh["certificate"]
