@@ -40,6 +40,7 @@ from equimesh_service.files.folder import make_folder
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.settings import FILE_WORKERS, Settings
+from equimesh_service.store.blobs import BlobFiles
 from equimesh_service.store.database import sqlite_file
 from equimesh_service.store.rows import Artifact, MeshRow, SequenceRow
 from equimesh_service.store.store import Store
@@ -194,7 +195,8 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     make_folder(folder)
     lock = _lock_folder(settings)
     storage = Storage(settings.database, files_address(settings))
-    store, files = Store(storage.database_url), storage.files()
+    store = Store(storage.database_url)
+    files = BlobFiles(store.database, storage.address.open())
     store.prepare()
     files.prepare(alone=lock is not None and not settings.files_url)
     engine, side_workers = _open_workers(settings, storage)

@@ -105,7 +105,7 @@ class Settings(BaseSettings):
     )
     files_url: str = Field(
         "",
-        description="Where files are kept: s3://bucket/prefix, or file:///folder on a disk that services share; empty: "
+        description="Where files of more than 1 MiB are kept: s3://bucket/prefix, or file:///folder on a disk that services share; empty: "
         "the folder files in the data folder.",
     )
     s3_endpoint: str = Field("", description="Address of an S3-compatible storage; empty: that of AWS.")

@@ -121,7 +121,7 @@ def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(
             until(lambda: unfinished(store) == 0, _PATIENCE)
             if everything:  # a start sweeps files away that no mesh names
                 assert service.stop() == 0
-                age_files(files)
+                age_files(url, files)
                 service.start()
                 service.ready()
                 check_files(url, files)

@@ -96,7 +96,7 @@ def test_nothing_is_lost_while_workers_and_services_are_killed(
 
             until(lambda: unfinished(store) == 0, PATIENCE)
             assert service.stop() == 0
-            age_files(service.folder / "data" / "files")
+            age_files(database_url, service.folder / "data" / "files")
             service.start()
             service.ready()
             check_meshes(store, work)

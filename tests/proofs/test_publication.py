@@ -16,7 +16,8 @@ import pytest
 from sqlalchemy import func, select
 
 from equimesh_service.files.folder import FolderFiles
-from equimesh_service.files.port import Publish, Removed, StoredFile
+from equimesh_service.files.port import Files, Publish, Removed, StoredFile
+from equimesh_service.store.blobs import BlobFiles
 from equimesh_service.store.rows import Artifact, NewMesh, NewStep, Outcome, SamplesRow
 from equimesh_service.store.schema import removals
 from equimesh_service.store.store import Store
@@ -44,11 +45,20 @@ class Far(FolderFiles):
             os.replace(whole, target)
 
 
-@pytest.fixture
-def files(tmp_path: Path) -> FolderFiles:
-    files = Far(tmp_path / "files")
+@pytest.fixture(params=["far", "rows"])
+def files(request: pytest.FixtureRequest, tmp_path: Path, store: Store) -> Files:
+    far = Far(tmp_path / "files")
+    files: Files = far if request.param == "far" else BlobFiles(store.database, far)
     files.prepare(alone=True)
     return files
+
+
+def is_there(files: Files, sha256: str) -> bool:
+    try:
+        with files.local(sha256) as path:
+            return path.read_bytes() == b"same"
+    except FileNotFoundError:
+        return False
 
 
 @pytest.fixture
@@ -86,31 +96,31 @@ def step(store: Store, file: StoredFile, publish: Publish) -> None:
     store.meshes.add(NewMesh(id="m", spec=SPEC), step=taken)
 
 
-def sweep(store: Store, file: StoredFile, _: Publish, files: FolderFiles) -> None:
+def sweep(store: Store, file: StoredFile, _: Publish, files: Files) -> None:
     store.retention.remove_unnamed([file.sha256], files.remove)
 
 
-def delete_mesh(store: Store, file: StoredFile, publish: Publish, files: FolderFiles) -> None:
+def delete_mesh(store: Store, file: StoredFile, publish: Publish, files: Files) -> None:
     finish(store, file, publish, "other")
     assert store.meshes.delete("other", files.remove)
 
 
-def retire_mesh(store: Store, file: StoredFile, publish: Publish, files: FolderFiles) -> None:
+def retire_mesh(store: Store, file: StoredFile, publish: Publish, files: Files) -> None:
     finish(store, file, publish, "other")
     assert store.retention.retire_meshes(-1.0, files.remove) == 1
 
 
-def delete_sequence(store: Store, file: StoredFile, publish: Publish, files: FolderFiles) -> None:
+def delete_sequence(store: Store, file: StoredFile, publish: Publish, files: Files) -> None:
     step(store, file, publish)
     assert store.sequences.delete("q-1", files.remove)
 
 
-def delete_samples(store: Store, file: StoredFile, publish: Publish, files: FolderFiles) -> None:
+def delete_samples(store: Store, file: StoredFile, publish: Publish, files: Files) -> None:
     upload(store, file, publish)
     assert store.samples.delete("s-1", files.remove)
 
 
-def retire_samples(store: Store, file: StoredFile, publish: Publish, files: FolderFiles) -> None:
+def retire_samples(store: Store, file: StoredFile, publish: Publish, files: Files) -> None:
     upload(store, file, publish)
     assert store.retention.retire_samples(-1.0, files.remove) == 1
 
@@ -123,9 +133,9 @@ REMOVALS = (sweep, delete_mesh, retire_mesh, delete_sequence, delete_samples, re
 )
 def test_what_is_removed_between_sealing_and_naming_is_there(
     store: Store,
-    files: FolderFiles,
+    files: Files,
     clock: Clock,
-    remove: Callable[[Store, StoredFile, Publish, FolderFiles], None],
+    remove: Callable[[Store, StoredFile, Publish, Files], None],
     name: Callable[[Store, StoredFile, Publish], None],
 ) -> None:
     with files.unfinished(".bin") as path:
@@ -133,18 +143,18 @@ def test_what_is_removed_between_sealing_and_naming_is_there(
         file = files.seal(path)
         publish = partial(files.publish, path, file)
         remove(store, file, publish, files)
-        assert not files.path(file.sha256).exists()
+        assert not is_there(files, file.sha256)
         clock.now += 80_000.0
         store.retention.forget(0.0)
         name(store, file, publish)
-    assert files.path(file.sha256).read_bytes() == b"same"
+    assert is_there(files, file.sha256)
     clock.now += 80_000.0
     store.retention.forget(0.0)
     with store.database.read() as connection:
         assert connection.execute(select(func.count()).select_from(removals)).scalar() == 0
 
 
-def test_whoever_names_a_file_finds_it_while_others_remove_it(store: Store, files: FolderFiles) -> None:
+def test_whoever_names_a_file_finds_it_while_others_remove_it(store: Store, files: Files) -> None:
     end, missing, seen = time.monotonic() + 1.0, list[str](), list[str]()
 
     def act(who: int) -> None:
@@ -154,7 +164,7 @@ def test_whoever_names_a_file_finds_it_while_others_remove_it(store: Store, file
                 file = files.seal(path)
                 row = SamplesRow(f"s-{who}", file.sha256, file.size, {}, 0.0)
                 store.samples.add(row, partial(files.publish, path, file))
-            (seen if files.path(file.sha256).exists() else missing).append(row.id)
+            (seen if is_there(files, file.sha256) else missing).append(row.id)
             store.samples.delete(row.id, files.remove)
 
     def remove() -> None:

@@ -11,7 +11,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -19,10 +19,12 @@ from typing import Any
 
 import httpx
 import numpy as np
-from sqlalchemy import select
+from sqlalchemy import select, update
 
+from equimesh_service.files.folder import FolderFiles
+from equimesh_service.store.blobs import BlobFiles
 from equimesh_service.store.database import Database
-from equimesh_service.store.schema import artifacts, meshes, samples
+from equimesh_service.store.schema import artifacts, blobs, meshes, samples
 from equimesh_service.store.store import Store
 from service.conftest import PAPER, until
 
@@ -190,19 +192,22 @@ def check_downloads(url: str, store: Store) -> None:
 def check_files(url: str, folder: Path) -> None:
     """The files are exactly those that rows name; none is half written."""
     named = set()
-    database = Database(url, durable=False)
+    database = Database(url)
+    files = BlobFiles(database, FolderFiles(folder))
     with database.read() as connection:
         for column in (artifacts.c.sha256, samples.c.sha256):
             named.update(connection.execute(select(column)).scalars())
         assert connection.execute(select(meshes.c.id).where(meshes.c.owner.is_not(None))).first() is None
+    until(lambda: {file.sha256 for file in files.listing()} == named)
     database.close()
-    until(lambda: {path.name for path in folder.glob("??/*")} == named)
     # Temporary files and folders from before the start are gone; newer ones may be in use.
     left = [path for path in (folder / "unfinished").iterdir() if time.time() - path.stat().st_mtime > _HOURS / 2]
     assert left == []
 
 
-def age_files(folder: Path) -> None:
+def age_files(url: str, folder: Path) -> None:
     """Make all files look hours old: the sweep leaves young files, which may still be named."""
+    with closing(Database(url)) as database, database.write() as connection:
+        connection.execute(update(blobs).values(created_at=blobs.c.created_at - _HOURS))
     for path in folder.glob("*/*"):
         os.utime(path, (time.time() - _HOURS, time.time() - _HOURS))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from pydantic import SecretStr
 from equimesh_service.files.folder import FolderFiles
 from equimesh_service.files.port import Files
 from equimesh_service.files.s3 import Bucket, S3Files
+from equimesh_service.store.blobs import BlobFiles
+from equimesh_service.store.store import Store
 from service.s3_server import ACCESS_KEY, SECRET_KEY, S3Server, serving
 
 CONTENT = bytes(range(256)) * 40
@@ -32,15 +35,25 @@ def bucket_of(s3: S3Server, name: str, **more: Any) -> Bucket:
     return Bucket(**{"name": name, "prefix": "a/b", "endpoint": s3.endpoint, **keys, **more})
 
 
-@pytest.fixture(params=["folder", "s3"])
-def files(request: pytest.FixtureRequest, tmp_path: Path) -> Files:
-    """Files of both kinds, prepared; their temporary files are in ``tmp_path``."""
+@pytest.fixture(params=["folder", "s3", "rows"])
+def files(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Files]:
+    """Files of each kind, prepared; their temporary files are in ``tmp_path``."""
+    with ExitStack() as stack:
+        found = _made(request, tmp_path, stack)
+        found.prepare(alone=True)
+        yield found
+
+
+def _made(request: pytest.FixtureRequest, tmp_path: Path, stack: ExitStack) -> Files:
     if request.param == "folder":
         found: Files = FolderFiles(tmp_path)
+    elif request.param == "rows":
+        store = stack.enter_context(closing(Store(f"sqlite:///{tmp_path / 'rows.sqlite3'}")))
+        store.prepare()
+        found = BlobFiles(store.database, FolderFiles(tmp_path))
     else:
         server: S3Server = request.getfixturevalue("s3")
         name = f"bucket-{next(_numbers)}"
         server.bucket(name)
         found = S3Files(bucket_of(server, name), tmp_path)
-    found.prepare(alone=True)
     return found

@@ -377,11 +377,12 @@ def stored_files(settings: Settings) -> Finding | None:
 
     if not has_tables(settings):
         return None
-    with open_inspection(settings) as inspection:
-        named = inspection.named_files()
     storage = files_address(settings).open()
     none = isinstance(storage, FolderFiles) and not storage.folder.is_dir()
     present = {} if none else {file.sha256: file.size for file in storage.listing()}
+    with open_inspection(settings) as inspection:
+        named, rows = inspection.named_files(), inspection.file_rows()
+    present |= rows
     lost = sorted(name for name in named if name not in present)
     damaged = sorted(name for name, size in named.items() if present.get(name, size) != size)
     if lost or damaged:
@@ -420,7 +421,7 @@ def open_inspection(settings: Settings) -> Iterator[InspectionStore]:
     """The database, open for reading."""
     from equimesh_service.store.database import Database, InspectionStore
 
-    database = Database(settings.database, durable=False)
+    database = Database(settings.database)
     try:
         yield InspectionStore(database)
     finally:

@@ -40,7 +40,7 @@ from sqlalchemy.exc import ArgumentError
 from sqlalchemy.sql.dml import ReturningInsert
 
 from equimesh_service.errors import NewerDatabaseError, UnusableDatabaseError
-from equimesh_service.store.schema import artifacts, keys, meshes, metadata, samples
+from equimesh_service.store.schema import artifacts, blobs, keys, meshes, metadata, samples
 
 # How old a reading of the database's clock may be.
 _MAX_READING_AGE_SECONDS = 10.0
@@ -131,14 +131,13 @@ _KEEPALIVE = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count
 class Database:
     """Reading and writing transactions, for all threads of a process.
 
-    With ``durable`` every commit is on disk when it returns. Without, a crash of the machine may undo the last commits;
-    a crash of the process does not. ``clock`` returns the database's time in seconds since 1970; that of SQLite is this
-    machine's. Raises :class:`UnusableDatabaseError`.
+    ``clock`` returns the database's time in seconds since 1970; that of SQLite is this machine's. Raises
+    :class:`UnusableDatabaseError`.
     """
 
-    def __init__(self, url: str, *, durable: bool) -> None:
-        self._durable = durable
+    def __init__(self, url: str) -> None:
         address = _address(url)
+        self._outer = threading.local()  # in each thread, the writing transaction that it is in
         # SQLite has one writer at a time; others sleep for longer and longer. The threads of this process wait here
         # instead, where they wake at once.
         self._turns: AbstractContextManager[object] = nullcontext()
@@ -158,10 +157,9 @@ class Database:
                     "PostgreSQL needs psycopg; install it with: pip install 'equimesh[postgres]'"
                 )
             more = str(address.query.get("options", ""))
-            options = [_IDLE_OPTION, "" if durable else "-c synchronous_commit=off", more]
             self._engine = create_engine(
                 address,
-                connect_args={"connect_timeout": _CONNECT_SECONDS, "options": " ".join(options), **_KEEPALIVE},
+                connect_args={"connect_timeout": _CONNECT_SECONDS, "options": f"{_IDLE_OPTION} {more}", **_KEEPALIVE},
                 json_serializer=to_json,
                 pool_size=8,
                 max_overflow=8,
@@ -172,7 +170,11 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
-        """A transaction that only reads."""
+        """A transaction that only reads; inside a writing one of this thread it reads what that has written."""
+        outer = self._writing
+        if outer is not None:
+            yield outer
+            return
         with self._engine.connect() as connection:
             if self._server_clock is not None:
                 self._server_clock.follow(connection)
@@ -182,20 +184,36 @@ class Database:
     def write(self, *, durable: bool = True) -> Iterator[Connection]:
         """A transaction that is committed at the end, or undone by an exception.
 
-        Without ``durable`` its commit does not wait for the disk. It reaches the disk with the next durable commit at
-        the latest, since both are written to the same log.
+        A ``durable`` commit is on disk when it returns. After another one, a crash of the machine may undo it; a crash
+        of the process does not. It reaches the disk with the next durable commit at the latest, since both are written
+        to the same log.
+
+        Inside another writing transaction of this thread it is a part of that (a savepoint): an exception undoes the
+        part alone, and what is left is committed with the whole.
         """
-        synced = self._durable and durable
+        outer = self._writing
+        if outer is not None:
+            with outer.begin_nested():
+                yield outer
+            return
         with (
             self._turns,
-            self._engine.connect().execution_options(writes=True, synced=synced) as connection,
+            self._engine.connect().execution_options(writes=True, synced=durable) as connection,
             connection.begin(),
         ):
-            if self._durable and not durable and connection.dialect.name == "postgresql":
+            if not durable and connection.dialect.name == "postgresql":
                 connection.execute(text("SET LOCAL synchronous_commit TO off"))
             if self._server_clock is not None:
                 self._server_clock.follow(connection)
-            yield connection
+            self._outer.connection = connection
+            try:
+                yield connection
+            finally:
+                self._outer.connection = None
+
+    @property
+    def _writing(self) -> Connection | None:
+        return getattr(self._outer, "connection", None)
 
     def close(self) -> None:
         """Close all connections."""
@@ -273,10 +291,10 @@ def _begin_sqlite(connection: Connection) -> None:
 
 
 # The revision of the tables in `schema`: that of the last step in `migrations`.
-LATEST = "0008"
+LATEST = "0009"
 _FIRST = "0001"
 # The revisions that this release can upgrade from.
-_OLDER = (_FIRST, "0002", "0003", "0006", "0007")
+_OLDER = (_FIRST, "0002", "0003", "0006", "0007", "0008")
 _log = logging.getLogger(__name__)
 # The table of Alembic, as Alembic creates it.
 _version = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))
@@ -284,7 +302,7 @@ _version = Table("alembic_version", MetaData(), Column("version_num", String(32)
 
 def current(url: str) -> str | None:
     """The revision of the database behind ``url``; None for one without tables."""
-    database = Database(url, durable=True)
+    database = Database(url)
     try:
         with database.read() as connection:
             return _revision(connection)
@@ -297,7 +315,7 @@ def upgrade(url: str) -> str:
 
     Raises :class:`NewerDatabaseError`.
     """
-    database = Database(url, durable=True)
+    database = Database(url)
     try:
         return prepare(database)
     finally:
@@ -382,6 +400,11 @@ class InspectionStore:
                 *connection.execute(select(samples.c.sha256, samples.c.size)),
             ]
         return {row.sha256: row.size for row in rows}
+
+    def file_rows(self) -> dict[str, int]:
+        """The size of every file that is a row, by its SHA-256."""
+        with self._read() as connection:
+            return {row.sha256: row.size for row in connection.execute(select(blobs.c.sha256, blobs.c.size))}
 
     def has_keys(self) -> bool:
         """Whether an API key was ever created."""

@@ -392,8 +392,8 @@ class MeshesStore:
         return {row.name: Artifact(*row) for row in rows}
 
     def add_artifact(self, mesh_id: str, file: Artifact, publish: Publish = publish_nothing) -> bool:
-        """Give a finished mesh one more file; False when the mesh is gone."""
-        with self._write() as connection:
+        """Give a finished mesh one more file, which a crash may undo; False when the mesh is gone."""
+        with self._write(durable=False) as connection:
             query = select(meshes.c.id).where(meshes.c.id == mesh_id).with_for_update(key_share=True)
             if connection.execute(query).first() is None:
                 return False

@@ -200,13 +200,16 @@ class QueueStore:
             return FAILED if self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", data) else None
 
     def progress(self, claim: Claim, data: Mapping[str, Any]) -> bool:
-        """Store the progress of a running mesh; False when the claim is no longer valid."""
-        with self._write() as connection:
+        """Store the progress of a running mesh; False when the claim is no longer valid. A crash may undo it."""
+        with self._write(durable=False) as connection:
             return self._append(connection, _ATTEMPT, {**_of(claim), "progress": dict(data)}, "progress", data)
 
     def finish(self, claim: Claim, outcome: Outcome = _SUCCESS) -> bool:
-        """End a running mesh; False when the claim is no longer valid. The files are published in the transaction."""
-        with self._write() as connection:
+        """End a running mesh; False when the claim is no longer valid. The files are published in the transaction.
+
+        A crash of the machine may undo it: then the mesh, which stays in the store, is computed once more.
+        """
+        with self._write(durable=False) as connection:
             change = {**outcome.columns, "finished_at": self._clock(), "owner": None, "lease_until": None}
             if not self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", outcome.event):
                 return False

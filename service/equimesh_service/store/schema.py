@@ -11,6 +11,7 @@ from sqlalchemy import (
     ForeignKey,
     Index,
     Integer,
+    LargeBinary,
     MetaData,
     PrimaryKeyConstraint,
     String,
@@ -189,6 +190,16 @@ removals = Table(
     Column("sha256", String(64), nullable=False),
     Column("noted_at", Float, nullable=False),
     PrimaryKeyConstraint("sha256", "noted_at"),
+)
+
+# Small files, under the SHA-256 of their bytes; larger ones are in a folder or a bucket.
+blobs = Table(
+    "blobs",
+    metadata,
+    Column("sha256", String(64), primary_key=True),
+    Column("size", _Number, nullable=False),
+    Column("created_at", Float, nullable=False),
+    Column("content", LargeBinary, nullable=False),  # the last: other columns are read without it
 )
 
 # API keys. `sha256` is the hash of the secret, which is not stored. `share` is the weight of the key's turns.

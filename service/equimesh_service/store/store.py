@@ -17,12 +17,11 @@ from equimesh_service.store.schema import samples
 class Store:
     """The database behind a URL. One object serves all threads of a process.
 
-    With ``durable`` every commit waits for the disk, as the service needs it; the progress of a worker does not.
     ``clock`` returns the time in seconds since 1970; it is the database's unless another one is given.
     """
 
-    def __init__(self, url: str, *, durable: bool = True, clock: Callable[[], float] | None = None) -> None:
-        self.database = Database(url, durable=durable)
+    def __init__(self, url: str, *, clock: Callable[[], float] | None = None) -> None:
+        self.database = Database(url)
         self.clock = clock = clock or self.database.clock
         self.meshes = MeshesStore(self.database, clock)
         self.queue = QueueStore(self.database, clock)

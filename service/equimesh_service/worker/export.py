@@ -23,7 +23,7 @@ from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.worker.drawing import compare, draw_mesh_row, of_blocks
 from equimesh_service.worker.in_parts import PART_FORMATS, WRITTEN, PartsLayout, convert_part_file, write_head_file
 from equimesh_service.worker.job import CONVERGENCE, DRAWING, MESH, Export, part_artifact
-from equimesh_service.worker.solve import open_store, samples_of
+from equimesh_service.worker.solve import samples_of
 from equimesh_service.worker.summary import NO_ITERATIONS
 
 
@@ -35,7 +35,7 @@ def export(task: Export) -> Artifact | None:
 
 
 def _export(task: Export) -> Artifact | None:
-    store, files = open_store(task.storage), task.storage.files()
+    store, files = task.storage.store(), task.storage.files()
     with files.unfinished(_suffix(task.name)) as path:
         with ExitStack() as sources:
             _write(task, path, store, files, sources)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from equimesh_service.files.address import FilesAddress
 from equimesh_service.files.port import Files
+from equimesh_service.store.blobs import BlobFiles
 from equimesh_service.store.rows import Claim, MeshInput
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import tracing
@@ -22,13 +24,18 @@ class Storage:
     database_url: str
     address: FilesAddress
 
-    def store(self, *, durable: bool) -> Store:
-        """The database of a worker; its commits wait for the disk only when they are to be ``durable``."""
-        return Store(self.database_url, durable=durable)
+    def store(self) -> Store:
+        """The database, opened once in each process."""
+        return _open_store(self.database_url)
 
     def files(self) -> Files:
         """The files."""
-        return self.address.open()
+        return BlobFiles(self.store().database, self.address.open())
+
+
+@lru_cache(maxsize=8)
+def _open_store(url: str) -> Store:
+    return Store(url)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ import equimesh
 from equimesh.specs.spec import BuiltSpec
 from equimesh_service.assembly.problem import Samples, check, translate_errors
 from equimesh_service.errors import TimeLimitError
-from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
 from equimesh_service.telemetry import log_context
@@ -115,10 +114,13 @@ def _build(preview: Preview) -> BuiltSpec:
         return packed
     with ExitStack() as stack:
         samples = {name: _arrays(content) for name, content in preview.sent.items()}
-        return check(preview.spec, {**samples, **_stored(preview, preview.storage.files(), stack)})
+        return check(preview.spec, {**samples, **_stored(preview, stack)})
 
 
-def _stored(preview: Preview, files: Files, stack: ExitStack) -> dict[str, Samples]:
+def _stored(preview: Preview, stack: ExitStack) -> dict[str, Samples]:
+    if not preview.stored:
+        return {}
+    files = preview.storage.files()
     try:
         return {name: stack.enter_context(files.local(sha256)) for name, sha256 in preview.stored.items()}
     except FileNotFoundError:

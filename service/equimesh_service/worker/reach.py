@@ -31,7 +31,7 @@ class Reach:
     @classmethod
     def of(cls, storage: Storage, *, mark: bool = True) -> Reach:
         """The storage as this process sees it; with ``mark`` its folder of files gets a mark."""
-        file, files = sqlite_file(storage.database_url), storage.files()
+        file, files = sqlite_file(storage.database_url), storage.address.open()
         return cls(
             storage=storage,
             machine=_machine(),
@@ -65,7 +65,7 @@ class Reach:
 
     def _files_fault(self) -> str:
         try:
-            files = self.storage.files()
+            files = self.storage.address.open()
             if isinstance(files, FolderFiles) and self.folder != _mark(files.folder):
                 return f"it does not see the folder of the service's files, {files.folder}"
             files.prepare(alone=False)

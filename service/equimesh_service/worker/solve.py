@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -48,7 +48,7 @@ from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.worker.in_parts import solve_in_parts
-from equimesh_service.worker.job import CONVERGENCE, MESH, Job, Storage, attempt, file_name, log_context_of
+from equimesh_service.worker.job import CONVERGENCE, MESH, Job, attempt, file_name, log_context_of
 from equimesh_service.worker.reporter import Reporter
 from equimesh_service.worker.summary import AnySolution, problem_of, summary_of
 
@@ -254,12 +254,6 @@ def solve_mesh(job: Job) -> Ending | Repeated | Refused | None:
             raise
 
 
-@lru_cache(maxsize=8)
-def open_store(storage: Storage, *, durable: bool = False) -> Store:
-    """The store, opened once in each process."""
-    return storage.store(durable=durable)
-
-
 def samples_of(mesh_input: MeshInput, files: Files, stack: ExitStack) -> SamplesOf:
     """The function that finds the files of samples, which last until ``stack`` closes."""
 
@@ -282,7 +276,7 @@ class _Work:
 
 def _solve(job: Job) -> Ending | Repeated | None:
     began, stopwatch = time.perf_counter(), Stopwatch()
-    store, files = open_store(job.storage), job.storage.files()
+    store, files = job.storage.store(), job.storage.files()
     work = _build(job, store, files)
     stopwatch.lap("build")
     if work.spec.parts is not None:
@@ -332,11 +326,11 @@ def _keep(job: Job, outcome: Outcome, files: Files, *, seconds: float, entered: 
     """Put the outcome into the store; the id of the mesh there, None when the attempt was lost meanwhile."""
     draft = None if job.mesh_input is None else job.mesh_input.draft
     if draft is None:
-        return job.claim.mesh_id if open_store(job.storage).queue.finish(job.claim, outcome) else None
+        return job.claim.mesh_id if job.storage.store().queue.finish(job.claim, outcome) else None
     with ExitStack() as stack:
         publish = publish_nothing if draft.samples is None else _seal_samples(draft.samples, files, stack)
         # Nothing was promised for a draft before, so its only commit waits for the disk.
-        drafts = open_store(job.storage, durable=True).drafts
+        drafts = job.storage.store().drafts
         return drafts.finish(draft, job.claim, outcome, seconds=seconds, publish_samples=publish, entered=entered)
 
 

@@ -24,6 +24,7 @@ from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError, WorkerLostError
 from equimesh_service.files.address import files_address
 from equimesh_service.problems.problem import Problem, problem_at
+from equimesh_service.store.blobs import BlobFiles
 from equimesh_service.store.store import Store
 from equimesh_service.worker.job import Storage
 from service.conftest import small, until
@@ -74,7 +75,13 @@ def opened(folder: Path, engine: OneWorker) -> Iterator[Callable[[CheckThreads],
     line.queue_is_empty = True
 
     def make(threads: CheckThreads) -> Previews:
-        admission = Admission(settings, store, storage.files(), SideWorkers(OneWorker()), threads.while_waiting)
+        admission = Admission(
+            settings,
+            store,
+            BlobFiles(store.database, storage.address.open()),
+            SideWorkers(OneWorker()),
+            threads.while_waiting,
+        )
         return Previews(settings, storage, PreviewAdmission.of(admission), threads, engine, line)
 
     try:

@@ -72,6 +72,7 @@ def test_a_new_database_is_what_all_steps_together_make(database_url: str, engin
 def test_the_keys_of_a_revision_without_shares_have_equal_ones(database_url: str, engine: Engine) -> None:
     upgrade(database_url)
     with engine.begin() as connection:  # back to revision 0006
+        connection.execute(text("DROP TABLE blobs"))
         connection.execute(text("DROP INDEX sequences_by_key"))
         connection.execute(text("ALTER TABLE steps DROP COLUMN settings"))
         connection.execute(text("ALTER TABLE keys DROP COLUMN share"))
@@ -92,6 +93,7 @@ def test_the_keys_of_a_revision_without_shares_have_equal_ones(database_url: str
 def test_the_sequences_of_a_revision_without_their_list_are_listed(database_url: str, engine: Engine) -> None:
     upgrade(database_url)
     with engine.begin() as connection:  # back to revision 0007
+        connection.execute(text("DROP TABLE blobs"))
         connection.execute(text("DROP INDEX sequences_by_key"))
         connection.execute(text("ALTER TABLE steps DROP COLUMN settings"))
         connection.execute(text("UPDATE alembic_version SET version_num = '0007'"))
@@ -131,7 +133,7 @@ def test_services_that_start_together_change_it_once(database_url: str, engine: 
         assert connection.execute(text("SELECT count(*) FROM alembic_version")).scalar() == 1
 
 
-@pytest.mark.parametrize("revision", ["0009", "0004"])
+@pytest.mark.parametrize("revision", ["0010", "0004"])
 def test_a_database_of_a_newer_release_is_refused(
     database_url: str, engine: Engine, tmp_path: Path, revision: str
 ) -> None:
@@ -139,7 +141,7 @@ def test_a_database_of_a_newer_release_is_refused(
     upgrade(database_url)
     with engine.begin() as connection:
         connection.execute(text(f"UPDATE alembic_version SET version_num = '{revision}'"))
-    with pytest.raises(NewerDatabaseError, match=r"revision 000\d, of a newer release .* restore a backup"):
+    with pytest.raises(NewerDatabaseError, match=r"revision 00\d\d, of a newer release .* restore a backup"):
         upgrade(database_url)
     settings = Settings(data_dir=tmp_path, database_url=database_url, port=0)  # type: ignore[arg-type]
     with pytest.raises(NewerDatabaseError), running(settings):

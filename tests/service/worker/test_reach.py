@@ -17,7 +17,7 @@ from equimesh_service.worker.reach import Reach
 def storage(tmp_path: Path, database_url: str) -> Storage:
     """A storage that a service has prepared."""
     found = Storage(database_url, FilesAddress(folder=tmp_path / "files"))
-    store = found.store(durable=False)
+    store = found.store()
     store.prepare()
     store.close()
     found.files().prepare(alone=True)
