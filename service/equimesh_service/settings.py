@@ -105,8 +105,8 @@ class Settings(BaseSettings):
     )
     files_url: str = Field(
         "",
-        description="Where files of more than 1 MiB are kept: s3://bucket/prefix, or file:///folder on a disk that services share; empty: "
-        "the folder files in the data folder.",
+        description="Where files of more than 1 MiB are kept: s3://bucket/prefix, or file:///folder on a disk that "
+        "services share; empty: the folder files in the data folder.",
     )
     s3_endpoint: str = Field("", description="Address of an S3-compatible storage; empty: that of AWS.")
     s3_region: str = Field("us-east-1", description="Region of the S3 storage.")

@@ -1,8 +1,8 @@
 """The files port: storage of bytes under their SHA-256, written once, never changed.
 
 An implementation passes ``check_files`` of the service's tests. There are three: a folder
-(:mod:`equimesh_service.files.folder`), S3-compatible storage (:mod:`equimesh_service.files.s3`), and rows of the database
-for small files, in front of one of these (:mod:`equimesh_service.store.blobs`).
+(:mod:`equimesh_service.files.folder`), S3-compatible storage (:mod:`equimesh_service.files.s3`), and in front of one
+of these rows of the database for small files (:mod:`equimesh_service.store.blobs`).
 """
 
 import hashlib
