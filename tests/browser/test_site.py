@@ -69,10 +69,13 @@ def url(built: Path, page_url: str) -> Iterator[str]:
         yield f"{page_url}/site/"
 
 
-@pytest.fixture(params=[("light", 1366, 768), ("dark", 390, 844)], ids=["laptop, light", "phone, dark"])
+SCREENS = {"laptop, light": ("light", 1366, 768), "phone, dark": ("dark", 390, 844)}
+
+
+@pytest.fixture
 def page(chromium: Browser, request: pytest.FixtureRequest, url: str) -> Iterator[Page]:
     """A page of a browser that reaches the service alone, and fails on a complaint in the console."""
-    scheme, width, height = request.param
+    scheme, width, height = SCREENS[getattr(request, "param", "laptop, light")]
     context = chromium.new_context(color_scheme=scheme, viewport={"width": width, "height": height})
     opened = context.new_page()
     complaints: list[str] = []
@@ -102,6 +105,7 @@ def test_pages_have_no_inline_script_or_style(built: Path) -> None:
 
 
 @pytest.mark.needs("chromium")
+@pytest.mark.parametrize("page", SCREENS, indirect=True)
 def test_pages_are_readable_for_everyone(page: Page, url: str) -> None:
     axe = Axe()
     for name in ("", "tutorials/first-mesh.html", "reference/packages/equimesh.testing.html",

@@ -36,8 +36,6 @@ from service.processes import ServiceProcess, children, command_of, runs, servic
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills and limits are Linux's")
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
-# A stop waits 5 s for a client that does not read; without that limit it would wait for as long as the client stays.
-_STOP_SECONDS = 50.0
 # Seconds without an event: each of its iterations factorises large matrices again and again.
 DEEP: dict[str, Any] = {**SLOW, "grid": {"n_xi": 140, "n_eta": 140}}
 DEEP["schwarz"] = {**SLOW["schwarz"], "subdomains": [2, 1]}
@@ -137,13 +135,12 @@ def test_a_cancel_between_claim_and_submission_is_seen(tmp_path: Path) -> None:
 
 
 def test_a_worker_killed_during_a_real_solve(http: httpx.Client) -> None:
-    spec = {**SLOW, "grid": {"n_xi": 24, "n_eta": 24}, "schwarz": {**SLOW["schwarz"], "max_iterations": 60}}
-    mesh = http.post("/v1/meshes", json=spec).json()
-    until(lambda: http.get(mesh["links"]["self"]).json()["progress"]["phase"])
+    """Another one begins anew; that the mesh then succeeds is in tests/proofs/test_durability.py."""
+    mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
+    until(lambda: http.get(mesh).json()["progress"]["phase"])
     os.kill(_busiest(children(os.getpid())), signal.SIGKILL)
-    final = until(lambda: (m := http.get(mesh["links"]["self"] + "?wait=5").json())["finished_at"] and m)
-    assert final["status"] == "succeeded", final["error"]
-    assert final["attempts"] == 2
+    until(lambda: http.get(mesh).json()["attempts"] == 2)
+    assert http.post(f"{mesh}/cancel").json()["status"] == "canceled"
 
 
 def _busiest(processes: list[int]) -> int:
@@ -236,70 +233,82 @@ def test_limits_of_memory_and_of_the_queue_and_a_stop_of_the_service(tmp_path: P
     assert events[-1].data == {"status": "queued", "reason": "the service was stopped"}
 
 
-def test_a_killed_service_goes_on_where_it_was(tmp_path: Path) -> None:
-    with service_process(tmp_path / "service", workers=1, LEASE="60") as service:
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    """A service as a process, in a folder of its own; tests find it running or not, and leave it so."""
+    folder = tmp_path_factory.mktemp("served") / "service"
+    with service_process(folder, workers=1, LEASE="60", MAX_POINTS="1000000", MAX_WAIT="600") as service:
+        yield service
+
+
+def _run(service: ServiceProcess) -> None:
+    """Start it where it does not run, and wait until it is ready."""
+    if not service.runs:
         service.start()
-        service.ready()
-        with httpx.Client(base_url=service.url, timeout=60.0) as http:
-            mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
-            until(lambda: http.get(mesh).json()["progress"]["phase"])
-            workers = service.worker_pids()
-            service.kill()
-            until(lambda: not any(runs(pid) for pid in workers))  # nobody computes for a dead service
-            service.start()
-            service.ready()
-            until(lambda: http.get(mesh).json()["attempts"] == 2)  # at once, whatever its lease was
+    service.ready()
 
 
-def test_a_stop_answers_everybody_and_hands_back_what_was_computed(tmp_path: Path) -> None:
-    with service_process(tmp_path / "service", workers=1, LEASE="60", MAX_POINTS="1000000") as service:
-        service.start()
-        service.ready()
-        with httpx.Client(base_url=service.url, timeout=60.0) as http:
-            spec = {"monitor": {"kind": "weight", "rho": "1"}, "grid": {"n_xi": 300, "n_eta": 300}}
-            made = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()["links"]["file"]
-            big = f"{made}?format=su2"
-            assert len(http.get(big).content) > 6_000_000  # more than the 4 MB that a connection buffers
-            mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
-            until(lambda: http.get(mesh).json()["progress"]["phase"])
-        answers: dict[str, tuple[int, float]] = {}
-
-        def follow(path: str) -> None:
-            code = httpx.get(service.url + path, timeout=60.0).status_code
-            answers[path] = (code, time.monotonic())
-
-        paths = (f"{mesh}?wait=30", f"{mesh}/events")
-        threads = [threading.Thread(target=follow, args=(path,)) for path in paths]
-        for thread in threads:
-            thread.start()
-        with _reading_nothing(service.port, big):
-            time.sleep(0.5)
-            began = time.monotonic()
-            service.signal(signal.SIGTERM)
-            time.sleep(0.2)
-            assert service.stop() == 0  # a second signal does no harm
-            assert time.monotonic() - began < _STOP_SECONDS
-        for thread in threads:
-            thread.join()
-        assert {path: code for path, (code, _) in answers.items()} == dict.fromkeys(paths, 200)
-        assert max(at for _, at in answers.values()) - began < 20.0  # less than the 30 s that one of them waits
-        store = Store(f"sqlite:///{service.folder / 'data' / 'equimesh.sqlite3'}")
-        row = store.meshes.get(mesh.rpartition("/")[2])
-        events = store.meshes.events(mesh.rpartition("/")[2])
-        store.close()
-        assert row is not None
-        assert (row.status, row.attempt) == ("queued", 1)
-        assert events[-1].data == {"status": "queued", "reason": "the service was stopped"}
-        _check_nothing_is_left(service)
+def test_a_killed_service_goes_on_where_it_was(served: ServiceProcess) -> None:
+    _run(served)
+    with httpx.Client(base_url=served.url, timeout=60.0) as http:
+        mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
+        until(lambda: http.get(mesh).json()["progress"]["phase"])
+        workers = served.worker_pids()
+        served.kill()
+        until(lambda: not any(runs(pid) for pid in workers))  # nobody computes for a dead service
+        _run(served)
+        until(lambda: http.get(mesh).json()["attempts"] == 2)  # at once, whatever its lease was
+        assert http.post(f"{mesh}/cancel").json()["status"] == "canceled"
 
 
-def test_a_service_that_is_stopped_as_it_starts_its_workers_leaves_nothing(tmp_path: Path) -> None:
-    with service_process(tmp_path / "service", workers=1) as service:
-        service.start()
-        until(lambda: children(service.pid))
-        assert service.stop() == 0
-        _check_nothing_is_left(service)
-        assert "Traceback" not in service.log
+def test_a_stop_answers_everybody_and_hands_back_what_was_computed(served: ServiceProcess) -> None:
+    _run(served)
+    with httpx.Client(base_url=served.url, timeout=60.0) as http:
+        spec = {"monitor": {"kind": "weight", "rho": "1"}, "grid": {"n_xi": 300, "n_eta": 300}}
+        made = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()["links"]["file"]
+        big = f"{made}?format=su2"
+        assert len(http.get(big).content) > 6_000_000  # more than the 4 MB that a connection buffers
+        mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
+        until(lambda: http.get(mesh).json()["progress"]["phase"])
+    answers: dict[str, int] = {}
+
+    def follow(path: str) -> None:
+        answers[path] = httpx.get(served.url + path, timeout=100.0).status_code
+
+    paths = (f"{mesh}?wait=600", f"{mesh}/events")
+    threads = [threading.Thread(target=follow, args=(path,)) for path in paths]
+    for thread in threads:
+        thread.start()
+    with _reading_nothing(served.port, big):
+        time.sleep(0.5)
+        served.signal(signal.SIGTERM)
+        time.sleep(0.2)
+        # A second signal does no harm; it would wait in vain for an end that waits for who reads nothing.
+        assert served.stop() == 0
+    for thread in threads:
+        thread.join()
+    assert answers == dict.fromkeys(paths, 200)  # neither waited for the whole time
+    store = Store(f"sqlite:///{served.folder / 'data' / 'equimesh.sqlite3'}")
+    row = store.meshes.get(mesh.rpartition("/")[2])
+    events = store.meshes.events(mesh.rpartition("/")[2])
+    assert row is not None
+    assert (row.status, row.attempt) == ("queued", 1)
+    assert events[-1].data == {"status": "queued", "reason": "the service was stopped"}
+    assert store.meshes.delete(row.id, lambda _: None)
+    store.close()
+    _check_nothing_is_left(served)
+
+
+def test_a_service_that_is_stopped_as_it_starts_its_workers_leaves_nothing(served: ServiceProcess) -> None:
+    if served.runs:
+        served.stop()
+    served.folder.mkdir(exist_ok=True)
+    (served.folder / "log").write_text("")
+    served.start()
+    until(lambda: children(served.pid))
+    assert served.stop() == 0
+    _check_nothing_is_left(served)
+    assert "Traceback" not in served.log
 
 
 def _check_nothing_is_left(service: ServiceProcess) -> None:
@@ -419,21 +428,19 @@ def _is_sound(engine: PebbleEngine) -> bool:
 
 
 def test_a_stop_does_not_wait_for_those_who_wait(tmp_path: Path) -> None:
-    settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error")
+    settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error", max_wait=600.0)
     with running(settings) as url, ExitStack() as stack:
         mesh = httpx.post(f"{url}/v1/meshes", json=SLOW).json()
         waiting, streaming = (
             stack.enter_context(closing(HTTPConnection(url.removeprefix("http://"), timeout=60.0))) for _ in range(2)
         )
-        waiting.request("GET", f"{mesh['links']['self']}?wait=30")
+        waiting.request("GET", f"{mesh['links']['self']}?wait=600")
         streaming.request("GET", f"{mesh['links']['self']}/events")
         stream = streaming.getresponse()  # the service has read the request before it, too
         connections = stack.pop_all()
-        began = time.monotonic()
-    with connections:
+    with connections:  # their time limit is less than what one of them waits
         assert (waiting.getresponse().status, stream.status) == (200, 200)
         assert stream.read()
-    assert time.monotonic() - began < 25.0  # less than the 30 s that one of them waits
 
 
 @pytest.mark.anyio

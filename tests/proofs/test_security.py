@@ -256,10 +256,9 @@ def test_slow_senders_hold_up_nobody(guarded_service: Guarded, client: httpx.Cli
         for _ in range(5):
             for line in (*heads, *bodies):
                 line.sendall(b"x")
-            began = time.monotonic()
+            # They send nothing more until these answers are there.
             assert client.get(mesh).status_code == 200
             assert httpx.get(f"{guarded_service.url}/livez").status_code == 200
-            assert time.monotonic() - began < 20.0
 
 
 def test_a_body_has_to_come_in_time(client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -47,6 +47,11 @@ class ServiceProcess:
         return self._process.pid
 
     @property
+    def runs(self) -> bool:
+        """Whether it has been started, and has not ended."""
+        return self._process is not None and self._process.poll() is None
+
+    @property
     def log(self) -> str:
         """The output of all its processes so far."""
         return (self.folder / "log").read_text()

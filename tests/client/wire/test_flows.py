@@ -141,11 +141,10 @@ def test_generate_cancels_a_mesh_whose_id_never_arrived(connect: Any, service: A
 
 def test_a_deadline_ends_retries(connect: Any, service: Any, fault: Any) -> None:
     service.faults = [fault("POST /v1/meshes", times=999)]
-    start = time.monotonic()
     patient = RetryPolicy(retries=999, first=0.05, longest=0.05)
     with pytest.raises(DeadlineExceeded):
         connect(service.url, retries=patient).generate("x", 5, deadline=0.5)
-    assert time.monotonic() - start < 5.0
+    assert len(service.seen("POST", "meshes")) < 100  # 999 pauses would take 50 s
 
 
 def test_a_cancel_whose_answer_was_lost(connect: Any, service: Any, fault: Any) -> None:

@@ -50,9 +50,9 @@ def test_a_mesh_is_sent_instead_of_json_only_when_it_is_named(header: str | None
 
 
 def test_a_long_header_is_read_at_once() -> None:
-    began = time.perf_counter()
+    began = time.process_time()
     assert choose_offer(",".join(f"*/********{number:x}" for number in range(2500)), OFFERS) is None
-    assert time.perf_counter() - began < 1.0  # a search with patterns takes seconds
+    assert time.process_time() - began < 1.0  # a search with patterns takes seconds
 
 
 @pytest.mark.parametrize(
