@@ -129,11 +129,11 @@ def main() -> None:
             rows.append(measured(name, points))
             print(table(rows[-1:]).splitlines()[-1], flush=True)
     text = f"{cases.version()}, error at the cell centres of the Poisson problem with the solution u:\n\n{table(rows)}"
-    has_fipy = cases.has_fipy(options.fipy)
-    if has_fipy:
-        text += f"\n65 x 65 points, OpenFOAM and FiPy {cases.fipy_version(options.fipy)}:\n\n"
-        text += fipy_table(options.fipy, 65)
     print(text)
+    if cases.has_fipy(options.fipy):
+        print(
+            f"65 x 65 points, OpenFOAM and FiPy {cases.fipy_version(options.fipy)}:\n\n{fipy_table(options.fipy, 65)}"
+        )
     if options.write:
         before, _, rest = PAGE.read_text().partition(BEGIN)
         PAGE.write_text(before + BEGIN + text + END + rest.partition(END)[2])

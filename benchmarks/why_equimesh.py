@@ -57,8 +57,7 @@ ORDER = (
 )
 """The meshers in the order of the tables."""
 Mesher = Callable[[em.Expression, int], Made]
-HEAD = "| mesh | vertices | L2 | H1 | vertices per CPU second | angles |"
-RULE = "|---|---|---|---|---|---|"
+Values = Callable[[Measured], float]
 
 
 def meshers() -> Iterator[tuple[str, Mesher]]:
@@ -87,23 +86,37 @@ def has(name: str) -> bool:
     return True
 
 
-def row(name: str, found: Measured) -> str:
-    """The line of the table for one mesh."""
-    rate = f"{float(f'{found.rate:.2g}'):,.0f}"
-    angles = f"{found.smallest_angle:.1f} to {found.largest_angle:.1f}"
-    note = f" ({found.note})" if found.note else ""
-    return f"| {name}{note} | {found.vertices} | {found.l2:.2g} | {found.h1:.2g} | {rate} | {angles} |"
+def row(mesher: str, meshes: dict[str, dict[str, Any]]) -> str:
+    """The line of a mesher: both errors for each function; the smallest and largest rates and angles of all of them."""
+    found = {name: Measured(**meshes[name][mesher]) for name in meshes if mesher in meshes[name]}
+    errors = [f"{found[name].l2:.2g}, {found[name].h1:.2g}" if name in found else "" for name in meshes]
+    rates = [f"{float(f'{rate:.2g}'):,.0f}" for rate in _ends(found, lambda one: one.rate)]
+    smallest = _ends(found, lambda one: one.smallest_angle)[0]
+    largest = _ends(found, lambda one: one.largest_angle)[1]
+    cells = [mesher, *errors, " to ".join(dict.fromkeys(rates)), f"{smallest:.1f} to {largest:.1f}"]
+    return f"| {' | '.join(cells)} |"
+
+
+def _ends(found: dict[str, Measured], value: Values) -> tuple[float, float]:
+    values = [value(one) for one in found.values()]
+    return min(values), max(values)
 
 
 def tables(record: dict[str, Any]) -> Iterator[str]:
-    """The lines of the page: the command and the versions, and a table for each function of the record."""
-    points, known = record["points"], record["versions"]
+    """The lines of the page: the command and the versions, the functions, and a table with a line for each mesher."""
+    points, known, meshes = record["points"], record["versions"], record["meshes"]
     yield f"`python benchmarks/why_equimesh.py --points {points}` with {', '.join(known.values())}."
-    for name, (text, formula) in FUNCTIONS.items():
-        if found := record["meshes"].get(name):
-            yield from ("", f"`{name}`, {text}: `{formula}`", "", HEAD, RULE)
-            for mesher in sorted(found, key=ORDER.index):
-                yield row(mesher, Measured(**found[mesher]))
+    yield ""
+    for name in meshes:
+        text, formula = FUNCTIONS[name]
+        yield f"- `{name}`: {text}, `{formula}`"
+    yield from (
+        "",
+        f"| mesh | {' | '.join(meshes)} | vertices per CPU second | angles |",
+        "|---" * (len(meshes) + 3) + "|",
+    )
+    for mesher in sorted({mesher for found in meshes.values() for mesher in found}, key=ORDER.index):
+        yield row(mesher, meshes)
 
 
 def versions() -> dict[str, str]:
@@ -153,13 +166,12 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="only write the tables of the page")
     options = parser.parse_args()
     if not options.write:
-        print("\n".join([HEAD, RULE]), flush=True)
         for name in options.functions:
             u = em.Expression(FUNCTIONS[name][1])
             for mesher, make in meshers():
                 if mesher.startswith(tuple(options.meshers)):
                     found = measure(make(u, options.points), u, options.points)
-                    print(row(f"{name}: {mesher}", found), flush=True)
+                    print(f"{name}, {mesher}: {found}", flush=True)
                     remember(name, mesher, found, options.points)
     elif options.points == POINTS:
         write("\n".join(tables(recorded(POINTS))))

@@ -97,5 +97,5 @@ def test_a_measurement_replaces_an_older_one(tmp_path: Path, monkeypatch: pytest
         why_equimesh.remember("ring", "Mmg2d", replace(found, l2=l2), 9)
     record = why_equimesh.recorded(9)
     assert record["meshes"]["ring"]["Mmg2d"]["l2"] == 0.25
-    assert [*why_equimesh.tables(record)][-1] == "| Mmg2d | 81 | 0.25 | 1 | 81 | 90.0 to 90.0 |"
+    assert [*why_equimesh.tables(record)][-1] == "| Mmg2d | 0.25, 1 | 81 | 90.0 to 90.0 |"
     assert why_equimesh.recorded(17)["meshes"] == {}

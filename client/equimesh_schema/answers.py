@@ -77,6 +77,7 @@ class FileOfParts(Answer):
     name: str
     """Its path next to the head, which looks for the files of parts under their names."""
     media_type: str
+    """The type of its bytes, as the header of its answer says it."""
     size: int | None
     """Bytes; null until the file is made, which its first request does."""
     sha256: str | None

@@ -75,7 +75,7 @@ class SubdomainHistory(BaseModel):
 class IterationHistory(BaseModel):
     """One Schwarz iteration; 0 is the start."""
 
-    iteration: int
+    iteration: int = Field(description="Its number; 0 is the start.")
     transmission: str = Field(description="The condition in use; after a fallback, not the requested one.")
     max_q_eq: float | None = Field(description="Largest share of the metric of a cell; 1 where all are equal.")
     change: float | None = Field(description="Largest move of a node.")
