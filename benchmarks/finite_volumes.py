@@ -54,7 +54,6 @@ class Row(NamedTuple):
     angle: float
     checked: bool
     last: float
-    chosen: str
 
 
 def measured(name: str, points: int) -> Row:
@@ -62,8 +61,6 @@ def measured(name: str, points: int) -> Row:
     u = em.Expression(FUNCTIONS[name])
     grid = em.Grid(n_xi=points, n_eta=points)
     solution = em.solve(em.Problem(monitor=em.Auto(u=u, purpose="finite_volume"), grid=grid))
-    best = solution.certificate.comparison[0]
-    words = ", ".join(f"{key} {value}" for key, value in best.settings.items())
     with tempfile.TemporaryDirectory() as folder:
         uniform = cases.open_foam(Path(folder) / "uniform", Mesh.uniform(grid), u)
         ours = cases.open_foam(Path(folder) / "ours", solution.mesh, u)
@@ -78,17 +75,16 @@ def measured(name: str, points: int) -> Row:
         checked.angle,
         checked.passed,
         ours.last,
-        f"{best.kind} {words}".strip(),
     )
 
 
 def table(rows: list[Row]) -> str:
     """The rows as a table of Markdown."""
-    head = "| u | points | uniform | preset | gain | angle | `checkMesh` | candidate |\n|" + "---|" * 8
+    head = "| u | points | uniform | preset | gain | angle | `checkMesh` |\n|" + "---|" * 7
     lines = [
         f"| {r.name} | {r.points} | {r.uniform:.2e} | {r.ours:.2e} | {r.uniform / r.ours:.2f} |"
         f" {r.angle:.0f} |"
-        f" {'ok' if r.checked else 'fails'} | {r.chosen} |"
+        f" {'ok' if r.checked else 'fails'} |"
         for r in rows
     ]
     return "\n".join([head, *lines]) + "\n"

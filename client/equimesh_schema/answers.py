@@ -31,7 +31,9 @@ class ConvergenceSummary(Answer):
     max_q_eq: float | None
     """Largest share of the metric of a cell; 1 where all are equal."""
     rate: float | None
+    """Observed factor of the error from one iteration to the next."""
     predicted_rate: float | None
+    """Factor that the theory predicts; null where it predicts none."""
 
 
 @dataclass(frozen=True, kw_only=True)
