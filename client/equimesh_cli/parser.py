@@ -127,7 +127,7 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[Any, list[str]]:
-        """As :mod:`argparse` does, but an unknown argument is an error of this parser, which knows its own command."""
+        """The arguments, as :mod:`argparse` reads them; an unknown one is an error of this parser."""
         options, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._advice(unknown[0])}")

@@ -63,7 +63,7 @@ class PartsSummary(Answer):
     """A mesh in parts: how many there are, and what they have sent each other."""
 
     count: int
-    """Its parts; GET …/parts lists them."""
+    """Number of parts; GET …/parts lists them."""
     bytes: int
     """Bytes that the parts have sent each other."""
     messages: int
@@ -77,7 +77,7 @@ class FileOfParts(Answer):
     """A file of a mesh in parts."""
 
     name: str
-    """Its path next to the head, which looks for the files of parts under their names."""
+    """The path next to the head, which looks for the files of parts under their names."""
     media_type: str
     """The type of its bytes, as the header of its answer says it."""
     size: int | None
@@ -85,7 +85,7 @@ class FileOfParts(Answer):
     sha256: str | None
     """Of its bytes, as its ETag; null until it is made."""
     href: str
-    """Its address."""
+    """The address of the file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,7 @@ class PartRecord(Answer):
     number: int
     """0, 1, 2, …"""
     first: int
-    """Its first own row."""
+    """The first own row of the part."""
     last: int
     """The first own row of the next part."""
     rows: int

@@ -54,15 +54,15 @@ class Candidate(Answer):
     """
 
     kind: str
-    """Its kind."""
+    """The kind of the monitor."""
     settings: Mapping[str, Any]
-    """Its settings."""
+    """The settings of the monitor."""
     gain_l2: Number
-    """As interpolation_gain, on the coarse grid."""
+    """Gain in L2 on the coarse grid."""
     gain_h1: Number
-    """The same in the norm h1."""
+    """Gain in the norm h1 on the coarse grid."""
     chosen: bool
-    """Whether it is that of the mesh."""
+    """Whether the mesh has this monitor."""
     gain_cells: Number = math.nan
     """Error at cell centres of a cell-centred code: of the uniform mesh over that of this one.
 
@@ -108,7 +108,7 @@ class Estimate(Answer):
     l2: float
     """In the units of u times a length."""
     h1: float
-    """The same for the gradient; it must not rank meshes."""
+    """Estimated error of the gradient; it must not rank meshes."""
     unresolved: float
     """h1 over the norm of the gradient: the share that the mesh does not resolve."""
     moved_cells: float
@@ -188,7 +188,7 @@ class Certificate(Answer):
     comparison: tuple[Candidate, ...] = ()
     """The monitors among which auto has chosen, the best one first."""
     estimate: Estimate | None = None
-    """That of a round of adapting; null for other meshes."""
+    """Estimated errors of a round of adapting; null for other meshes."""
     compared_with: Literal["uniform", "initial"] = "uniform"
     """The mesh that the gains refer to; initial for a domain in blocks."""
     understood: Mapping[str, str] = field(default_factory=dict)

@@ -1,7 +1,7 @@
 """Requests and answers as dataclasses: what their fields hold, and their JSON.
 
-Whoever validates with pydantic can make a ``TypeAdapter`` of a document: the classes here answer what it asks, as plain
-dictionaries, without importing it.
+Code that validates with pydantic can make a ``TypeAdapter`` of a document: the classes here answer what pydantic asks,
+as plain dictionaries, without importing it.
 """
 
 from __future__ import annotations

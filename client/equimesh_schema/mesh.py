@@ -42,7 +42,7 @@ class Target(Document):
     """An interpolation error of u in place of a grid."""
 
     norm: Norm = "l2"
-    """That of the error of u, or of its gradient."""
+    """The norm of the error: l2 of u, or h1, of its gradient."""
     error: float
     """The requested error, positive, in the units of u."""
     max_points: int | None = None

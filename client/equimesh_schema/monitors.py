@@ -50,7 +50,7 @@ class MonitorDocument(Document):
     USE: ClassVar[str]
     """When to take it, in a sentence."""
     TITLE: ClassVar[str] = ""
-    """Its name on a page, where that is not the kind."""
+    """The name on a page, where that is not the kind."""
     NEEDED: ClassVar[tuple[str, ...]] = ("kind", "u")
     kind: str
 

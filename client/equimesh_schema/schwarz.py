@@ -117,7 +117,7 @@ class Schwarz(Document):
     """The iteration ends when its estimated error in the coordinates is at most this; 'discretization' is a fifth of
     the error of the grid itself; null runs exactly max_iterations."""
     max_iterations: int = 100
-    """It fails where this many do not reach the tolerance."""
+    """Most iterations; the solve fails where they do not reach the tolerance."""
     compare_single_domain: bool = False
     """Also solve the single domain, and report the error against it."""
 

@@ -294,7 +294,7 @@ def run_at(
     *,
     options: RunOptions | None = None,
 ) -> PartsRun:
-    """As :func:`run_parts`, part k on the worker at ``workers[k]``, which has what it needs: there is one attempt.
+    """See :func:`run_parts`, part k on the worker at ``workers[k]``, which has what it needs: there is one attempt.
 
     Raises :class:`~equimesh_cluster.errors.WorkersLostError` where one of the workers is lost.
     """

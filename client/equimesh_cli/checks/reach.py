@@ -161,7 +161,7 @@ def cluster(settings: Settings) -> Finding | None:
         )
         return warning(message, "lower EQUIMESH_MEMORY_LIMIT, or give the worker fewer processes")
     if is_open(found.address):
-        message += f"; whoever reaches the scheduler at {found.address} can run programs on all of them"
+        message += f"; anyone who reaches the scheduler at {found.address} can run programs on all of them"
         remedy = "use TLS, see docs/how-to/cluster.md; on one machine: dask scheduler --host 127.0.0.1"
         return warning(message, remedy)
     reached = "all reach the database and the files" if check is not None else "the first start checks what they reach"

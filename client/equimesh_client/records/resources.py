@@ -70,7 +70,7 @@ class MeshState:
 
     @property
     def progress(self) -> Progress:
-        """Its progress in the latest resource."""
+        """The progress of the mesh in the latest resource."""
         return progress_of(self.record)
 
     @property
@@ -97,7 +97,7 @@ class MeshState:
 
     @property
     def relaxed(self) -> bool:
-        """Whether it is a valid mesh for a weaker or smoother monitor than requested; the certificate says which."""
+        """Whether the valid mesh solves a weaker or smoother monitor than requested; the certificate says which."""
         certificate = self.certificate
         return certificate is not None and certificate.status == "relaxed"
 

@@ -99,7 +99,7 @@ class Rounds(Protocol[M]):
         ...
 
     def averaged(self, mesh: M, values: Array) -> Looked[M]:
-        """As :meth:`known`, of nodal values that were recovered from averages over the cells."""
+        """See :meth:`known`, of nodal values that were recovered from averages over the cells."""
         ...
 
     def indicated(self, mesh: M, values: Array) -> Looked[M]:

@@ -261,7 +261,7 @@ def edge_bumps(mesh: Mesh, values: Array) -> EdgeBumps:
 
 
 def _bumps(x: Array, y: Array, values: Array, u_x: Array, u_y: Array) -> Array:
-    """Those of the edges along the first index."""
+    """End slopes less the chord, of the edges along the first index, shape ``(n_xi - 1, n_eta, 2)``."""
     dx, dy, rise = np.diff(x, axis=0), np.diff(y, axis=0), np.diff(values, axis=0)
     low, high = np.minimum(0.0, MAX_SLOPE * rise), np.maximum(0.0, MAX_SLOPE * rise)
     ends = [np.clip(u_x[part] * dx + u_y[part] * dy, low, high) - rise for part in (np.s_[:-1], np.s_[1:])]
@@ -322,11 +322,11 @@ def bump(p: float, q: float, a: float) -> float:
 
 @inlined
 def slope(p: float, q: float, a: float) -> float:
-    """Its first derivative along the edge."""
+    """The first derivative of the cubic along the edge."""
     return p * (1.0 - a) * (1.0 - 3.0 * a) - q * a * (2.0 - 3.0 * a)
 
 
 @inlined
 def bend(p: float, q: float, a: float) -> float:
-    """Its second derivative."""
+    """The second derivative of the cubic along the edge."""
     return p * (6.0 * a - 4.0) - q * (2.0 - 6.0 * a)

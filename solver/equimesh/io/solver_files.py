@@ -44,7 +44,7 @@ def words(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
 
 
 def quoted(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
-    """As :func:`words` for names between quotes, which may have spaces."""
+    """See :func:`words`, for names between quotes, which may have spaces."""
     return _distinct(names, NOT_IN_QUOTES, taken)
 
 

@@ -31,7 +31,7 @@ class Edge:
     axis: int
     end: int
     is_turned: bool = False
-    """Whether it runs against the edge that it was found from."""
+    """Whether the edge runs against the edge that it was found from."""
 
 
 class Edges:
@@ -49,7 +49,7 @@ class Edges:
                 self._key[block, int(axis), int(end)] = key
 
     def across(self, block: int, axis: int, end: int) -> Edge | None:
-        """The same edge as one of the block on its other side; ``None`` on the boundary."""
+        """This edge, as an edge of the block on its other side; ``None`` on the boundary."""
         both = self._at[self._key[block, axis, end]]
         if len(both) < 2:
             return None

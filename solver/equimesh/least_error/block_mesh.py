@@ -44,7 +44,7 @@ class BlockMesh:
 
     @classmethod
     def of(cls, domain: Blocks, level: BlockLevel) -> BlockMesh:
-        """That of a level."""
+        """The mesh of a level, with its chart and its cells."""
         nodes = level.nodes
         chart = CurveChart(domain.curves, domain.node_curve[nodes], domain.node_parameter[nodes], domain.area)
         cells = cells_of_mesh(level.cells, chart.free, level.ties)
@@ -87,7 +87,7 @@ class Place:
 
     mesh: BlockMesh
     unknowns: Array
-    """Those of the chart, shape ``(2, nodes)``."""
+    """The unknowns of the chart, shape ``(2, nodes)``."""
 
     @property
     def points(self) -> Array:
@@ -100,7 +100,7 @@ class Place:
         return self.mesh.chart.parameters(self.unknowns)
 
     def lifted(self, first: Place, there: Place, objective: Objective, *, is_regular: bool = False) -> Place:
-        """The same on a finer mesh: its displacements from ``first`` by cubic interpolation, added to ``there``.
+        """This place on a finer mesh: its displacements from ``first`` by cubic interpolation, added to ``there``.
 
         Where these fold, by the smallest share of a corner, they are mended. Linear interpolation of displacements,
         mended, too, and that of positions are tried then, and the mesh with the smallest error is taken. It is the
@@ -131,7 +131,7 @@ class Place:
         return fine.chart.unknowns(share * there.points + moves, there.parameters + along)
 
     def quad_mesh(self, finest: QuadMesh) -> QuadMesh:
-        """As a mesh; that of the finest level has the cells, sides and blocks of ``finest``."""
+        """A mesh of its nodes; on the finest level it has the cells, sides and blocks of ``finest``."""
         level, points = self.mesh.level, np.ascontiguousarray(self.points.T)
         if level.is_finest:
             return finest.moved(points)
@@ -264,7 +264,7 @@ class BlockNest:
         return
 
     def mesh(self, level: BlockLevel, mesh: Array) -> QuadMesh:
-        """As a mesh; that of the finest level has the cells, sides and blocks of the initial one."""
+        """A mesh of these unknowns; on the finest level it has the cells, sides and blocks of the initial one."""
         return Place(mesh=self.on(level), unknowns=mesh).quad_mesh(self.domain.mesh)
 
     def min_jacobian(self, level: BlockLevel, mesh: Array) -> float:

@@ -98,7 +98,7 @@ class DomainChart:
         return mesh - start
 
     def derivatives(self, mesh: Array, collected: Array, bends: Array, stiffness: Array) -> Pair:
-        """As :meth:`Chart.derivatives`: the chain rule through the map of the domain."""
+        """Derivatives by the unknowns, see :meth:`Chart.derivatives`: the chain rule through the map of the domain."""
         gradient, blocks = self._pulled_back(mesh, collected)
         gradient += bends
         blocks[::2] += stiffness
@@ -139,12 +139,12 @@ class Lines:
 
     @classmethod
     def of(cls, lines: Sequence[tuple[Line, IntArray]]) -> Lines:
-        """Those of the nodes of each line, one line after the other."""
+        """One line for each node: the nodes of the first line come first."""
         rows = np.array([(*line.start, *line.direction) for line, _ in lines])
         return cls(*np.repeat(rows, [nodes.size for _, nodes in lines], axis=0).T.copy())
 
     def on(self, kept: BoolArray) -> Lines:
-        """Those of some of the nodes."""
+        """The lines of the nodes where ``kept`` is true."""
         return Lines(self.x[kept], self.y[kept], self.along_x[kept], self.along_y[kept])
 
     def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
@@ -256,7 +256,7 @@ class CurveChart:
         return np.stack([(one - other) / self.length for one, other in zip(here, there, strict=True)])
 
     def derivatives(self, mesh: Array, collected: Array, bends: Array, stiffness: Array) -> Pair:
-        """As :meth:`Chart.derivatives`: on a curve those along its tangent."""
+        """Derivatives by the unknowns, see :meth:`Chart.derivatives`; on a curve along its tangent."""
         collected[:2] += bends / self.length
         collected[2::2] += stiffness / self.area
         gradient, blocks = collected[:2], collected[2:]

@@ -245,7 +245,7 @@ class StraightLines:
         return product(*(line[:count] for line, count in zip(lines, self.shape, strict=True)))
 
     def cut(self, lines: Array) -> bool:
-        """As :meth:`~equimesh.least_error.objective.Objective.cut`."""
+        """See :meth:`~equimesh.least_error.objective.Objective.cut`."""
         return self.objective.cut(self.mesh(lines))
 
     def tie(self, direction: Array) -> None:
@@ -255,11 +255,11 @@ class StraightLines:
                 direction[axis, count - 1] = direction[axis, 0]
 
     def smallest_share(self, lines: Array) -> float:
-        """As :meth:`~equimesh.least_error.objective.Objective.smallest_share`."""
+        """See :meth:`~equimesh.least_error.objective.Objective.smallest_share`."""
         return self.objective.smallest_share(self.mesh(lines))
 
     def evaluate(self, lines: Array) -> Evaluation | None:
-        """As :meth:`~equimesh.least_error.objective.Objective.evaluate`: a line moves all its nodes."""
+        """See :meth:`~equimesh.least_error.objective.Objective.evaluate`; a line moves all its nodes."""
         there = self.objective.evaluate(self.mesh(lines))
         if there is None:
             return None

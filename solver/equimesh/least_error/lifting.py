@@ -54,7 +54,7 @@ class Lifting:
         return out
 
     def lifted_along_sides(self, values: Array, *, cubic: bool) -> Array:
-        """As :meth:`lifted` of one value a node, shape ``(coarse nodes,)``, from values along the same edge alone.
+        """See :meth:`lifted`, of one value a node, shape ``(coarse nodes,)``, from values along the same edge alone.
 
         Inside of blocks the values mean nothing.
         """

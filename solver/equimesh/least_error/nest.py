@@ -110,7 +110,7 @@ class Way(Protocol):
 
     @property
     def name(self) -> str:
-        """That of the first mesh, for the records."""
+        """The name of the first mesh, for the records."""
         ...
 
     @property

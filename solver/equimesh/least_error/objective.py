@@ -293,7 +293,7 @@ class Objective:
         return True
 
     def _squared_error_of(self, nodes: Nodes, nodal: NodalValues | None, span: tuple[int, int]) -> float:
-        """That of a span of cells; ``nodal`` is evaluated together with the other points where it is not given."""
+        """The squared error of a span of cells; without ``nodal``, u at the nodes is evaluated, too."""
         per_cell, element = self._elements.shape[0] // self.cells.count, self._rule.element
         elements = self._elements[per_cell * span[0] : per_cell * span[1]]
         shares, of_slopes = self._shares[4 * span[0] : 4 * span[1]], self._rule.norm == "h1"

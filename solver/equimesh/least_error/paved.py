@@ -195,7 +195,7 @@ class Smooth:
 
     @property
     def length(self) -> float:
-        """As many spacings of the background as the domain has cells along a side."""
+        """The length of a row of cells: the spacing of the background times the root of their number."""
         return float(self._background.spacing * self.cells.count**0.5)
 
     def unknowns(self, coefficients: Array) -> Array:

@@ -51,7 +51,7 @@ class Patch(NamedTuple):
     turned: tuple[bool, bool] = (False, False)
     """Whether the positions of the lines of each family run the other way."""
     share: float = 1.0
-    """Its share of the domain."""
+    """Share of the domain that it covers."""
 
 
 def equidistributed(
@@ -299,7 +299,7 @@ class Way:
         return start
 
     def _lifted_across(self, mesh: Array, coarse: Grid, fine: Grid, domain: Domain) -> Array:
-        """As :meth:`lifted`, for a mesh with closed lines: displacements and positions go on across its seams."""
+        """See :meth:`lifted`, for a mesh with closed lines: displacements and positions go on across its seams."""
         start, first = self.start(fine), self.start(coarse)
         parts = (mesh - first).reshape(2, *coarse.shape)
         for cubic in (True, False):

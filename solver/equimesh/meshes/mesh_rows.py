@@ -166,7 +166,7 @@ class MeshWindow:
 
     @property
     def min_jacobian(self) -> float:
-        """As :attr:`~equimesh.meshes.mesh.Mesh.min_jacobian`, of the whole mesh."""
+        """The smallest corner Jacobian of the whole mesh, see :attr:`~equimesh.meshes.mesh.Mesh.min_jacobian`."""
         rows = self.rows
         here = [smallest_jacobian(*self.nodes(rows.first, rows.last))] if rows.first < rows.last else []
         return float(rows.joined(np.array(here)).min() * (rows.cells[0] * rows.cells[1]))

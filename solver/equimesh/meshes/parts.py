@@ -23,7 +23,7 @@ from equimesh.numerics.types import Array, IntArray
 #
 # A strip is a block of rows whose intermediate arrays stay in the cache. Strips depend on the grid alone, and so does
 # the tree: the strips ``first`` to ``last - 1`` are cut in the middle into two nodes, until a node is one strip. A
-# sum over all rows is added up this tree, whoever adds it; so no result depends on the number of threads or of parts,
+# sum over all rows is added up this tree, in each process; so no result depends on the number of threads or of parts,
 # to the last bit.
 
 # Nodes of a strip of rows: its intermediate arrays stay in the cache.

@@ -223,7 +223,7 @@ class Overlaps:
 
     @classmethod
     def _of_quads(cls, old: QuadMesh, new: QuadMesh) -> Overlaps:
-        """Those of two meshes of quadrilaterals; old cells beyond a periodic join count as themselves."""
+        """Common parts of the cells of two meshes of blocks; old cells beyond a periodic join count as themselves."""
         unrolled, of_old, of_new = Unrolled.of(old), QuadCells.of(old), QuadCells.of(new)
         search, cells = unrolled.search, np.ascontiguousarray(new.cells)
         nodes = np.array(new.x, dtype=float), np.array(new.y, dtype=float)

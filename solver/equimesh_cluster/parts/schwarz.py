@@ -179,7 +179,7 @@ def _part(
 # A solve on a domain in blocks whose subdomains several parts hold: the first one leads, the others follow.
 
 OWN_FIELDS = ("problem", "mesh")
-"""Fields of a solution that whoever asked for it has: the problem, and the mesh but for its nodes."""
+"""Fields of a solution that the program which requested it has: the problem, and the mesh but for its nodes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
