@@ -9,6 +9,8 @@ from xdist.workermanage import WorkerController
 
 # Folders whose tests share a service or a browser of the session, and how many processes at most start one.
 SHARED = {"browser": 2, "client": 1, "fuzz": 1, "service": 2}
+# Files of other folders that share the service as a process with those of tests/service/telemetry.
+OBSERVED = ("tests/proofs/test_hostile.py",)
 # Files whose tests share nothing: each test is given out by itself.
 LOOSE = ("tests/examples/test_examples.py",)
 
@@ -32,6 +34,8 @@ def unit_of(nodeid: str) -> str:
     if file in LOOSE:
         return nodeid
     folder = file.split("/")[1]
+    if file in OBSERVED or file.startswith("tests/service/telemetry/"):
+        return "tests/service, part 0"
     if folder in SHARED:
         return f"tests/{folder}, part {crc32(file.encode()) % SHARED[folder]}"
     return file
