@@ -106,6 +106,29 @@ class ClientOperations(ABC, Generic[M]):
         return mesh
 
     @operation
+    async def compute(
+        self,
+        u: object = None,
+        n: int | tuple[int, int] = 64,
+        *,
+        initial: str = "nested",
+        cells: str = "quad",
+        deadline: float = DEADLINE_SECONDS,
+        **options: Unpack[MeshOptions],
+    ) -> MeshArrays:
+        """The arrays of the mesh that :meth:`generate` would give, of which the service keeps nothing.
+
+        For small meshes in a loop: one request and no commit. It takes the arguments of :meth:`generate`, and the
+        answer has a ``certificate``. The service computes at most EQUIMESH_MAX_WAIT seconds, and refuses a mesh in
+        parts. Raises :class:`ProblemError` for a solve that failed, and the rest of the tree in ``errors``.
+        """
+        complete = complete_options(options, type(self).generate)
+        arguments = GenerateArguments(u=u, n=n, options=complete, initial=initial, cells=cells)
+        limit, settings = Deadline.after(deadline), self._session.settings
+        request = await self._session.run(flows.prepare(arguments, settings, limit))
+        return await self._session.run(flows.compute(request, settings, limit))
+
+    @operation
     async def adapt(
         self,
         solve: Solve,

@@ -16,10 +16,10 @@ from typing import Any
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
-from equimesh_service.admission.admit import Admission
+from equimesh_service.admission.admit import Admission, ServiceAdmission
 from equimesh_service.admission.callers import Caller, Callers, Quotas
 from equimesh_service.admission.intake import Intake
-from equimesh_service.admission.previews import PreviewAdmission, Previews
+from equimesh_service.admission.unstored import UnstoredMeshes
 from equimesh_service.assembly.problem import PackedProblems
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.dispatch.wakeups import END, Checked, CheckThreads, Wakeups
@@ -73,7 +73,7 @@ class Service:
     callers: Callers
     quotas: Quotas
     intake: Intake
-    previews: Previews
+    unstored: UnstoredMeshes
     lock: TextIOWrapper | None
     check_threads: CheckThreads
     metrics: Metrics
@@ -175,7 +175,7 @@ class Service:
 PRELOAD = (
     "equimesh_service.worker.solve",
     "equimesh_service.worker.export",
-    "equimesh_service.worker.preview",
+    "equimesh_service.admission.computation",
     "equimesh_service.assembly.samples",
 )
 # More of them, where workers warm up: the last one does everything once.
@@ -230,7 +230,9 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     where = f"the cluster at {settings.scheduler}" if settings.engine == "dask" else f"{settings.workers} workers"
     _log.info("data folder %s, %s, threads of one worker: %d", folder, where, settings.worker_threads)
     quotas = Quotas(settings, store.quotas)
-    admission = Admission(settings, store, files, side_workers, check_threads.while_waiting)
+    admission = ServiceAdmission(
+        settings, store, files, side_workers=side_workers, while_waiting=check_threads.while_waiting
+    )
     return Service(
         settings=settings,
         storage=storage,
@@ -245,7 +247,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         callers=Callers(store.keys),
         quotas=quotas,
         intake=Intake(settings, store, admission, dispatcher, wakeups, quotas, problems),
-        previews=Previews(settings, storage, PreviewAdmission.of(admission), check_threads, engine, dispatcher.line),
+        unstored=UnstoredMeshes(settings, storage, engine, dispatcher.line),
         lock=lock,
         check_threads=check_threads,
         metrics=metrics,

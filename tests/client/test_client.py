@@ -25,6 +25,18 @@ def test_reuse_can_be_declined(connect: Any, service: Any) -> None:
     assert [r.query for r in service.seen("POST", "meshes$")] == [{}, {"reuse": "false"}, {"reuse": "false"}]
 
 
+def test_a_mesh_that_is_not_kept_is_computed_in_one_request(connect: Any, service: Any) -> None:
+    arrays = connect(service.url).compute("x", (5, 4))
+    assert arrays.x.shape == (5, 4)
+    assert arrays.certificate.status == "relaxed"
+    (sent,) = service.requests
+    assert (sent.method, sent.path, sent.query) == ("POST", "/v1/meshes", {"store": "false", "format": "npz"})
+    assert not {"idempotency-key", "prefer"} & {name.lower() for name in sent.headers}
+    assert service.meshes == {}
+    with pytest.raises(TypeError, match="nonsense"):
+        connect(service.url).compute("x", 5, nonsense=1)
+
+
 def test_two_creates_are_two_meshes(connect: Any, service: Any) -> None:
     client = connect(service.url)
     assert client.generate("x", 5).id != client.generate("x", 5).id

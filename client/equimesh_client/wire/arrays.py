@@ -20,6 +20,7 @@ from equimesh_client.records.resources import MeshState
 from equimesh_client.wire.downloads import write_atomically
 from equimesh_coupling.coupled import Coupled
 from equimesh_coupling.parts import SIDES, Cells, MeshParts
+from equimesh_schema import Certificate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,6 +40,8 @@ class MeshArrays(Coupled):
     ``subdomain`` is the number of the block, and in ``boundary`` the sides by their names. ``blocks`` are the nodes of
     each block, of shape ``(n_i, n_j)``, by its name; ``ties`` are nodes that are one unknown, a copy and its original,
     of shape ``(k, 2)``. A grid has no blocks, and ties where its lines are closed; without ties they are None.
+
+    A mesh that the service does not keep has its ``certificate`` here; that of others is ``mesh.certificate``.
     """
 
     x: Array
@@ -53,6 +56,7 @@ class MeshArrays(Coupled):
     step: Mapping[str, Any] = field(default_factory=dict)
     blocks: Mapping[str, IntArray] = field(default_factory=dict)
     ties: IntArray | None = None
+    certificate: Certificate | None = None
 
     @cached_property
     def points(self) -> Array:

@@ -26,6 +26,7 @@ from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, box_around, doma
 from equimesh_client.spec.request import UPLOAD, GenerateArguments, MeshRequest
 from equimesh_client.spec.sources import needs_box, read_mesh_file, upload_of
 from equimesh_client.wire import protocol
+from equimesh_client.wire.arrays import MeshArrays, arrays_of
 from equimesh_client.wire.downloads import Download, PartFile
 from equimesh_client.wire.protocol import Call, Reply
 from equimesh_client.wire.settings import RETRIED, Deadline, Settings, pause_before_retry, retry_after_of
@@ -190,6 +191,12 @@ def create(mesh_request: MeshRequest, settings: Settings, *, wait: int, deadline
     """The resource of a new mesh."""
     call = protocol.create_mesh(mesh_request, wait=wait)
     return protocol.mesh_of((yield from request(call, settings, deadline)))
+
+
+def compute(mesh_request: MeshRequest, settings: Settings, deadline: Deadline) -> Flow[MeshArrays]:
+    """The arrays and the certificate of a mesh that the service does not keep."""
+    reply = yield from request(protocol.compute_mesh(mesh_request), settings, deadline)
+    return replace(arrays_of(reply.body), certificate=protocol.certificate_of(reply))
 
 
 def abandon(mesh_request: MeshRequest, mesh_id: str | None, settings: Settings) -> Flow[None]:

@@ -18,6 +18,7 @@ from equimesh_client.spec.request import MeshRequest
 from equimesh_client.spec.sources import Upload
 from equimesh_client.wire.settings import retry_after_of
 from equimesh_client.wire.stream import StreamPosition
+from equimesh_schema import Certificate
 
 FORMATS = ("vtu", "vtk", "vts", "xdmf", "msh", "su2", "npz")  # whose suffix is their name
 SUFFIXES: Mapping[str, str] = {
@@ -30,6 +31,9 @@ SUFFIXES: Mapping[str, str] = {
     **{f".{name}": name for name in FORMATS},
 }
 PART_SUFFIXES: Mapping[str, str] = {".pvtu": "pvtu", ".vtkhdf": "vtkhdf"}  # heads of meshes in parts
+NPZ = "application/x-npz"
+# Seconds for which a service may compute a mesh that it does not keep, by its default.
+_COMPUTE_SECONDS = 30.0
 PLOTS: Mapping[str, str] = {"svg": "image/svg+xml", "png": "image/png"}
 
 
@@ -83,6 +87,14 @@ def create_mesh(mesh_request: MeshRequest, *, wait: int) -> Call:
     )
 
 
+def compute_mesh(mesh_request: MeshRequest) -> Call:
+    """Request the npz of a mesh that the service does not keep."""
+    call = create_mesh(mesh_request, wait=0)
+    headers = {**call.headers, "Accept": f"{NPZ}, application/json"}
+    del headers["Idempotency-Key"]
+    return replace(call, query={"store": "false", "format": "npz"}, headers=headers, patience=_COMPUTE_SECONDS)
+
+
 def create_sequence(mesh_request: MeshRequest, *, wait: int, keep: int) -> Call:
     """Begin a sequence with a mesh; the service keeps the last ``keep`` meshes of the sequence."""
     return replace(create_mesh(mesh_request, wait=wait), path="/v1/sequences", query={"keep": str(keep)})
@@ -101,7 +113,7 @@ def list_sequences(*, limit: int, cursor: str | None) -> Call:
 def create_step(sequence_id: str, body: bytes, media_type: str, *, sent: Any = None) -> Call:
     """Take a step of a sequence; the answer is its mesh as npz."""
     key = hashlib.sha256(sequence_id.encode() + b" " + body).hexdigest()
-    headers = {"Accept": "application/x-npz", "Content-Type": media_type, "Idempotency-Key": key}
+    headers = {"Accept": NPZ, "Content-Type": media_type, "Idempotency-Key": key}
     path = f"{_sequence(sequence_id)}/steps"
     return Call(method="POST", path=path, headers=headers, body=body, sent=sent)
 
@@ -253,6 +265,15 @@ def json_of(reply: Reply) -> dict[str, Any]:
             f"the answer (HTTP {reply.status}, {kind}) is not one of an equimesh service; check the URL"
         )
     return value
+
+
+def certificate_of(reply: Reply) -> Certificate | None:
+    """The certificate that came with a file; None without one, as from another service."""
+    try:
+        found = json.loads(reply.headers.get("equimesh-certificate", ""))
+    except ValueError:
+        return None
+    return Certificate.from_json(found) if isinstance(found, dict) else None
 
 
 def mesh_of(reply: Reply) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from equimesh import specs
 from equimesh.specs.spec import BuiltSpec
@@ -26,7 +26,7 @@ from equimesh_schema.sources import UPLOAD
 from equimesh_service.admission.callers import Caller, quota_problem
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.bodies import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
-from equimesh_service.assembly.problem import check, check_schwarz, packed_check, translate_errors
+from equimesh_service.assembly.problem import Samples, check, check_schwarz, packed_check, translate_errors
 from equimesh_service.assembly.samples import MESH, Arrays, Upload, convert_mesh
 from equimesh_service.dispatch.worker_line import SideWorkers
 from equimesh_service.errors import EngineError, MemoryLimitError, QuotaError, TimeLimitError
@@ -185,21 +185,14 @@ class Admitted:
 class Admission:
     """Checks requests against the settings, and stores the samples that come with them."""
 
-    product: ClassVar[str] = "a mesh of this service"  # what has the limits, for messages
-
     settings: Settings
     store: Store
     files: Files
-    side_workers: SideWorkers
-    while_waiting: Callable[
-        [str], AbstractContextManager[None]
-    ]  # entered during the wait for a side worker; takes the API key
-    known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
     def receive(self, body: bytes, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
         """Read a spec, and :meth:`admit` it; raises a 400 problem where it is not JSON.
 
-        A side worker reads a long one, and takes its samples out of it: the service then has a short spec.
+        The samples of a long one are taken out of it into files.
         """
         if len(body) <= MAX_SHORT_BYTES:
             return self.admit(parse(body), upload, caller, mesh)
@@ -367,39 +360,27 @@ class Admission:
         """Check the monitor on the domain; the problem of the spec, unless it is known to be valid.
 
         ``sent`` are the files of samples that came with the request.
-
-        A slow check runs in a worker, once for each monitor and domain.
         """
-        if spec.is_quick:
-            return check(spec.canonical, {}), None
-        if not sent and spec.monitor_digest in self.known:
-            return None, None
+        with self._found(rows) as paths:
+            return check(spec.canonical, {**paths, **sent}), None
+
+    @contextmanager
+    def _found(self, rows: Mapping[str, SamplesRow]) -> Iterator[dict[str, Samples]]:
+        """The files of stored samples by their ids; raises a 409 problem where one is gone."""
         with ExitStack() as stack:
             try:
                 paths = {name: stack.enter_context(self.files.local(row.sha256)) for name, row in rows.items()}
             except FileNotFoundError:
                 raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
-            packed = self.work("", packed_check, spec.canonical, {**paths, **sent})
-        if not sent:
-            self._remember(spec.monitor_digest)
-        return None, packed
+            yield {**paths}
 
     def _remember(self, monitor_digest: str) -> None:
-        self.known[monitor_digest] = None
-        while len(self.known) > _MAX_REMEMBERED:
-            self.known.popitem(last=False)
+        """Note that a monitor fits its domain."""
 
     def work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Call ``function`` in a side worker, within a time limit; an input error becomes a 422 problem."""
-        key_id = log_context.current().key_id
-        try:
-            with translate_errors(pointer), self.while_waiting(key_id):
-                return self.side_workers.submit(key_id, function, *arguments, time_limit=_MAX_WORK_SECONDS).result()
-        except (TimeLimitError, MemoryLimitError) as error:
-            remedy = "send a mesh with fewer cells" if function is convert_mesh else _FEWER_SAMPLES
-            raise problem_at(pointer or "/monitor", f"this takes too long to check ({error}): {remedy}") from None
-        except (EngineError, CancelledError) as error:
-            raise Problem("unavailable", f"The request was not checked: {error}.") from None
+        """Call ``function``, which may take long; an input error becomes a 422 problem."""
+        with translate_errors(pointer):
+            return function(*arguments)
 
     def _check_limits(self, checked: CheckedSpec) -> None:
         spec = checked.spec
@@ -416,7 +397,7 @@ class Admission:
     def _check_target(self, checked: CheckedSpec) -> None:
         most, asked = self.settings.max_points, checked.canonical["target"]["max_points"]
         if asked > most:
-            raise problem_at("/target/max_points", f"{self.product} has at most {most} points")
+            raise problem_at("/target/max_points", f"{self._product} has at most {most} points")
 
     def _check_grid(self, grid: Grid, *, whole: bool) -> None:
         most = self.settings.max_points if whole else self.settings.max_cluster_points
@@ -424,11 +405,11 @@ class Admission:
         # One direction at a time first: then the message names the direction that is far too large.
         for name, points in (("n_xi", grid.n_xi), ("n_eta", grid.n_eta)):
             if points > most // 4:
-                message = f"too many points: {self.product} has at most {most} in all{more}"
+                message = f"too many points: {self._product} has at most {most} in all{more}"
                 raise problem_at(f"/grid/{name}", message)
         points = grid.n_xi * grid.n_eta
         if grid.n_xi > 0 and points > most:
-            message = f"{points} points; {self.product} has at most {most}: lower n_xi or n_eta{more}"
+            message = f"{points} points; {self._product} has at most {most}: lower n_xi or n_eta{more}"
             raise problem_at("/grid", message)
 
     def _count_nodes(self, checked: CheckedSpec, rows: Mapping[str, SamplesRow]) -> int:
@@ -436,9 +417,14 @@ class Admission:
         most = self.settings.max_points
         place, nodes, remedy = count_points(checked, rows)
         if nodes > most:
-            message = f"the mesh has {nodes} points; {self.product} has at most {most}: {remedy}{self._way_to_more}"
+            message = f"the mesh has {nodes} points; {self._product} has at most {most}: {remedy}{self._way_to_more}"
             raise problem_at(place, message)
         return nodes
+
+    @property
+    def _product(self) -> str:
+        """What has the limits, for messages."""
+        return "a mesh of this service"
 
     @property
     def _way_to_more(self) -> str:
@@ -460,6 +446,47 @@ class Admission:
         if schwarz.max_iterations > self._most_iterations:
             message = f"too many: this service runs at most {self._most_iterations} iterations"
             raise problem_at("/schwarz/max_iterations", message)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceAdmission(Admission):
+    """Checks requests in the process of the service, which leaves what may take long to side workers.
+
+    ``while_waiting`` is entered during the wait for a side worker, with the id of the API key.
+    """
+
+    side_workers: SideWorkers
+    while_waiting: Callable[[str], AbstractContextManager[None]]
+    known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
+
+    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> _Checked:
+        """As :meth:`Admission._check`; a slow check runs in a side worker, once for each monitor and domain."""
+        if spec.is_quick:
+            return check(spec.canonical, {}), None
+        if not sent and spec.monitor_digest in self.known:
+            return None, None
+        with self._found(rows) as paths:
+            packed = self.work("", packed_check, spec.canonical, {**paths, **sent})
+        if not sent:
+            self._remember(spec.monitor_digest)
+        return None, packed
+
+    def _remember(self, monitor_digest: str) -> None:
+        self.known[monitor_digest] = None
+        while len(self.known) > _MAX_REMEMBERED:
+            self.known.popitem(last=False)
+
+    def work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Call ``function`` in a side worker, within a time limit; an input error becomes a 422 problem."""
+        key_id = log_context.current().key_id
+        try:
+            with translate_errors(pointer), self.while_waiting(key_id):
+                return self.side_workers.submit(key_id, function, *arguments, time_limit=_MAX_WORK_SECONDS).result()
+        except (TimeLimitError, MemoryLimitError) as error:
+            remedy = "send a mesh with fewer cells" if function is convert_mesh else _FEWER_SAMPLES
+            raise problem_at(pointer or "/monitor", f"this takes too long to check ({error}): {remedy}") from None
+        except (EngineError, CancelledError) as error:
+            raise Problem("unavailable", f"The request was not checked: {error}.") from None
 
 
 def _find_upload_place(spec: CheckedSpec, upload: Upload | None) -> str:

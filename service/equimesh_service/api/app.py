@@ -17,7 +17,7 @@ from starlette.responses import Response
 
 from equimesh_schema.mesh import ExpressionCheck, MeshSpec
 from equimesh_schema.sequences import StepSettings, StepSpec
-from equimesh_service.api import checks, events, mesh_parts, meshes, pages, previews, results, samples, sequences
+from equimesh_service.api import checks, events, mesh_parts, meshes, pages, results, samples, sequences, unstored
 from equimesh_service.api import operations as operations_api
 from equimesh_service.api.middleware import Observation, SiteGuard
 from equimesh_service.api.resources import MeshEvents, ProblemDetails
@@ -81,7 +81,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     routes = (
         meshes,
-        previews,
+        unstored,
         events,
         results,
         mesh_parts,

@@ -3,12 +3,12 @@
 from typing import Annotated, Any
 
 from fastapi import Header, Query, Request
+from starlette.concurrency import run_in_threadpool
 
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.admit import Admitted
 from equimesh_service.admission.callers import Caller
-from equimesh_service.assembly.bodies import unpack
-from equimesh_service.assembly.samples import Upload, is_light
+from equimesh_service.assembly.samples import MAX_LIGHT_BYTES
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.telemetry import stopwatch
@@ -111,8 +111,6 @@ EXAMPLES: dict[str, Any] = {
 }
 
 
-# The media type of a request in one npz.
-NPZ = FORMATS["npz"].media_type
 _SPEC = {"$ref": "#/components/schemas/MeshSpec"}
 
 
@@ -141,7 +139,7 @@ MESH_BODY = {
             },
             "encoding": {"spec": {"contentType": "application/json"}},
         },
-        NPZ: {
+        bodies.NPZ: {
             "schema": {
                 "type": "string",
                 "contentMediaType": "application/octet-stream",
@@ -153,25 +151,18 @@ MESH_BODY = {
 }
 
 
-async def read_request(
-    request: Request, service: Service, place: bodies.BodyPlace
-) -> tuple[bytes, Upload | None, Upload | None]:
-    """The bytes of the spec, and the samples and the mesh of its domain, where they came with it."""
-    kind = bodies.media_type(request)
-    if kind not in (bodies.JSON, bodies.MULTIPART, NPZ):
-        shown = repr(kind[:80]) if kind else "no Content-Type"
-        raise Problem("unsupported-media-type", f"Send {bodies.JSON}, {bodies.MULTIPART} or {NPZ}, not {shown}.")
-    data = await bodies.read_body(request, service.settings.max_body, place)
-    if kind == NPZ:
-        unpacked = unpack(data) if is_light(data, "request.npz") else await service.check(unpack, data)
-        return *unpacked, None
-    if kind == bodies.JSON:
-        return data, None, None
-    parts = await bodies.read_parts(request, data, ("spec", "samples", "mesh"))
-    if "spec" not in parts:
-        raise Problem("malformed-body", 'The multipart body needs a part "spec".')
-    upload, mesh = (bodies.upload_of(parts[name]) if name in parts else None for name in ("samples", "mesh"))
-    return parts["spec"].data, upload, mesh
+async def read_raw(request: Request, service: Service, place: bodies.BodyPlace) -> bytes:
+    """The bytes of a request for a mesh; raises 408, 413 and 415 problems."""
+    bodies.check_kind(request.headers.get("content-type", ""))
+    return await bodies.read_body(request, service.settings.max_body, place)
+
+
+async def read_request(request: Request, service: Service, place: bodies.BodyPlace) -> bodies.MeshParts:
+    """The parts of a request for a mesh; those of a long one are found in a thread."""
+    data, kind = await read_raw(request, service, place), request.headers.get("content-type", "")
+    if len(data) <= MAX_LIGHT_BYTES:
+        return bodies.take_apart(kind, data)
+    return await run_in_threadpool(bodies.take_apart, kind, data)  # it takes seconds for a long body of line ends
 
 
 async def receive_mesh(request: Request, service: Service, caller: Caller) -> Admitted:

@@ -18,7 +18,7 @@ from equimesh_schema.mesh import WITHOUT_NUL, MeshSpec
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, known_format
 from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_mesh
-from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
+from equimesh_service.api.resources import MeshList, MeshResource, UnstoredMesh, mesh_resource
 from equimesh_service.api.results import MEDIA_TYPES, MESH_CONTENT, check_done, mesh_bytes, mesh_file
 from equimesh_service.api.routing import (
     KEY_PROBLEMS,
@@ -29,6 +29,7 @@ from equimesh_service.api.routing import (
     position_of,
     problems,
 )
+from equimesh_service.api.unstored import CERTIFICATE, answer_unstored, check_unstored
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, Ending, MeshRow
@@ -103,6 +104,10 @@ _REUSED = {
         "schema": {"type": "string"},
     }
 }
+_CERTIFICATE = {
+    CERTIFICATE: {"description": "With a file: its certificate, as JSON in ASCII.", "schema": {"type": "string"}},
+    "Cache-Control": {"description": "no-store", "schema": {"type": "string"}},
+}
 
 
 @router.post(
@@ -116,6 +121,12 @@ _REUSED = {
             "description": "The finished mesh; its file, when a mesh format was requested.",
             "model": MeshResource,
             "headers": {**_LOCATION, **_REUSED},
+            "content": MESH_CONTENT,
+        },
+        200: {
+            "description": "With `store=false`: the mesh, of which the service keeps nothing.",
+            "model": UnstoredMesh,
+            "headers": _CERTIFICATE,
             "content": MESH_CONTENT,
         },
         202: {"description": "The mesh waits or runs; see Location.", "model": MeshResource, "headers": _LOCATION},
@@ -133,6 +144,10 @@ async def create(
     reuse: Annotated[
         bool, Query(description="Answer with a finished mesh of the same spec and samples, where there is one.")
     ] = True,
+    store: Annotated[
+        bool,
+        Query(description="Keep the mesh. With false, the answer is the mesh, and the service keeps nothing of it."),
+    ] = True,
 ) -> Response:
     """Request a mesh by its spec, as JSON or as multipart with the parts `spec`, `samples` and `mesh`.
 
@@ -142,9 +157,16 @@ async def create(
 
     If the same mesh has been computed before, the answer is immediate: a new mesh with the same points and files.
     `reused_from` and the header `Equimesh-Reused` name the earlier one; `reuse=false` computes it again.
+
+    With `store=false` the request waits for a mesh that has no id: its file in the requested format, with the
+    certificate in the header `Equimesh-Certificate`, or a JSON document without its points. A service keeps nothing of
+    it, so there is nothing to repeat: an `Idempotency-Key` is refused. The wait is at most EQUIMESH_MAX_WAIT seconds.
     """
     waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
+    if not store:
+        check_unstored(waiting.format, key)
+        return await answer_unstored(request, service, caller, waiting.format, waiting.wanted)
     admitted = await receive_mesh(request, service, caller)
 
     async def describe(row: MeshRow) -> MeshResource:

@@ -95,6 +95,23 @@ class MeshResource(BaseModel):
     links: dict[str, str]
 
 
+class UnstoredMesh(BaseModel):
+    """What a mesh says of itself of which the service keeps nothing, without its points."""
+
+    model_config = ConfigDict(extra="allow")
+
+    spec: dict[str, Any] = Field(description="The spec with every default.")
+    status: Literal["succeeded", "failed"]
+    points: int = Field(description="The number of its nodes.")
+    certificate: Certificate = Field(description="How well it solves the requested equations.")
+    quality: dict[str, Any] | None = Field(description="As of a mesh that is kept; null for a folded mesh.")
+    solution: ConvergenceSummary = Field(description="How the solve went: `convergence` of a mesh that is kept.")
+    convergence: dict[str, Any] | None = Field(description="The Schwarz iteration, or the descent.")
+    error: ProblemDetails | None = Field(description="Why it failed.")
+    sentences: list[dict[str, str]] = Field(description="What the certificate says, in words.")
+    seconds: dict[str, float] = Field(description="The time of the solve, and of measuring the mesh.")
+
+
 class MeshList(BaseModel):
     """A page of meshes, newest first."""
 

@@ -12,12 +12,12 @@ from starlette.responses import JSONResponse, Response
 
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.intake import check_head, check_whole, known_format
-from equimesh_service.api.mesh_requests import NPZ
 from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Complaint, Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
+from equimesh_service.wire.body import NPZ
 from equimesh_service.wire.headers import choose_offer
 from equimesh_service.wire.sending import send_file
 from equimesh_service.worker.in_parts import HEADED, PART_FORMATS, WRITTEN

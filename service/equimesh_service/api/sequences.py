@@ -14,7 +14,7 @@ from starlette.responses import Response
 from equimesh_service.admission import steps
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, refusals
-from equimesh_service.api.mesh_requests import MESH_BODY, NPZ, Format, IdempotencyKey, Prefer, check_key, receive_mesh
+from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_mesh
 from equimesh_service.api.meshes import Waiting
 from equimesh_service.api.resources import SequenceList, SequenceResource, sequence_resource
 from equimesh_service.api.results import MESH_CONTENT, check_done
@@ -67,7 +67,7 @@ _STEP_BODY = {
     "required": True,
     "content": {
         "application/json": {"schema": {"$ref": "#/components/schemas/StepSpec"}, "examples": STEP_EXAMPLES},
-        NPZ: {
+        bodies.NPZ: {
             "schema": {
                 "type": "string",
                 "contentMediaType": "application/octet-stream",
@@ -214,7 +214,7 @@ async def step(
         await service.quotas.check_bytes(caller, len(data))
         mesh = await service.mesh(sequence.mesh_id, caller)
         points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
-        if kind == NPZ:
+        if kind == bodies.NPZ:
             move = await service.check(steps.read_arrays, data, steps.max_bytes(service.settings, points))
         else:
             move = await service.check(steps.read_long_json, service.admission, data, points)
@@ -279,9 +279,9 @@ async def _velocity(service: Service, mesh: MeshRow) -> Any:
 async def _read_body(request: Request, service: Service, place: bodies.BodyPlace) -> tuple[str, bytes]:
     """The media type and the bytes of a step."""
     kind = bodies.media_type(request)
-    if kind not in (bodies.JSON, NPZ):
+    if kind not in (bodies.JSON, bodies.NPZ):
         shown = repr(kind[:80]) if kind else "no Content-Type"
-        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {NPZ}, not {shown}.")
+        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {bodies.NPZ}, not {shown}.")
     return kind, await bodies.read_body(request, service.settings.max_body, place)
 
 

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator, Mapping
+from collections.abc import AsyncIterator, Coroutine, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from email.message import Message
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO
+from typing import IO, Any, TypeAlias, TypeVar
 
 from anyio import to_thread
 from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import ClientDisconnect, Request
 
+from equimesh_service.assembly.bodies import unpack
 from equimesh_service.assembly.samples import Upload
 from equimesh_service.problems.problem import Problem
 
 JSON = "application/json"
 MULTIPART = "multipart/form-data"
+# The media type of a request in one npz.
+NPZ = "application/x-npz"
+MeshParts: TypeAlias = tuple[bytes, Upload | None, Upload | None]
+"""A request for a mesh: the bytes of its spec, its samples, and the mesh that is its domain."""
+Result = TypeVar("Result")
 # A slower sender would hold a connection and memory for too long.
 BODY_SECONDS = 300.0
 # The most bytes of a JSON body that carries no samples.
@@ -177,26 +183,55 @@ async def read_plain_json(request: Request, most: int, place: BodyPlace) -> byte
 
 def media_type(request: Request) -> str:
     """The media type of the body, without parameters."""
-    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    return media_type_of(request.headers.get("content-type", ""))
+
+
+def media_type_of(content_type: str) -> str:
+    """The media type in a header Content-Type, without parameters."""
+    return content_type.partition(";")[0].strip().lower()
+
+
+class _Parser(MultiPartParser):
+    """A parser that keeps all parts in memory, where the body is already: it waits for nothing."""
+
+    spool_max_size = 2**62
 
 
 async def read_parts(request: Request, body: bytes, allowed: tuple[str, ...]) -> Mapping[str, Part]:
+    """The :func:`parts_of` a body; those of a long one are found in a thread."""
+    kind = request.headers.get("content-type", "")
+    if len(body) <= _INLINE_BYTES:
+        return parts_of(kind, body, allowed)
+    return await to_thread.run_sync(parts_of, kind, body, allowed)  # it takes seconds for a long body of line ends
+
+
+def parts_of(content_type: str, body: bytes, allowed: tuple[str, ...]) -> Mapping[str, Part]:
     """The parts of a multipart body, by their names; raises a 400 problem for names that are not ``allowed``."""
 
     async def stream() -> AsyncIterator[bytes]:
         for start in range(0, len(body), _PIECE_BYTES):
             yield body[start : start + _PIECE_BYTES]
 
-    parser = MultiPartParser(request.headers, stream(), max_files=8, max_fields=8, max_part_size=len(body) + 1)  # type: ignore[arg-type]
+    headers = Headers({"content-type": content_type})
+    parser = _Parser(headers, stream(), max_files=8, max_fields=8, max_part_size=len(body) + 1)  # type: ignore[arg-type]
     try:
-        # The parser takes seconds for a long body of line ends.
-        form = await (parser.parse() if len(body) <= _INLINE_BYTES else to_thread.run_sync(asyncio.run, parser.parse()))
+        form = _finish(parser.parse())
     except (MultiPartException, KeyError, LookupError, UnicodeError) as error:
         raise Problem("malformed-body", f"The multipart body cannot be read: {str(error).rstrip('.')}.") from None
     try:
-        return await _read_form(form, allowed)
+        return _finish(_read_form(form, allowed))
     finally:
-        await form.close()
+        _finish(form.close())
+
+
+def _finish(coroutine: Coroutine[Any, Any, Result]) -> Result:
+    """The result of a coroutine that waits for nothing."""
+    try:
+        coroutine.send(None)
+    except StopIteration as stop:
+        result: Result = stop.value
+        return result
+    raise RuntimeError("a part of a body was not in memory")
 
 
 async def _read_form(form: FormData, allowed: tuple[str, ...]) -> Mapping[str, Part]:
@@ -207,15 +242,38 @@ async def _read_form(form: FormData, allowed: tuple[str, ...]) -> Mapping[str, P
         if name in parts:
             raise Problem("malformed-body", f"The part {name!r} comes twice.")
         if isinstance(value, UploadFile):
-            kind = Headers(raw=value.headers.raw).get("content-type", "").partition(";")[0].strip().lower()
+            kind = media_type_of(Headers(raw=value.headers.raw).get("content-type", ""))
             parts[name] = Part(await value.read(), value.filename or "", kind)
         else:
             parts[name] = Part(value.encode("utf-8", "surrogatepass"), "", "")
     return parts
 
 
+def check_kind(content_type: str) -> None:
+    """Raise a 415 problem for a media type in which no request for a mesh comes."""
+    kind = media_type_of(content_type)
+    if kind not in (JSON, MULTIPART, NPZ):
+        shown = repr(kind[:80]) if kind else "no Content-Type"
+        raise Problem("unsupported-media-type", f"Send {JSON}, {MULTIPART} or {NPZ}, not {shown}.")
+
+
+def take_apart(content_type: str, data: bytes) -> MeshParts:
+    """The parts of a request for a mesh; raises 400, 415 and 422 problems."""
+    check_kind(content_type)
+    kind = media_type_of(content_type)
+    if kind == NPZ:
+        return *unpack(data), None
+    if kind == JSON:
+        return data, None, None
+    parts = parts_of(content_type, data, ("spec", "samples", "mesh"))
+    if "spec" not in parts:
+        raise Problem("malformed-body", 'The multipart body needs a part "spec".')
+    samples, mesh = (upload_of(parts[name]) if name in parts else None for name in ("samples", "mesh"))
+    return parts["spec"].data, samples, mesh
+
+
 _SUFFIXES = {
-    "application/x-npz": ".npz",
+    NPZ: ".npz",
     "application/x-npy": ".npy",
     "text/csv": ".csv",
     "text/plain": ".txt",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import time
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +23,7 @@ from equimesh.specs import build_schwarz
 from equimesh_service.assembly.problem import SamplesOf, build
 from equimesh_service.problems.problem import Problem
 from equimesh_service.store.rows import FAILED, SUCCEEDED, MeshRow
-from equimesh_service.worker.summary import sentences_of
+from equimesh_service.worker.summary import problem_of, sentences_of, summary_of
 
 # The most coordinates x that the frames have in all, and as many y: 8 MiB together in single precision.
 MAX_COORDINATES = 1 << 20
@@ -217,6 +218,45 @@ def pack(document: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) ->
             np.lib.format.write_array(member, np.ascontiguousarray(values), allow_pickle=False)
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), member.getbuffer())
     return file.getvalue()
+
+
+def document_of_solution(
+    spec: Mapping[str, Any], solution: equimesh.Solution | equimesh.BlockSolution, seconds: float
+) -> dict[str, Any]:
+    """What is said of a solution that is not kept, after a solve of some ``seconds``; ``spec`` is canonical."""
+    began, schwarz = time.perf_counter(), None
+    if isinstance(solution, equimesh.Solution):
+        schwarz = solution.schwarz
+    document = document_of(
+        spec,
+        {
+            "solution": summary_of(solution),
+            "certificate": solution.certificate.summary(),
+            "quality": None if solution.mesh.is_folded else solution.quality.summary(),
+        },
+        error=None if solution.status.succeeded else problem_of(solution, is_kept=False).body(),
+        convergence=solution.convergence() if schwarz is not None or solution.descent else None,
+        schwarz=schwarz,
+        mesh=solution.mesh,
+    )
+    document["seconds"] = {"solve": seconds, "measure": time.perf_counter() - began}
+    return document
+
+
+def draw_solution(
+    document: dict[str, Any],
+    solution: equimesh.Solution | equimesh.BlockSolution,
+    frames: Frames | None = None,
+) -> bytes:
+    """The drawing of a solution that is not kept, with the ``frames`` of its iteration, where there are some."""
+    began = time.perf_counter()
+    compared = solution.against_initial if isinstance(solution, equimesh.BlockSolution) else solution.against_uniform
+    arrays = arrays_of(compared, is_folded=solution.mesh.is_folded)
+    document["seconds"]["measure"] += time.perf_counter() - began
+    if frames is not None:
+        arrays |= frames.arrays()
+        document["frames"] = frames.numbers
+    return pack(document, arrays)
 
 
 def draw_mesh_row(

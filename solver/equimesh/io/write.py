@@ -169,6 +169,19 @@ def write_mesh(
     return tuple(target / file.name for file in reversed(written))
 
 
+def mesh_bytes(data: MeshData, *, format: str, cells: Cells = "quad") -> bytes:
+    """The bytes of the file that :func:`write_mesh` writes; an npz file is made in memory.
+
+    Raises as :func:`write_mesh`.
+    """
+    if format == "npz":
+        buffer = BytesIO()
+        np.savez(buffer, **mesh_arrays(data, corners_of(data, cells), per_quad(cells)))
+        return buffer.getvalue()
+    with TemporaryDirectory(prefix=".equimesh-") as folder:
+        return write_mesh(Path(folder) / "mesh", data, format=format, cells=cells)[0].read_bytes()
+
+
 def _format_name(path: Path) -> str:
     for known in FORMATS.values():
         if path.name.endswith(known.suffix):

@@ -1,4 +1,4 @@
-"""Previews over HTTP: the drawing of a mesh that is solved at once, and of which nothing is kept."""
+"""Previews and meshes of store=false over HTTP: they are solved at once, and nothing of them is kept."""
 
 from __future__ import annotations
 
@@ -225,3 +225,71 @@ def test_previews_need_the_right_to_request_meshes(guarded_service: Guarded) -> 
         with guarded_service.client(*scopes) as client:
             statuses[scopes] = client.post("/v1/previews", json=small()).status_code
     assert statuses == {(): 401, ("read",): 403, ("write",): 200}
+
+
+UNSTORED = {"store": "false"}
+
+
+def unstored(http: httpx.Client, spec: dict[str, Any], **query: Any) -> httpx.Response:
+    return http.post("/v1/meshes", json=spec, params={**UNSTORED, **query})
+
+
+@pytest.mark.parametrize("format", sorted(em.io.FORMATS))
+def test_a_mesh_that_is_not_kept_has_the_file_of_one_that_is(http: httpx.Client, format: str) -> None:
+    answer, mesh = unstored(http, small(), format=format), solved(http, small())
+    assert answer.status_code == 200, answer.text
+    assert (answer.headers["cache-control"], answer.headers.get("location")) == ("no-store", None)
+    kept = http.get(f"/v1/meshes/{mesh['id']}/file", params={"format": format})
+    assert answer.headers["content-type"] == kept.headers["content-type"]
+    if not format.startswith(("xdmf", "npz")):  # their containers store times, and where members are aligned
+        assert answer.content == kept.content
+    assert json.loads(answer.headers["equimesh-certificate"]) == mesh["certificate"]
+
+
+def test_without_a_format_the_answer_is_what_the_mesh_says(http: httpx.Client) -> None:
+    spec = small(schwarz={"overlap": 3})
+    answer, mesh = unstored(http, spec), solved(http, spec)
+    said = answer.json()
+    assert (answer.status_code, said["status"]) == (200, "succeeded")
+    assert (said["certificate"], said["quality"]) == (mesh["certificate"], mesh["quality"])
+    assert said["spec"] == http.get(mesh["links"]["spec"]).json()
+    accepted = http.post("/v1/meshes", json=spec, params=UNSTORED, headers={"Accept": "model/mesh"})
+    assert accepted.headers["content-type"] == "model/mesh"
+
+
+def test_what_is_refused_of_a_mesh_that_is_not_kept(http: httpx.Client) -> None:
+    key = http.post("/v1/meshes", json=small(), params=UNSTORED, headers={"Idempotency-Key": "a"})
+    assert (key.status_code, key.json()["type"]) == (400, "/problems/malformed-header")
+    assert "store=false" in key.json()["detail"]
+    wrong = unstored(http, small(monitor={"u": "sin("}))
+    assert (wrong.status_code, wrong.json()["errors"][0]["pointer"]) == (422, "/monitor/u")
+    parts = unstored(http, small(parts=2))
+    assert (parts.status_code, parts.json()["errors"][0]["pointer"]) == (422, "/parts")
+    triangles = unstored(http, small(cells="triangle"), format="vts")
+    assert (triangles.status_code, triangles.json()["type"]) == (406, "/problems/not-acceptable")
+    head = unstored(http, small(), format="pvtu")
+    assert (head.status_code, head.json()["type"]) == (406, "/problems/not-acceptable")
+    many = unstored(http, small(grid={"n_xi": 200, "n_eta": 101}))
+    assert "a mesh of this service has at most 20000" in many.json()["errors"][0]["message"]
+    kind = http.post("/v1/meshes", content=b"x", params=UNSTORED, headers={"Content-Type": "text/html"})
+    assert kind.status_code == 415
+
+
+def test_nothing_is_kept_of_a_mesh_with_store_false(http: httpx.Client, settings: Settings) -> None:
+    def state() -> tuple[Any, set[str]]:
+        newest = http.get("/v1/meshes", params={"limit": 1}).json()["items"]
+        return newest, {path.name for path in settings.data_dir.rglob("*") if "sqlite" not in path.name}
+
+    before = state()
+    spec = {"monitor": {"u": {"samples": "upload"}}, "domain": {"kind": "rectangle", "x": [0, 8], "y": [0, 8]}}
+    answer = http.post(
+        "/v1/meshes", params={**UNSTORED, "format": "vtu"}, files=MULTIPART, data={"spec": json.dumps(spec)}
+    )
+    assert answer.status_code == 200, answer.text
+    assert state() == before
+
+
+def test_a_mesh_that_is_not_kept_ends_at_its_wait(http: httpx.Client) -> None:
+    answer = http.post("/v1/meshes", json=SLOW, params=UNSTORED, headers={"Prefer": "wait=1"})
+    assert (answer.status_code, answer.json()["type"]) == (409, "/problems/time-limit")
+    assert "within 1 s" in answer.json()["detail"]

@@ -1,0 +1,209 @@
+"""The computation of one mesh that is not kept: a worker makes the bytes of its answer from the body of its request."""
+
+from __future__ import annotations
+
+import json
+import logging
+import pickle
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from hashlib import sha256
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import equimesh
+from equimesh.io.write import mesh_bytes
+from equimesh.specs.spec import BuiltSpec
+from equimesh_service.admission.admit import Admission, Admitted
+from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.intake import check_format
+from equimesh_service.assembly import samples as intake
+from equimesh_service.assembly.bodies import MAX_SHORT_BYTES, ShortSpec
+from equimesh_service.assembly.problem import check, translate_errors
+from equimesh_service.assembly.samples import Upload
+from equimesh_service.errors import TimeLimitError
+from equimesh_service.files.port import StoredFile
+from equimesh_service.problems.problem import Problem, problem_at, repointed
+from equimesh_service.problems.storage import storage_faults
+from equimesh_service.settings import Settings
+from equimesh_service.spec.document import parse, sent_pointer
+from equimesh_service.spec.mesh import CheckedSpec
+from equimesh_service.store.rows import Ending, SamplesRow
+from equimesh_service.telemetry import log_context
+from equimesh_service.telemetry.stopwatch import Stopwatch
+from equimesh_service.wire.body import take_apart
+from equimesh_service.worker.drawing import Frames, document_of_solution, draw_solution
+from equimesh_service.worker.job import DRAWING, Storage
+from equimesh_service.worker.summary import AnySolution, problem_of
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Computation:
+    """The task of a worker: a request as it came, and the form of its answer.
+
+    ``format`` is a format of meshes, :data:`~equimesh_service.worker.job.DRAWING` for all that is needed to draw the
+    mesh, or None for its document alone. With ``frames`` a drawing has the meshes of a Schwarz iteration. ``settings``
+    have the limits. The solve ends itself after ``seconds``, since a killed worker is slow to replace.
+    """
+
+    content_type: str
+    body: bytes
+    format: str | None
+    frames: bool = False
+    caller: Caller
+    settings: Settings
+    storage: Storage
+    seconds: float
+    request_id: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Computed:
+    """The bytes of an answer, the JSON of the certificate, and how the solve ended.
+
+    ``uploads`` are the files that came with the request.
+    """
+
+    content: bytes
+    certificate: str
+    ending: Ending
+    uploads: int
+
+
+def compute(task: Computation) -> Computed:
+    """The answer to a request; nothing is stored.
+
+    Raises the problems of a request that is refused, those of a solve that fails where its file was requested, a 409
+    problem when its samples are gone, and :class:`~equimesh_service.errors.TimeLimitError`.
+    """
+    with log_context.enter(log_context.LogContext(request_id=task.request_id, key_id=task.caller.key_id)):
+        try:
+            with storage_faults():
+                return _compute(task)
+        except (Problem, TimeLimitError):
+            raise
+        except Exception as error:
+            _log.error("the computation of a mesh broke", exc_info=error)  # only the worker knows where
+            raise
+
+
+def _compute(task: Computation) -> Computed:
+    began, stopwatch = time.perf_counter(), Stopwatch()
+    document, upload, mesh = take_apart(task.content_type, task.body)
+    admission = _Admission.of(task)
+    admitted = admission.receive(document, upload, task.caller, mesh)
+    if task.format not in (None, DRAWING):
+        check_format(task.format, admitted.spec)
+    spec = admitted.built or pickle.loads(admitted.packed or b"")
+    stopwatch.lap("check")
+    frames = None
+    if task.frames and spec.schwarz is not None and isinstance(spec.problem, equimesh.Problem):
+        frames = Frames(spec.problem.grid.points)
+
+    def observe(event: equimesh.Event) -> None:
+        if time.perf_counter() - began > task.seconds:
+            raise TimeLimitError("the time limit was reached")
+        if frames is not None:
+            frames(event)
+
+    solving = time.perf_counter()
+    try:
+        with translate_errors():
+            solution = spec.solve(threads=task.settings.worker_threads, observe=observe, check=False)
+    except Problem as problem:
+        if not problem.errors or len(document) > MAX_SHORT_BYTES:
+            raise
+        raise repointed(problem, partial(sent_pointer, parse(document))) from None
+    seconds = time.perf_counter() - solving
+    stopwatch.lap("solve")
+    certificate = solution.certificate.summary()
+    if task.format in (None, DRAWING):
+        said = document_of_solution(admitted.spec, solution, seconds)
+        content = _text(said) if task.format is None else draw_solution(said, solution, frames)
+    else:
+        content = _file(task.format, admitted, solution)
+    stopwatch.lap("answer")
+    failure = None if solution.status.succeeded else problem_of(solution, is_kept=False)
+    _log.info("a mesh that is not kept %s, solved in %.3f s", "failed" if failure else "succeeded", seconds)
+    return Computed(
+        content=content,
+        certificate=_text(certificate).decode(),
+        ending=Ending(
+            status="succeeded" if failure is None else "failed",
+            reason="" if failure is None else failure.name,
+            points=solution.mesh.x.size,
+            solve_seconds=seconds,
+            laps=stopwatch.laps,
+        ),
+        uploads=(upload is not None) + (mesh is not None),
+    )
+
+
+def _text(document: Mapping[str, Any]) -> bytes:
+    return json.dumps(document, allow_nan=False).encode()
+
+
+def _file(format: str, admitted: Admitted, solution: AnySolution) -> bytes:
+    """The file of a mesh; raises the problem of a solve that failed."""
+    if not solution.status.succeeded:
+        raise problem_of(solution, is_kept=False)
+    return mesh_bytes(solution.data(), format=format, cells=admitted.spec["cells"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Admission(Admission):
+    """Checks a request in the worker that solves it. ``sent`` gets what came with it, as npz files by their ids."""
+
+    is_preview: bool
+    sent: dict[str, bytes] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, task: Computation) -> _Admission:
+        """The checks with the limits of previews, or of other meshes that one machine computes."""
+        settings, is_preview = task.settings, task.format == DRAWING
+        most = min(settings.max_points, settings.max_preview_points) if is_preview else settings.max_points
+        return cls(
+            settings=settings.model_copy(update={"max_points": most, "max_cluster_points": 0}),
+            store=task.storage.store(),
+            files=task.storage.files(),
+            is_preview=is_preview,
+        )
+
+    @property
+    def _product(self) -> str:
+        return "a preview" if self.is_preview else super()._product
+
+    @property
+    def _way_to_more(self) -> str:
+        return "; request the mesh itself (POST /v1/meshes), which may have more" if self.is_preview else ""
+
+    def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
+        if short.spec.spec.parts is not None and not self.is_preview:
+            message = "a mesh in parts is files that a cluster keeps: leave parts out, or leave out store=false"
+            raise problem_at("/parts", message)
+        return super()._admit(replace(short, spec=short.spec.whole()), upload, caller, mesh)
+
+    def _check(
+        self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]
+    ) -> tuple[BuiltSpec, None]:
+        own = {name: _arrays(content) for name, content in self.sent.items()}
+        with self._found({name: row for name, row in rows.items() if name not in own}) as stored:
+            return check(spec.canonical, {**stored, **own, **sent}), None
+
+    def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:  # noqa: ARG002
+        content = path.read_bytes()
+        row = intake.row_of(StoredFile(sha256(content).hexdigest(), len(content)), summary, self.store.clock())
+        self.sent[row.id] = content
+        return row, True
+
+
+def _arrays(content: bytes) -> Mapping[str, Any]:
+    with np.load(BytesIO(content), allow_pickle=False) as arrays:
+        return dict(arrays)
