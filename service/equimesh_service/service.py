@@ -25,8 +25,8 @@ from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.dispatch.wakeups import END, Checked, CheckThreads, Wakeups
 from equimesh_service.dispatch.worker_line import SideWorkers
 from equimesh_service.engine.cluster_pool import PoolSettings
-from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.engine.port import Engine, PackedCall, Preparation
+from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import (
     ClusterMissingError,
     EngineError,
@@ -276,8 +276,8 @@ def _open_workers(settings: Settings, storage: Storage) -> tuple[Engine, SideWor
 
         engine = DaskEngine(settings.scheduler, pool_settings(settings, storage))
     else:
-        engine = PebbleEngine(settings.workers, memory_limit=limit, preload=preload, prepare=prepare, warm_up=warm_up)
-    return engine, SideWorkers(PebbleEngine(FILE_WORKERS, memory_limit=limit, preload=preload, prepare=prepare))
+        engine = ProcessEngine(settings.workers, memory_limit=limit, preload=preload, prepare=prepare, warm_up=warm_up)
+    return engine, SideWorkers(ProcessEngine(FILE_WORKERS, memory_limit=limit, preload=preload, prepare=prepare))
 
 
 def _start_of_workers(settings: Settings) -> tuple[tuple[str, ...], Callable[[], None] | None]:

@@ -19,13 +19,11 @@ from typing import Any
 
 import httpx
 import pytest
-from pebble.pool.channel import WorkerChannel
 
 from equimesh_service import Settings, running
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
-from equimesh_service.engine import pebble
-from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.engine.port import Health
+from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import FolderInUseError, TimeLimitError, WorkerLostError
 from equimesh_service.service import PRELOAD, open_service
 from equimesh_service.store.rows import Claim, NewMesh
@@ -58,7 +56,7 @@ def die_once(marker: str, url: str, claim: Claim) -> None:
 
 
 def test_a_killed_worker_does_not_lose_its_mesh(tmp_path: Path, database_url: str) -> None:
-    store, engine = Store(database_url), PebbleEngine(1, preload=PRELOAD)
+    store, engine = Store(database_url), ProcessEngine(1, preload=PRELOAD)
     store.prepare()
     marker = str(tmp_path / "marker")
     dispatcher = Dispatcher(
@@ -78,7 +76,7 @@ def test_a_killed_worker_does_not_lose_its_mesh(tmp_path: Path, database_url: st
 
 
 def test_a_mesh_that_kills_its_workers_fails_after_three(tmp_path: Path) -> None:
-    store, engine = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}"), PebbleEngine(1, preload=PRELOAD)
+    store, engine = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}"), ProcessEngine(1, preload=PRELOAD)
     store.prepare()
     marker = tmp_path / "marker"
     dispatcher = Dispatcher("me", store, engine, lambda *_: (die, (str(marker),)), Rules(), lambda _: None)
@@ -171,7 +169,7 @@ def test_a_job_that_breaks_a_limit_fails_and_says_so(
     tmp_path: Path, function: Any, arguments: tuple[Any, ...], seconds: float, name: str
 ) -> None:
     store = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}")
-    engine = PebbleEngine(1, memory_limit=64, preload=PRELOAD)
+    engine = ProcessEngine(1, memory_limit=64, preload=PRELOAD)
     store.prepare()
     rules = Rules(time_limit=seconds, memory_limit=64)
     dispatcher = Dispatcher("me", store, engine, lambda *_: (function, arguments), rules, lambda _: None)
@@ -361,11 +359,11 @@ def test_a_factorisation_is_ended_by_a_cancel(http: httpx.Client, settings: Sett
     assert again["status"] == "succeeded"
 
 
-def holding(what: str) -> None:
-    """A task that ends its worker while it holds the lock of the workers' pipe."""
-    (channel,) = (found for found in gc.get_objects() if isinstance(found, WorkerChannel))
-    assert channel.mutex.acquire(timeout=5.0)
-    os.kill(os.getpid(), signal.SIGKILL if what == "killed" else signal.SIGSEGV)
+def half(size: int) -> None:
+    """A task that ends its worker while it sends its answer."""
+    (channel,) = (found for found in gc.get_objects() if type(found) is socket.socket and found.fileno() >= 0)
+    channel.sendall(size.to_bytes(8, "little") + b"x")
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def leave() -> None:
@@ -373,27 +371,37 @@ def leave() -> None:
     os._exit(0)
 
 
-@pytest.mark.parametrize(("function", "arguments"), [(holding, ("killed",)), (leave, ())])
+@pytest.mark.parametrize(("function", "arguments"), [(half, (1000,)), (leave, ())])
 def test_a_worker_that_dies_at_the_worst_moment_does_not_stop_the_others(
-    function: Any, arguments: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch
+    function: Any, arguments: tuple[Any, ...]
 ) -> None:
-    monkeypatch.setattr(pebble, "MAX_SILENT_SECONDS", 2.0)
-    engine = PebbleEngine(2, preload=PRELOAD)
+    engine = ProcessEngine(2, preload=PRELOAD)
     try:
         assert engine.wait_until_ready(60.0)
+        slow = engine.submit(time.sleep, 1.0)
         assert isinstance(engine.submit(function, *arguments).exception(20.0), WorkerLostError)
-        try:
-            assert engine.submit(add, 1, 1).result(60.0) == 2
-        except WorkerLostError:  # it was lost together with its pool
-            assert engine.wait_until_ready(60.0)
-            assert engine.submit(add, 1, 1).result(60.0) == 2
-        until(lambda: _is_sound(engine))
+        assert engine.submit(add, 1, 1).result(60.0) == 2
+        assert slow.exception(60.0) is None
+        assert _is_sound(engine)
+    finally:
+        engine.close()
+
+
+def test_a_worker_that_the_system_stops_is_killed_at_the_limit() -> None:
+    engine = ProcessEngine(1, preload=PRELOAD)
+    try:
+        assert engine.wait_until_ready(60.0)
+        pid = engine.submit(os.getpid).result(60.0)
+        os.kill(pid, signal.SIGSTOP)
+        assert isinstance(engine.submit(add, 1, 1, time_limit=0.5).exception(60.0), TimeLimitError)
+        until(lambda: not runs(pid))
+        assert engine.submit(add, 1, 1).result(60.0) == 2
     finally:
         engine.close()
 
 
 def refuse() -> None:
-    """The end of a worker that cannot read its task."""
+    """What a worker raises that cannot read its task."""
     raise ImportError("this release does not know it")
 
 
@@ -404,25 +412,18 @@ class Unreadable:
         return (refuse, ())
 
 
-def test_a_task_that_no_worker_can_read_is_lost_and_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pebble, "MAX_SILENT_SECONDS", 2.0)
-    engine = PebbleEngine(2, preload=PRELOAD)
+def test_a_task_that_no_worker_can_read_says_so_and_nothing_is_lost() -> None:
+    engine = ProcessEngine(1, preload=PRELOAD)
     try:
         assert engine.wait_until_ready(60.0)
-        slow = engine.submit(time.sleep, 30.0)  # else the pool would notice by itself
-        until(lambda: any(task.started for task in engine._pool._pool_manager.task_manager.tasks.copy().values()))
-        unreadable = engine.submit(add, 1, Unreadable())
-        quick = engine.submit(add, 1, 1)
-        assert isinstance(unreadable.exception(20.0), WorkerLostError)
-        assert quick.exception(20.0) is None or isinstance(quick.exception(), WorkerLostError)
-        assert isinstance(slow.exception(20.0), WorkerLostError)
-        assert engine.wait_until_ready(60.0)
-        assert engine.submit(add, 1, 1).result(60.0) == 2
+        pid = engine.submit(os.getpid).result(60.0)
+        assert isinstance(engine.submit(add, 1, Unreadable()).exception(20.0), ImportError)
+        assert engine.submit(os.getpid).result(60.0) == pid
     finally:
         engine.close()
 
 
-def _is_sound(engine: PebbleEngine) -> bool:
+def _is_sound(engine: ProcessEngine) -> bool:
     """Whether a time limit holds, for which the pool must work."""
     return isinstance(engine.submit(time.sleep, 60.0, time_limit=0.1).exception(20.0), TimeLimitError)
 

@@ -23,8 +23,8 @@ from typing import Any
 from distributed import Worker, WorkerPlugin, get_worker
 from distributed.worker_state_machine import SecedeEvent
 
-from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.engine.port import PackedCall, pack_error, pack_outcome
+from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import EngineError, WorkerLostError
 
 _PACKAGES = ("equimesh", "distributed", "cloudpickle", "numpy")
@@ -82,7 +82,7 @@ class PoolReport:
 
 @dataclass(frozen=True, kw_only=True)
 class PoolSettings:
-    """The settings of the pools of a service's workers, as of :class:`~equimesh_service.engine.pebble.PebbleEngine`.
+    """The settings of the pools of a service's workers: :class:`~equimesh_service.engine.processes.ProcessEngine`.
 
     ``check`` returns what a worker cannot reach, "" where it reaches everything. It is called in a process of the pool.
     """
@@ -120,7 +120,7 @@ class ClusterPool(WorkerPlugin):
     """The plugin that owns the pool of one worker; one process for each of the worker's threads."""
 
     settings: PoolSettings
-    _engine: PebbleEngine | None = None
+    _engine: ProcessEngine | None = None
     _worker: Worker | None = None
     _running: dict[str, Future[bytes]] = field(default_factory=dict)  # the jobs by the keys of their tasks
     _waiting: set[str] = field(default_factory=set)  # the keys of jobs for which there are no processes now
@@ -190,7 +190,7 @@ class ClusterPool(WorkerPlugin):
         finally:
             self._running.pop(key, None)
 
-    async def _wait_until_ready(self, engine: PebbleEngine, key: str) -> bool:
+    async def _wait_until_ready(self, engine: ProcessEngine, key: str) -> bool:
         """Wait until the processes are there; False when the job is given up meanwhile."""
         self._waiting.add(key)
         while key in self._waiting and not engine.health().ready:
@@ -213,12 +213,12 @@ class ClusterPool(WorkerPlugin):
         self._watching = None
         await self._worker.plugin_remove(name=self.settings.name)
 
-    def _open(self, slots: int) -> PebbleEngine:
+    def _open(self, slots: int) -> ProcessEngine:
         # The worker of a nanny is a daemonic process, which may have no children, since they would outlive it. Those of
         # the pool end with it however it ends.
         multiprocessing.current_process().daemon = False
         settings = self.settings
-        return PebbleEngine(
+        return ProcessEngine(
             slots,
             memory_limit=settings.memory_limit,
             preload=settings.preload,
@@ -226,12 +226,12 @@ class ClusterPool(WorkerPlugin):
             prepare=settings.prepare,
         )
 
-    async def _check(self, engine: PebbleEngine) -> None:
+    async def _check(self, engine: ProcessEngine) -> None:
         """Check what the worker reaches, and wait until it is to be checked again."""
         self._fault = await self._find_fault(engine)
         await asyncio.sleep(_CHECK_AGAIN_SECONDS if self._fault else _CHECK_SECONDS)
 
-    async def _find_fault(self, engine: PebbleEngine) -> str:
+    async def _find_fault(self, engine: ProcessEngine) -> str:
         if self.settings.check is None:
             return ""
         try:

@@ -32,5 +32,5 @@ def test_what_takes_too_long_has_a_remedy_for_what_was_sent(function: Any, remed
 
     admission: Any = SimpleNamespace(side_workers=SlowWorkers(), while_waiting=lambda _: nullcontext())
     with pytest.raises(Problem) as caught:
-        admit.Admission.work(admission, "/domain/file", function)
+        admit.ServiceAdmission.work(admission, "/domain/file", function)
     assert remedy in str(caught.value.detail)

@@ -16,7 +16,7 @@ import pytest
 
 from equimesh_service import Settings
 from equimesh_service.api.app import create_app
-from equimesh_service.engine.pebble import PebbleEngine
+from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.files.folder import FolderFiles
 from equimesh_service.service import PRELOAD, _health
 from equimesh_service.store.store import Store
@@ -102,7 +102,7 @@ async def test_a_room_that_hangs_is_not_ready() -> None:
 
 
 def test_an_engine_whose_workers_were_killed_says_so_and_recovers() -> None:
-    engine = PebbleEngine(1, preload=PRELOAD)
+    engine = ProcessEngine(1, preload=PRELOAD)
     try:
         assert engine.wait_until_ready(60.0)
         assert _health(engine) == OK

@@ -1,4 +1,4 @@
-"""Pebble keeps the contract of the engine port."""
+"""Worker processes keep the contract of the engine port."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_service.engine.pebble import PebbleEngine
+from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.service import PRELOAD
 from service.conftest import until
 from service.engine.check_engine import check_engine, expect_closed
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
-def test_pebble_keeps_the_contract(tmp_path: Path) -> None:
-    engine = PebbleEngine(2, memory_limit=128, preload=PRELOAD)
-    assert engine.wait_until_ready(30.0)
+def test_processes_keep_the_contract(tmp_path: Path) -> None:
+    engine = ProcessEngine(2, memory_limit=128, preload=PRELOAD)
+    assert engine.wait_until_ready(300.0)
     try:
         check_engine(engine, tmp_path, memory_limit=128)
     finally:
@@ -32,7 +32,7 @@ def broken() -> None:
 
 
 def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
-    engine = PebbleEngine(1, preload=PRELOAD, warm_up=broken)
+    engine = ProcessEngine(1, preload=PRELOAD, warm_up=broken)
     try:
         until(lambda: engine.health().fault)
         assert engine.health().fault == "the workers cannot warm up: RuntimeError: no"
@@ -48,7 +48,7 @@ def dies() -> None:
 
 
 def test_an_engine_whose_workers_die_when_they_start_says_so() -> None:
-    engine = PebbleEngine(1, preload=PRELOAD, warm_up=dies)
+    engine = ProcessEngine(1, preload=PRELOAD, warm_up=dies)
     try:
         until(lambda: engine.health().fault)
         assert "the workers die when they start" in engine.health().fault
@@ -58,30 +58,27 @@ def test_an_engine_whose_workers_die_when_they_start_says_so() -> None:
 
 # In a process of its own, since the engines of a process share the server.
 SERVER_DIES = """
-import gc, os, signal, time, weakref
-from equimesh_service.engine.pebble import PebbleEngine
+import os, signal, time
+from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import WorkerLostError
 
-engine = PebbleEngine(1, preload=["equimesh_service.engine.pebble"])
-assert engine.wait_until_ready(60.0)
-server, worker = engine.submit(os.getppid).result(30.0), engine.submit(os.getpid).result(30.0)
+engine = ProcessEngine(1, preload=["equimesh_service.engine.processes"])
+assert engine.wait_until_ready(300.0)
+server, worker = engine.submit(os.getppid).result(300.0), engine.submit(os.getpid).result(300.0)
 again = []
 running = engine.submit(time.sleep, 60.0)
 running.add_done_callback(lambda _: again.append(engine.submit(os.getpid)))
 time.sleep(0.2)
-pool = weakref.ref(engine._pool)
 os.kill(server, signal.SIGKILL)
 began = time.monotonic()
 while engine.health().ready:
-    assert time.monotonic() - began < 30.0, "reports that it is ready"
+    assert time.monotonic() - began < 300.0, "reports that it is ready"
     time.sleep(0.01)
-assert isinstance(running.exception(30.0), WorkerLostError)
-assert again.pop().result(30.0) != worker  # not lost again, with the pool that is about to be replaced
-assert engine.wait_until_ready(30.0)
-assert engine.submit(os.getppid).result(30.0) != server
-gc.collect()
-assert pool() not in (None, engine._pool), "its last workers, which may still start, do not find its locks"
-assert engine.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(30.0) == "1"
+assert isinstance(running.exception(300.0), WorkerLostError)
+assert again.pop().result(300.0) != worker  # not lost again, with the other workers of that server
+assert engine.wait_until_ready(300.0)
+assert engine.submit(os.getppid).result(300.0) != server
+assert engine.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(300.0) == "1"
 try:
     state = open(f"/proc/{worker}/stat").read().rpartition(")")[2].split()[0]
 except OSError:
@@ -96,5 +93,5 @@ def test_the_server_of_the_workers_is_replaced_with_them() -> None:
     """If anything else starts it, its numbers of threads are different."""
     variables = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     command = [sys.executable, "-c", SERVER_DIES]
-    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
