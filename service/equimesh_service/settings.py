@@ -42,8 +42,8 @@ class Settings(BaseSettings):
         "separated by commas; *: any.",
     )
 
-    engine: Literal["pebble", "dask"] = Field(
-        "pebble", description="Where meshes are solved: pebble, in processes of this machine; dask, on a cluster."
+    engine: Literal["processes", "dask"] = Field(
+        "processes", description="Where meshes are solved: processes, on this machine; dask, on a cluster."
     )
     scheduler: str = Field(
         "",
@@ -140,6 +140,12 @@ class Settings(BaseSettings):
     trace_endpoint: str = Field(
         "", description="OTLP over HTTP address for OpenTelemetry traces, e.g. http://host:4318/v1/traces; empty: none."
     )
+
+    @field_validator("engine", mode="before")
+    @classmethod
+    def _was_pebble(cls, value: object) -> object:
+        """The name of the default up to release 0.2."""
+        return "processes" if value == "pebble" else value
 
     @field_validator("trusted_proxies")
     @classmethod

@@ -10,7 +10,7 @@ import pytest
 
 BLOCKED = (
     *("equimesh", "equimesh_service", "scipy", "numba", "h5py", "meshio", "matplotlib", "fastapi", "starlette"),
-    *("uvicorn", "pydantic", "pydantic_settings", "sqlalchemy", "pebble", "multipart", "python_multipart"),
+    *("uvicorn", "pydantic", "pydantic_settings", "sqlalchemy", "multipart", "python_multipart"),
 )
 BLOCKER = f"""
 import sys

@@ -221,7 +221,7 @@ def test_the_cluster_of_compose_is_reached_by_the_service_alone() -> None:
         == by_default(worker["environment"]["EQUIMESH_SCHEDULER"])
         == address
     )
-    assert compose_environment()["EQUIMESH_ENGINE"] == "pebble"  # it needs no cluster unless one is wanted
+    assert compose_environment()["EQUIMESH_ENGINE"] == "processes"  # it needs no cluster unless one is wanted
     for part in (scheduler, worker):
         assert part["image"] == service["image"]
         assert part["healthcheck"]["test"][-1].count(":8787/health") == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
@@ -40,3 +41,7 @@ def test_every_setting_is_in_one_group() -> None:
     assert found["network"][:2] == ["host", "port"]
     assert "s3_secret_key" in found["storage"]
     assert all(name.startswith("key_") for name in found["keys and quotas"][1:])
+
+
+def test_the_engine_of_earlier_releases_keeps_its_name(tmp_path: Path) -> None:
+    assert Settings(data_dir=tmp_path, engine="pebble").engine == "processes"  # type: ignore[arg-type]

@@ -114,7 +114,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "time_limit": settings.time_limit,
             "memory_limit": settings.memory_limit,
         },
-        "engine": {"kind": "pebble", "workers": health.workers, "ready": health.ready},
+        "engine": {"kind": "processes", "workers": health.workers, "ready": health.ready},
     }
 
 

@@ -30,7 +30,7 @@ CASES = {
     "equimesh solve 'x*y' -o m": "mine.csv",
     "equimesh solve --monitor weight --rho m": "mine.csv",
     "equimesh serve --data-dir f": "folder",
-    "equimesh serve --engine ''": "pebble dask",
+    "equimesh serve --engine ''": "processes dask",
     "equimesh serve --metrics t": "true",
     "equimesh database backup m": "mine.csv",
     "equimesh completion ''": "bash zsh tcsh",

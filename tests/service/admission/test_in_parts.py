@@ -32,7 +32,7 @@ def test_which_meshes_are_in_parts(tmp_path: Path, grid: Any, parts: Any, expect
     assert assign_parts(spec, settings(tmp_path)).canonical["parts"] == expected
 
 
-@pytest.mark.parametrize("more", [{"engine": "pebble", "scheduler": ""}, {"max_cluster_points": 0}])
+@pytest.mark.parametrize("more", [{"engine": "processes", "scheduler": ""}, {"max_cluster_points": 0}])
 def test_without_a_cluster_none_is(tmp_path: Path, more: dict[str, Any]) -> None:
     here = settings(tmp_path, **more)
     assert assign_parts(read_spec({"monitor": CURVATURE, "grid": LARGE}), here).canonical["parts"] is None

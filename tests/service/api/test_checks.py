@@ -34,7 +34,7 @@ def test_capabilities_name_every_choice(http: httpx.Client, document: dict[str, 
         assert all(entry["when_to_use"].endswith(".") for entry in able[key])
     assert able["limits"]["max_points"] == settings.max_points
     assert "tanh" in able["expressions"]["functions"]
-    assert able["engine"] == {"kind": "pebble", "workers": 2, "ready": True}
+    assert able["engine"] == {"kind": "processes", "workers": 2, "ready": True}
 
 
 def test_a_check_knows_domains(http: httpx.Client) -> None:
