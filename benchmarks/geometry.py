@@ -77,7 +77,7 @@ def functions(domain: em.Blocks, name: str, seed: int, count: int) -> Iterator[e
 def solve(domain: em.Blocks, u: em.Expression, bound: float | None = None, *, auto: bool = False) -> Solved:
     """The measures of one mesh, with errors by Gauss points of the benchmark; ``auto`` compares weights."""
     monitor = em.Auto(u=u) if auto else em.LeastError(u=u, orthogonality=bound)
-    problem = em.BlockProblem(monitor=monitor, domain=domain)
+    problem = em.Problem(monitor=monitor, domain=domain)
     began = time.process_time()
     solution = em.solve(problem, threads=1, check=False)
     seconds = time.process_time() - began
@@ -140,7 +140,7 @@ def million(nodes: int) -> Iterator[Row]:
     u = next(functions(domain, "l_shape", 5, 1))
     for run in (1, 2):
         began, at_first = time.perf_counter(), time.process_time()
-        em.solve(em.BlockProblem(monitor=em.LeastError(u=u), domain=domain), threads=2, check=False)
+        em.solve(em.Problem(monitor=em.LeastError(u=u), domain=domain), threads=2, check=False)
         seconds, cpu = time.perf_counter() - began, time.process_time() - at_first
         what, goal = f"{domain.points} nodes on two threads, run {run}", 3.0 if nodes == MILLION else None
         yield Row(what=what, value=seconds, unit="s", goal=goal, note=f"CPU time {cpu:.3g} s")

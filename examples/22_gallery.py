@@ -13,8 +13,6 @@ from typing import Any
 
 from PIL import Image
 
-import equimesh as em
-
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "gallery.md"
 BLOCK = re.compile(r'^```py\n(.*?"([\w-]+)\.png".*?)^```$', re.MULTILINE | re.DOTALL)
 COLOURS = 256
@@ -31,7 +29,7 @@ def draw(name: str, code: str) -> float:
     names: dict[str, Any] = {}
     exec(compile(code, f"{PAGE.name}, {name}", "exec"), names)
     solution, path = names["solution"], Path(f"{name}.png")
-    compared = solution.against_initial if isinstance(solution, em.BlockSolution) else solution.against_uniform
+    compared = solution.against_uniform
     picture = Image.open(path).convert("RGB")
     picture.quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(path, optimize=True)
     return float(compared.gain or 0.0)

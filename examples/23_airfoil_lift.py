@@ -102,7 +102,7 @@ def main(output: Path) -> None:
     speed = say("initial", mesh)
     for number in range(1, ROUNDS + 1):
         monitor = em.LeastError(u=em.QuadField(mesh=mesh, values=speed), distortion=4, smoothness=30)
-        mesh = em.solve(em.BlockProblem(monitor=monitor, domain=domain), initial=mesh, check=False).mesh
+        mesh = em.solve(em.Problem(monitor=monitor, domain=domain), initial=mesh, check=False).mesh
         speed = say(f"round {number}", mesh)
     draw([domain.mesh, mesh], output / "airfoil.png")
     print(f"wrote {output / 'airfoil.png'}")

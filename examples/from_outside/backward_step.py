@@ -156,7 +156,7 @@ def main(output: Path, refine: float, fine: float, rounds: int) -> None:
     velocity = say("initial", mesh)
     for number in range(1, rounds + 1):
         monitor = em.LeastError(u=at_nodes(mesh, velocity), **WEIGHTS)
-        mesh = em.solve(em.BlockProblem(monitor=monitor, domain=domain), initial=mesh, check=False).mesh
+        mesh = em.solve(em.Problem(monitor=monitor, domain=domain), initial=mesh, check=False).mesh
         velocity = say(f"round{number}", mesh)
     draw(mesh, velocity, domain.mesh, output / "backward-step.png")
 

@@ -11,6 +11,8 @@ The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistribut
 Decomposition*. Begin reading in ``schwarz/iteration.py``. ``__all__`` is the table of contents.
 """
 
+from typing import NoReturn
+
 from equimesh import compiling as _compiling
 from equimesh.adapt.loop import adapt
 from equimesh.blocks.block_grid import BlockGrid
@@ -18,7 +20,6 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
-from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Boundary, Problem
 from equimesh.errors import DecompositionError, EquimeshError, ExpressionError, InputError, Position, SamplesError
 from equimesh.fields.chunked_samples import ChunkedSamples
@@ -27,7 +28,6 @@ from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.quad_field import QuadField
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
-from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.descent import Descent
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.mesh_data import MeshData
@@ -58,7 +58,7 @@ from equimesh.sequences.pursuit import Earlier
 from equimesh.sequences.sequence import BlockStep, Sequence, SequenceStep
 from equimesh.single_domain.level import Mode, Step
 from equimesh.solving.certificate import Certificate
-from equimesh.solving.solution import BlockSolution, Solution, SolveError
+from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Event, Initial, Status
 from equimesh.solving.target import Target, solve_to
@@ -71,11 +71,18 @@ from equimesh_coupling.recovery import CellAverages, ErrorIndicator
 from equimesh_schema import Aim, Candidate, Relaxed
 
 _compiling.watch()
+_RENAMED = {"BlockProblem": "Problem", "BlockSolution": "Solution", "BlockSchwarz": "Schwarz"}
+
+
+def __getattr__(name: str) -> NoReturn:
+    if name in _RENAMED:
+        raise AttributeError(f"equimesh.{name} is equimesh.{_RENAMED[name]} now, of grids and of blocks")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 __all__ = [  # noqa: RUF022 - grouped by noun
     # The problem: a monitor on a grid of a domain
     "Problem",
-    "BlockProblem",
     "Grid",
     "Boundary",
     # Domains: images of the unit square
@@ -112,7 +119,6 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Smoothed",
     # Settings of the Schwarz iteration
     "Schwarz",
-    "BlockSchwarz",
     "Ordering",
     "LocalSolver",
     "Acceleration",
@@ -145,7 +151,6 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "SubdomainRecord",
     # Results
     "Solution",
-    "BlockSolution",
     "Status",
     "Certificate",
     "Relaxed",

@@ -9,11 +9,10 @@ from typing import Any, TypeAlias
 
 from distributed import Client
 
-from equimesh.equations.block_problem import BlockProblem
-from equimesh.equations.problem import Problem
+from equimesh.blocks.blocks import Blocks
+from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.descent import Descent
 from equimesh.meshes.mesh import Grid
 from equimesh.meshes.nested import nested_grids
@@ -21,7 +20,7 @@ from equimesh.numerics.channel import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode, Step
 from equimesh.solving.blocks import count_subdomains
-from equimesh.solving.solution import BlockSolution, SolveError
+from equimesh.solving.solution import OnBlocks, SolveError
 from equimesh.solving.status import Event, approach, level_share
 from equimesh_cluster.connection import check_client, connect, sent
 from equimesh_cluster.handle import Handle, PartsError
@@ -136,15 +135,15 @@ class Gathering:
 
 
 def solve_blocks(
-    problem: BlockProblem,
+    problem: Problem[Blocks],
     client: Client | str,
-    schwarz: BlockSchwarz | None = None,
+    schwarz: Schwarz | None = None,
     *,
     parts: int | None = None,
     threads: int = 1,
     observe: Callable[[dict[str, Any]], None] | None = None,
     cancel: threading.Event | None = None,
-) -> BlockSolution:
+) -> OnBlocks:
     """The mesh of ``problem``, with its subdomains on ``parts`` workers; equal to that of :func:`equimesh.solve`.
 
     ``client`` is a client of Dask, or the address of a scheduler. ``schwarz`` are the settings, by default one
@@ -156,12 +155,13 @@ def solve_blocks(
     Raises :class:`~equimesh.errors.InputError` for more parts than subdomains or threads of the workers,
     :class:`~equimesh.solving.solution.SolveError` for a folded mesh, and the errors of :func:`equimesh_cluster.solve`.
     """
-    if not isinstance(problem, BlockProblem):
+    if not (isinstance(problem, Problem) and in_blocks(problem)):
         raise InputError(
-            "the problem has no domain in blocks: give em.BlockProblem(...), or take equimesh_cluster.solve",
+            "the problem has no domain in blocks: give em.Problem(..., domain=em.Blocks.of(...)), or take"
+            " equimesh_cluster.solve",
             field="problem",
         )
-    settings, shared = schwarz or BlockSchwarz(), thread_count(threads)
+    settings, shared = schwarz or Schwarz(), thread_count(threads)
     subdomains = count_subdomains(problem, settings)
     own = isinstance(client, str)
     connected = connect(client) if isinstance(client, str) else check_client(client)
@@ -199,7 +199,7 @@ def _telling(observe: Callable[[dict[str, Any]], None] | None) -> Callable[[int,
 
 
 def _run(
-    problem: BlockProblem, client: Client, settings: BlockSchwarz, count: int, threads: int, options: RunOptions
+    problem: Problem[Blocks], client: Client, settings: Schwarz, count: int, threads: int, options: RunOptions
 ) -> BlocksResult:
     """The result of the part that leads; nothing is left on the workers."""
     shared: list[Any] = []
@@ -217,7 +217,7 @@ def _run(
 
 
 def part_of_blocks(
-    channel: Any, problem: BlockProblem, settings: BlockSchwarz, threads: int, tells: bool
+    channel: Any, problem: Problem[Blocks], settings: Schwarz, threads: int, tells: bool
 ) -> BlocksResult | None:
     """One part of the solve. Runs on its worker."""
 

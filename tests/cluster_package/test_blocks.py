@@ -14,12 +14,12 @@ from equimesh.testing.geometries import l_shape, obstacle
 from equimesh_cluster import RunCancelledError, solve_blocks
 
 FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
-PROBLEM = em.BlockProblem(monitor=em.LeastError(u=FRONT), domain=obstacle(1200))
+PROBLEM = em.Problem(monitor=em.LeastError(u=FRONT), domain=obstacle(1200))
 
 
 @pytest.mark.parametrize("parts", [1, 2, None])
 def test_the_mesh_does_not_depend_on_the_number_of_workers(client: Client, parts: int | None) -> None:
-    alone, told = em.solve(PROBLEM, em.BlockSchwarz()), list[dict[str, Any]]()
+    alone, told = em.solve(PROBLEM, em.Schwarz()), list[dict[str, Any]]()
     found = solve_blocks(PROBLEM, client, parts=parts, observe=told.append)
     assert np.array_equal(found.mesh.points, alone.mesh.points)
     assert found.status is em.Status.COMPLETED
@@ -29,11 +29,11 @@ def test_the_mesh_does_not_depend_on_the_number_of_workers(client: Client, parts
 
 
 def test_what_does_not_fit_is_refused_before_the_start(client: Client) -> None:
-    corner = em.BlockProblem(monitor=em.LeastError(u=FRONT), domain=l_shape(300))
+    corner = em.Problem(monitor=em.LeastError(u=FRONT), domain=l_shape(300))
     with pytest.raises(em.InputError, match="parts = 4: every part needs a subdomain, and there are 3"):
         solve_blocks(corner, client, parts=4)
     with pytest.raises(em.InputError, match="no block outlet"):
-        solve_blocks(corner, client, em.BlockSchwarz(groups=[["outlet"]]))
+        solve_blocks(corner, client, em.Schwarz(groups=[["outlet"]]))
     with pytest.raises(em.InputError, match="no domain in blocks"):
         solve_blocks(em.Problem(monitor=em.LeastError(u=FRONT), grid=em.Grid(n_xi=9, n_eta=9)), client)  # type: ignore[arg-type]
 

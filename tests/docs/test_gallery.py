@@ -91,7 +91,7 @@ def test_the_code_of_a_picture_solves_the_problem_of_the_workbench(problem: dict
     exec(compile(code, problem["name"], "exec"), names)
     mine, its = names["problem"], specs.build(problem["spec"]).problem
     assert type(mine.monitor) is type(its.monitor)
-    if isinstance(its, em.BlockProblem):
+    if isinstance(its.domain, em.Blocks):
         meshes = [one.domain.mesh for one in (mine, its)]
     else:
         assert (mine.grid, mine.boundary) == (its.grid, its.boundary)

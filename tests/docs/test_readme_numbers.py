@@ -142,7 +142,7 @@ def check_front(_: em.Solution, moments: str, smallest: str, largest: str) -> No
 
 def check_plate(_: em.Solution, told: str) -> None:
     example = runpy.run_path(str(ROOT / "examples" / "10_pictures_of_the_docs.py"))
-    problem = em.BlockProblem(monitor=em.LeastError(u=em.Expression(example["WAVE"])), domain=example["plate"]())
+    problem = em.Problem(monitor=em.LeastError(u=em.Expression(example["WAVE"])), domain=example["plate"]())
     solution = em.solve(problem)
     assert solution.interpolation is not None
     assert solution.interpolation.gain_l2 == pytest.approx(float(told), rel=NEAR)

@@ -175,8 +175,8 @@ def find(_: str, settings: Any) -> em.Blocks:
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_a_document_and_its_completion_are_one_problem(name: str) -> None:
     short, whole = (build(one, find_mesh=find) for one in (DOCUMENTS[name], read_spec(DOCUMENTS[name]).canonical))
-    if isinstance(short.problem, em.BlockProblem):
-        assert isinstance(whole.problem, em.BlockProblem)
+    if isinstance(short.problem.domain, em.Blocks):
+        assert isinstance(whole.problem.domain, em.Blocks)
         assert (short.problem.domain.mesh.points == whole.problem.domain.mesh.points).all()
         assert short.schwarz == whole.schwarz
     else:
@@ -204,14 +204,14 @@ def test_words_are_those_of_the_numerics(words: Words | tuple[Any, ...], known: 
 
 def test_the_numerics_have_every_setting() -> None:
     for document, made in (
-        (schwarz.Schwarz, em.Schwarz),
-        (schwarz.BlockSchwarz, em.BlockSchwarz),
         (mesh.Target, em.Target),
         (mesh.Grid, em.Grid),
         (domains.Rectangle, em.Rectangle),
         (domains.AnnulusSector, em.AnnulusSector),
     ):
         assert {*keys_of(document)} - {"kind"} == {one.name for one in fields(made)}  # type: ignore[arg-type]
+    of_both = {*keys_of(schwarz.Schwarz), *keys_of(schwarz.BlockSchwarz)}
+    assert of_both == {one.name for one in fields(em.Schwarz)}
 
 
 @pytest.mark.parametrize("kind", monitors.MONITORS.documents)

@@ -14,12 +14,8 @@ from equimesh_cli.parser import Exit, Refused, add_command
 from equimesh_cli.report import announce_compiling, load_solver, told
 
 if TYPE_CHECKING:
-    from typing import TypeAlias
-
     import equimesh
-    from equimesh import BlockSolution, Event, Solution
-
-    AnySolution: TypeAlias = Solution | BlockSolution
+    from equimesh import Event, Solution
 
 BYTES_PER_POINT = 600
 """Memory of a solve and its quality measures, measured at 1025 x 1025 points."""
@@ -112,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _report_failure(options: argparse.Namespace, solution: AnySolution, picture: Picture | None) -> None:
+def _report_failure(options: argparse.Namespace, solution: Solution[Any, Any], picture: Picture | None) -> None:
     """Write and report the partial mesh of a failed solve."""
     files = _write(options, solution, picture) if options.partial and not solution.mesh.is_folded else []
     if options.json:
@@ -127,12 +123,12 @@ def _report_failure(options: argparse.Namespace, solution: AnySolution, picture:
             print(f"wrote {file}, a partial mesh")
 
 
-def _print_json(solution: AnySolution, files: list[str], **parts: Any) -> None:
+def _print_json(solution: Solution[Any, Any], files: list[str], **parts: Any) -> None:
     report = {"status": solution.status.value, "message": solution.message, **parts, "files": files}
     print(json.dumps(report, indent=2))
 
 
-def _points_of(solution: AnySolution) -> str:
+def _points_of(solution: Solution[Any, Any]) -> str:
     """The points of a mesh: in both directions, or of blocks in all."""
     grid = getattr(solution.problem, "grid", None)
     return str(solution.mesh.x.size if grid is None else grid)
@@ -148,7 +144,7 @@ def _check_memory(grid: equimesh.Grid) -> None:
         )
 
 
-def _write(options: argparse.Namespace, solution: AnySolution, picture: Picture | None) -> list[str]:
+def _write(options: argparse.Namespace, solution: Solution[Any, Any], picture: Picture | None) -> list[str]:
     """Write the requested files and return their names."""
     files = []
     if options.output is not None:
@@ -157,22 +153,17 @@ def _write(options: argparse.Namespace, solution: AnySolution, picture: Picture 
         write_mesh(options.output, solution.data(), cells=options.cells)
         files.append(str(options.output))
     if picture is not None:
-        from equimesh import BlockSolution
         from equimesh.plot import convergence, meshes
 
         match picture.kind:
             case "convergence":
                 convergence.draw_convergence(solution.convergence(), picture.path)
             case "comparison":
-                if isinstance(solution, BlockSolution):
-                    meshes.draw_comparison(solution.against_initial, picture.path)
-                else:
-                    meshes.draw_comparison(solution.against_uniform, picture.path)
+                meshes.draw_comparison(solution.against_uniform, picture.path)
             case "quality":
                 meshes.draw_quality(solution.data(), picture.path)
             case _:
-                parts = None if isinstance(solution, BlockSolution) else solution.decomposition
-                meshes.draw_mesh(solution.data(), picture.path, decomposition=parts)
+                meshes.draw_mesh(solution.data(), picture.path, decomposition=solution.decomposition)
         files.append(str(picture.path))
     return files
 

@@ -104,7 +104,7 @@ def _compute(task: Computation) -> Computed:
     spec = admitted.built or pickle.loads(admitted.packed or b"")
     stopwatch.lap("check")
     frames = None
-    if task.frames and spec.schwarz is not None and isinstance(spec.problem, equimesh.Problem):
+    if task.frames and spec.grid_schwarz is not None:
         frames = Frames(spec.problem.grid.points)
 
     def observe(event: equimesh.Event) -> None:

@@ -18,7 +18,7 @@ from equimesh import Decomposition, Event, Iteration, Mesh, Schwarz
 from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.quality import ComparedMesh, UniformComparison, compare_with_uniform
-from equimesh.solving.solution import MeasuredMesh, interpolated_cells
+from equimesh.solving.solution import MeasuredMesh, OnBlocks, interpolated_cells
 from equimesh.specs import build_schwarz
 from equimesh_service.assembly.problem import SamplesOf, build
 from equimesh_service.problems.problem import Problem
@@ -81,7 +81,7 @@ class Frames:
 
 def compare(
     mesh: equimesh.Mesh | QuadMesh,
-    problem: equimesh.Problem | equimesh.BlockProblem,
+    problem: equimesh.Problem[Any],
     certificate: Mapping[str, Any] | None = None,
 ) -> UniformComparison:
     """``mesh`` and the uniform mesh of the domain of ``problem``, with the error of u in each of their cells.
@@ -94,19 +94,17 @@ def compare(
     monitor = problem.monitor
     if isinstance(monitor, equimesh.Auto) and _chosen(certificate or {}) == "least_error":
         problem = replace(problem, monitor=monitor.least_error())
-    if isinstance(problem, equimesh.BlockProblem) or isinstance(mesh, QuadMesh):
-        return of_blocks(mesh, problem).against_initial
+    if isinstance(mesh, QuadMesh):
+        return of_blocks(mesh, problem).against_uniform
     window, u = MeshWindow.of(mesh), problem.monitor.u
     nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]
     measured = MeasuredMesh(problem=problem, mesh=window, reference=window, u=lambda: nodal, threads=1)
     return measured.against_uniform(mesh, measured.quality().interpolation_error)
 
 
-def of_blocks(mesh: object, problem: object) -> equimesh.BlockSolution:
+def of_blocks(mesh: QuadMesh, problem: equimesh.Problem[Any]) -> OnBlocks:
     """The solution of a problem on blocks whose mesh is known, to measure it."""
-    if not isinstance(mesh, QuadMesh) or not isinstance(problem, equimesh.BlockProblem):
-        raise TypeError("a mesh of blocks belongs to a problem on blocks")
-    return equimesh.BlockSolution(problem=problem, mesh=mesh, status=equimesh.Status.CONVERGED)
+    return equimesh.Solution(problem=problem, mesh=mesh, reference=mesh, status=equimesh.Status.CONVERGED)
 
 
 def _chosen(certificate: Mapping[str, Any]) -> str:
@@ -221,12 +219,11 @@ def pack(document: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) ->
 
 
 def document_of_solution(
-    spec: Mapping[str, Any], solution: equimesh.Solution | equimesh.BlockSolution, seconds: float
+    spec: Mapping[str, Any], solution: equimesh.Solution[Any, Any], seconds: float
 ) -> dict[str, Any]:
     """What is said of a solution that is not kept, after a solve of some ``seconds``; ``spec`` is canonical."""
-    began, schwarz = time.perf_counter(), None
-    if isinstance(solution, equimesh.Solution):
-        schwarz = solution.schwarz
+    began = time.perf_counter()
+    schwarz = None if solution.decomposition is None else solution.schwarz
     document = document_of(
         spec,
         {
@@ -245,13 +242,12 @@ def document_of_solution(
 
 def draw_solution(
     document: dict[str, Any],
-    solution: equimesh.Solution | equimesh.BlockSolution,
+    solution: equimesh.Solution[Any, Any],
     frames: Frames | None = None,
 ) -> bytes:
     """The drawing of a solution that is not kept, with the ``frames`` of its iteration, where there are some."""
     began = time.perf_counter()
-    compared = solution.against_initial if isinstance(solution, equimesh.BlockSolution) else solution.against_uniform
-    arrays = arrays_of(compared, is_folded=solution.mesh.is_folded)
+    arrays = arrays_of(solution.against_uniform, is_folded=solution.mesh.is_folded)
     document["seconds"]["measure"] += time.perf_counter() - began
     if frames is not None:
         arrays |= frames.arrays()
@@ -272,16 +268,14 @@ def draw_mesh_row(
     document = document_of(spec, result, error=row.error, convergence=convergence, schwarz=schwarz, mesh=mesh)
     document["seconds"] = result.get("timings")
     problem = _problem(spec, result["certificate"], find)
-    if isinstance(mesh, QuadMesh) or isinstance(problem, equimesh.BlockProblem):
-        return pack(document, arrays_of(of_blocks(mesh, problem).against_initial, is_folded=False))
+    if isinstance(mesh, QuadMesh):
+        return pack(document, arrays_of(of_blocks(mesh, problem).against_uniform, is_folded=False))
     monitor = problem.monitor
     compared = compare_with_uniform(mesh, monitor, domain=problem.domain, kind=interpolated_cells(monitor))
     return pack(document, arrays_of(compared, is_folded=False))
 
 
-def _problem(
-    spec: Mapping[str, Any], certificate: Mapping[str, Any], find: SamplesOf
-) -> equimesh.Problem | equimesh.BlockProblem:
+def _problem(spec: Mapping[str, Any], certificate: Mapping[str, Any], find: SamplesOf) -> equimesh.Problem[Any]:
     """The problem that was solved: where the monitor was chosen, that of the chosen one."""
     chosen = next((one for one in certificate.get("comparison", ()) if one["chosen"]), None)
     if spec["monitor"]["kind"] == "auto" and chosen is not None:

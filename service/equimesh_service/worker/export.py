@@ -5,10 +5,10 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import equimesh
 from equimesh import Mesh
-from equimesh.domains.domain import map_mesh
 from equimesh.io.npz import load_npz
 from equimesh.io.write import CELLS, FORMATS, write_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -100,14 +100,13 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             path.write_text(json.dumps(_quality(mesh, problem).summary(arrays=True), allow_nan=False))
 
 
-def _quality(mesh: Mesh | QuadMesh, problem: equimesh.Problem | equimesh.BlockProblem) -> equimesh.Quality:
-    if isinstance(mesh, QuadMesh) or isinstance(problem, equimesh.BlockProblem):
+def _quality(mesh: Mesh | QuadMesh, problem: equimesh.Problem[Any]) -> equimesh.Quality:
+    if isinstance(mesh, QuadMesh):
         return of_blocks(mesh, problem).quality
-    uniform = map_mesh(equimesh.Mesh.uniform(mesh.grid), problem.domain)
-    return equimesh.measure(mesh, problem.monitor, uniform=uniform)
+    return equimesh.measure(mesh, problem.monitor, uniform=problem.initial)
 
 
-def _problem(task: Export, store: Store, files: Files, sources: ExitStack) -> equimesh.Problem | equimesh.BlockProblem:
+def _problem(task: Export, store: Store, files: Files, sources: ExitStack) -> equimesh.Problem[Any]:
     mesh_input = _input(task, store)
     return build(mesh_input.spec, samples_of(mesh_input, files, sources)).problem
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import equimesh
-from equimesh.equations.block_problem import BlockProblem
+from equimesh.equations.problem import in_blocks
 from equimesh.errors import InputError
 from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
@@ -150,7 +150,7 @@ class StepStart:
     def take(self, spec: BuiltSpec, options: SolveArguments) -> AnySequenceStep:
         """The step to the problem of ``spec``; raises :class:`~equimesh.errors.InputError` where it is refused."""
         fields = {name: field.mesh_values() for name, field in self.fields.items()}
-        if isinstance(spec.problem, BlockProblem):
+        if in_blocks(spec.problem):
             if isinstance(self.mesh, equimesh.Mesh):
                 raise TypeError("a step on blocks follows a mesh of blocks")
             on_blocks = equimesh.BlockSequence(
@@ -410,6 +410,6 @@ def _write(
     if step is not None:
         result["step"] = moves_of(step)
     stopwatch.lap("quality")
-    if work.spec.target is None or isinstance(solution, equimesh.BlockSolution):
+    if work.spec.target is None or solution.problem.grid is None:
         return result
     return {**result, "grid": [*solution.problem.grid.shape]}

@@ -14,7 +14,7 @@ from equimesh_schema import Relaxed
 from equimesh_schema.certificate import compared
 from equimesh_service.problems.problem import Problem
 
-AnySolution: TypeAlias = equimesh.Solution | equimesh.BlockSolution
+AnySolution: TypeAlias = equimesh.Solution[Any, Any]
 """The solution on a grid, or on blocks."""
 
 
@@ -23,14 +23,11 @@ def summary_of(solution: AnySolution) -> dict[str, Any]:
     convergence = solution.convergence()
     iterations = convergence["iterations"]
     last = iterations[-1] if iterations else {}
-    steps, residual = len(solution.descent), float("inf")  # blocks have no equations to solve
-    if isinstance(solution, equimesh.Solution):
-        steps, residual = solution.newton_steps, solution.residual
     return {
         "status": str(solution.status),
         "message": solution.message,
-        "newton_steps": steps,
-        "residual": residual if residual < float("inf") else None,
+        "newton_steps": solution.newton_steps,
+        "residual": solution.residual if solution.residual < float("inf") else None,
         "iterations": max(len(iterations) - 1, 0),
         "transmission": last.get("transmission"),
         "work": sum(record["work"] for record in iterations) if iterations else None,

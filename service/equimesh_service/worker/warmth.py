@@ -150,8 +150,8 @@ def _warm_up_blocks(nodes: equimesh.Mesh, u: equimesh.Field) -> None:
     """Solve on a mesh in blocks, mend a fold, and carry fields between meshes that are no grids."""
     domain = equimesh.Blocks.of_mesh(nodes.points, nodes.cells, nodes.sides)
     for least in _least_errors(u):
-        solution = equimesh.solve(equimesh.BlockProblem(monitor=least, domain=domain), threads=1, check=False)
-        solution.data(), solution.certificate, solution.quality, solution.against_initial
+        solution = equimesh.solve(equimesh.Problem(monitor=least, domain=domain), threads=1, check=False)
+        solution.data(), solution.certificate, solution.quality, solution.against_uniform
     fine = equimesh.Mesh.uniform(equimesh.Grid(n_xi=37, n_eta=37))  # so many points that there is a coarser level
     levels = block_levels(equimesh.Blocks.of_mesh(fine.points, fine.cells, fine.sides).mesh)
     Lifting(*levels).lifted(np.ones((2, levels[0].points)), cubic=True)

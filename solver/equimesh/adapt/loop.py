@@ -11,7 +11,6 @@ import numpy as np
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
-from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.nodal_field import HermiteField
@@ -47,7 +46,7 @@ def averaged_mesh(u: QuadField, domain: Blocks, norm: Norm, threads: int) -> Qua
     Raises as :func:`~equimesh.solving.solve.solve`.
     """
     monitor = LeastError(u=u, norm=norm, distortion=DISTORTION, smoothness=SMOOTHNESS)
-    return solve(BlockProblem(monitor=monitor, domain=domain), initial=u.mesh, check=False, threads=threads).mesh
+    return solve(Problem(monitor=monitor, domain=domain), initial=u.mesh, check=False, threads=threads).mesh
 
 
 # The next mesh from an error indicator of the solver on every cell.

@@ -31,7 +31,7 @@ CHORDS = 64
 # The largest gap between two edges that go on along one curve, as a share of their parameters.
 SAME_PARAMETER = 1e-9
 REMEDY = (
-    "such blocks form no grid with four sides; take BlockProblem with LeastError(u=...), which measures the error on"
+    "such blocks form no grid with four sides; take LeastError(u=...), which measures the error on"
     " cells and needs no lines"
 )
 """The remedy where blocks are no grid."""

@@ -263,7 +263,7 @@ MAX_VELOCITY_JUMP = 1e-3
 """The largest difference of the velocities at both ends of a closed curve, as a share of the larger one."""
 BY_BLOCKS = (
     "begin the curve at a smooth place; or give the O-grid as blocks, whose description keeps a node at each of its"
-    " 'corners', and take a BlockProblem"
+    " 'corners', and solve on Blocks.of(...)"
 )
 """The remedy for a corner at a seam."""
 

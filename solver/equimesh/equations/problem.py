@@ -6,27 +6,37 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.curve import FormulaPath
-from equimesh.domains.domain import UNIT_SQUARE, Domain, is_closed
+from equimesh.domains.domain import UNIT_SQUARE, Domain, is_closed, map_mesh
 from equimesh.equations.mesh_equations import MeshEquations, NodalState, Rows, Triplets
 from equimesh.equations.metric import SLOPE_STEP, ReferenceMetric, Tensor, Vector, quadratic
 from equimesh.errors import InputError
 from equimesh.fields.expression import Expression
 from equimesh.fields.periodic import repeated
 from equimesh.inputs import choice
-from equimesh.meshes.mesh import Grid
-from equimesh.monitors.least_error import NodalSolution
+from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array, IntArray
 
 # The physical boundary of the unit square: the conditions that place its nodes along each side.
 
+if TYPE_CHECKING:
+    from typing_extensions import TypeVar
+
+    D = TypeVar("D", Domain, Blocks, default=Domain)
+else:
+    from typing import TypeVar
+
+    D = TypeVar("D", Domain, Blocks)
+    """A domain with four sides, or one of blocks; the first where a type does not say it."""
 S = TypeVar("S", bound=np.generic)
 
 
@@ -213,33 +223,69 @@ NO_NODAL_SOLUTION = (
     " LeastError or Auto with the NodalField itself as u"
 )
 """Why closed lines with the recovery of a solver's solution are refused."""
+NO_LINES = (
+    "a metric is equidistributed along grid lines from side to side, and lines that run through several blocks meet"
+    " re-entrant corners, where no such mesh exists: take LeastError(u=...) or Auto(u=...), which measure the error on"
+    " cells and need no lines"
+)
+"""Why other monitors are refused on blocks."""
+NO_STRAIGHT_LINES = "rectilinear = True: a domain in blocks has no lines that could stay straight; leave it out"
+"""Why straight lines are refused on blocks."""
+NO_CELL_CENTRES = (
+    "purpose = 'finite_volume': candidates are compared on grids, not on blocks; leave the purpose out, and bound the"
+    " angles by orthogonality, 50 for instance"
+)
+"""Why the purpose is refused on blocks."""
+NO_ANGLES_OF_A_ROUND = (
+    "a round of adapting does not bound angles on blocks: leave the bound out, or take LeastError with the same values"
+    " as u, QuadField(mesh=..., values=...), and the bound"
+)
+"""Why a bound of angles is refused for the values of a solver on blocks."""
+OWN_CELLS = "the blocks of the domain have numbers of cells of their own: leave the grid out, and refine the blocks"
+"""Why a grid is refused on blocks."""
+SLIDING_NODES = "the nodes on the curves of blocks slide for the least error: leave the boundary out"
+"""Why a boundary condition is refused on blocks."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Problem:
-    """A mesh of ``domain``: locally equidistributed in the metric of ``monitor``, on the points of ``grid``.
+class Problem(Generic[D]):
+    """A mesh of ``domain``, by ``monitor``.
+
+    A domain with four sides needs a ``grid``. The mesh has its points, and is locally equidistributed in the metric of
+    the monitor, or of least error where that is a :class:`~equimesh.monitors.least_error.LeastError` or an
+    :class:`~equimesh.monitors.least_error.Auto`.
+
+    A domain in :class:`~equimesh.blocks.blocks.Blocks` has numbers of cells of its own: ``grid`` is ``None`` there. The
+    mesh has the nodes, cells and sides of its initial mesh, with other positions of the nodes. Lines that run through
+    several blocks cannot be equidistributed: the monitor is one of these two, or a
+    :class:`~equimesh.monitors.least_error.NodalSolution` with values on a mesh of the domain.
 
     The monitor is bound to the domain, and its functions are continued where lines are closed. Raises
-    :class:`~equimesh.errors.InputError` where it cannot be used there.
+    :class:`~equimesh.errors.InputError`, which names the field, where something cannot be used on the domain.
     """
 
     monitor: Monitor
-    grid: Grid
+    grid: Grid = None  # type: ignore[assignment] # blocks have none
     boundary: Boundary = Boundary.TRACE
-    domain: Domain = UNIT_SQUARE
+    domain: D = UNIT_SQUARE  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "boundary", choice(Boundary, self.boundary, "boundary"))
+        if isinstance(self.domain, Blocks):
+            self._check_blocks()
+            object.__setattr__(self, "monitor", self.monitor.on(self.domain))  # type: ignore[arg-type]
+        else:
+            self._check_sides()
+            object.__setattr__(self, "monitor", repeated(self.monitor, self.domain).on(self.domain))
+
+    def _check_sides(self) -> None:
+        """Refuse what a domain with four sides cannot have."""
         if not isinstance(self.grid, Grid):
             raise InputError(f"grid = {self.grid!r}: give Grid(n_xi=..., n_eta=...)", field="grid")
         if not callable(getattr(self.monitor, "metric", None)):
             raise InputError(
                 f"monitor = {str(self.monitor)[:40]!r} is no monitor: give one, such as ArcLength(u=...)",
                 field="monitor",
-            )
-        if isinstance(self.domain, Blocks):
-            raise InputError(
-                "a domain in blocks has its own mesh, and no grid: give BlockProblem(monitor=..., domain=...)",
-                field="domain",
             )
         if not (callable(getattr(self.domain, "map", None)) and callable(getattr(self.domain, "jacobian", None))):
             raise InputError(
@@ -248,15 +294,40 @@ class Problem:
             )
         if is_closed(self.domain) and isinstance(self.monitor, NodalSolution):
             raise InputError(NO_NODAL_SOLUTION, field="monitor")
-        object.__setattr__(self, "boundary", choice(Boundary, self.boundary, "boundary"))
-        object.__setattr__(self, "monitor", repeated(self.monitor, self.domain).on(self.domain))
+
+    def _check_blocks(self) -> None:
+        """Refuse what a domain in blocks cannot have."""
+        monitor: Any = self.monitor
+        if self.grid is not None:
+            raise InputError(OWN_CELLS, field="grid")
+        if self.boundary is not Boundary.TRACE:
+            raise InputError(SLIDING_NODES, field="boundary")
+        if not isinstance(monitor, LeastError | Auto | NodalSolution):
+            raise InputError(NO_LINES, field="monitor")
+        if isinstance(monitor, LeastError) and monitor.rectilinear:
+            raise InputError(NO_STRAIGHT_LINES, field="monitor.rectilinear")
+        if isinstance(monitor, Auto) and monitor.purpose is not None:
+            raise InputError(NO_CELL_CENTRES, field="monitor.purpose")
+        if isinstance(monitor, NodalSolution) and monitor.orthogonality is not None:
+            raise InputError(NO_ANGLES_OF_A_ROUND, field="monitor.orthogonality")
+
+    @property
+    def points(self) -> int:
+        """Number of nodes."""
+        return len(self.domain.mesh.points) if isinstance(self.domain, Blocks) else self.grid.points
+
+    @property
+    def initial(self) -> Mesh | QuadMesh:
+        """The mesh with which others are compared: the uniform mesh of the domain, of blocks their initial mesh."""
+        return self.domain.mesh if isinstance(self.domain, Blocks) else map_mesh(Mesh.uniform(self.grid), self.domain)
 
     @cached_property
     def metric(self) -> ReferenceMetric:
         """The metric on the reference square, where everything is solved."""
-        return ReferenceMetric(self.monitor, self.domain)
+        domain: Any = self.domain
+        return ReferenceMetric(self.monitor, domain)
 
-    def on_grid(self, grid: Grid) -> Problem:
+    def on_grid(self, grid: Grid) -> Problem[D]:
         """The same problem on another grid, with the same :attr:`metric`, whose measures of u are taken once."""
         other = replace(self, grid=grid)
         object.__setattr__(other, "metric", self.metric)
@@ -271,6 +342,11 @@ class Problem:
             list(sides(self.boundary).values()),
             cross_line,
         )
+
+
+def in_blocks(problem: Problem[Any]) -> TypeGuard[Problem[Blocks]]:
+    """Whether the domain of a problem has blocks."""
+    return isinstance(problem.domain, Blocks)
 
 
 # The formulas of a problem that were typed in another spelling than that of the language.

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from equimesh.least_error.block_schwarz import BlockSchwarz
+from equimesh.errors import InputError
 from equimesh.least_error.cells import regions_of
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.restricted import Merged, RestrictedDescent
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.channel import ALONE, Channel
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
+from equimesh.schwarz.settings import Groups, Schwarz
 
 LEADER = 0
 """The number of the part that leads."""
@@ -29,7 +30,7 @@ BEGIN = "begin"
 class BlockSubdomains:
     """Subdomains by their ``settings``, which the parts of ``channel`` hold."""
 
-    settings: BlockSchwarz
+    settings: Schwarz
     channel: Channel = ALONE
 
     def descend(
@@ -39,7 +40,7 @@ class BlockSubdomains:
 
         ``mesh`` has the blocks. All parts of the channel have to call it, with the same arguments.
         """
-        regions = regions_of(objective.cells, self.settings.owners(mesh), self.settings.overlap)
+        regions = regions_of(objective.cells, owners(self.settings, mesh), self.settings.overlap)
         shared = RestrictedDescent(objective, regions, threads, self.channel)
         for merged, now in shared.descend(first, exchanges, self.settings.local_steps, min_decrease):
             yield shared.whole(merged), now
@@ -64,3 +65,42 @@ class BlockSubdomains:
         for part in range(self.channel.count):
             if part != LEADER:
                 self.channel.send(part, BEGIN, list(arrays))
+
+
+def owners(settings: Schwarz, mesh: QuadMesh) -> IntArray:
+    """The number of the subdomain that owns each cell of a mesh in blocks, shape ``(m,)``.
+
+    Raises :class:`~equimesh.errors.InputError` for groups that do not have each block once; it names the block.
+    """
+    owner = np.empty(len(mesh.cells), dtype=np.int64)
+    names = mesh.block_names
+    groups = [[k] for k in range(len(names))] if settings.groups is None else list(_numbers(settings.groups, names))
+    found: set[int] = set()
+    for number, group in enumerate(groups):
+        for block in group:
+            if block in found:
+                message = f"the block {names[block]} is in two groups: name each block once"
+                raise InputError(message, field="schwarz.groups")
+            found.add(block)
+            owner[mesh.block_cells[block].ravel()] = number
+    left = [name for k, name in enumerate(names) if k not in found]
+    if left:
+        raise InputError(f"the block {left[0]} is in no group: add it to one", field="schwarz.groups")
+    return owner
+
+
+def _numbers(groups: Groups, names: Sequence[str]) -> Iterator[list[int]]:
+    """The numbers of the blocks of each group."""
+    for k, group in enumerate(groups):
+        yield [_number(block, names, f"schwarz.groups[{k}]") for block in group]
+
+
+def _number(block: str | int, names: Sequence[str], field: str) -> int:
+    """The number of a block that is given by its name or number."""
+    if isinstance(block, str):
+        if block in names:
+            return names.index(block)
+    elif isinstance(block, int) and not isinstance(block, bool) and 0 <= block < len(names):
+        return block
+    known = ", ".join(names[:8]) + (" and others" if len(names) > 8 else "")
+    raise InputError(f"there is no block {str(block)[:40]}: the blocks are {known}", field=field)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from numbers import Integral
@@ -23,6 +24,28 @@ Auto: TypeAlias = Literal["auto"]
 Discretization: TypeAlias = Literal["discretization"]
 Division: TypeAlias = int | Cuts
 """How many subdomains there are in one direction, or the grid lines at which they meet."""
+
+
+Groups: TypeAlias = Sequence[Sequence[str | int]]
+MAX_LAYERS = 64
+"""Layers of cells of the overlap of blocks, at most: with more, a subdomain does most of the work of the whole mesh."""
+MAX_STEPS = 1000
+"""Steps of a subdomain in one exchange, and exchanges, at most."""
+BETWEEN_BLOCKS = ("local_steps", "max_exchanges", "groups")
+"""What only blocks have."""
+ON_GRID = (
+    "subdomains",
+    "transmission",
+    "ordering",
+    "line_correction",
+    "acceleration",
+    "local_solver",
+    "fallback",
+    "tolerance",
+    "max_iterations",
+    "compare_single_domain",
+)
+"""What only grids have."""
 
 
 class Acceleration(StrEnum):
@@ -51,9 +74,9 @@ class LocalSolver(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Schwarz:
-    """Settings of the Schwarz iteration.
+    """Settings of the Schwarz iteration, on a grid or between the blocks of a domain.
 
-    ``subdomains`` along xi and eta, ``overlap`` in points, as in
+    **On a grid**, ``subdomains`` along xi and eta, ``overlap`` in points, as in
     :class:`~equimesh.schwarz.decomposition.Decomposition`. In place of a number, a direction can have the grid lines
     at which its subdomains meet: ``((24, 40), 1)`` are three strips.
 
@@ -67,6 +90,15 @@ class Schwarz:
     reference square) is at most ``tolerance``; ``tolerance="discretization"`` is a fifth of the error of the grid;
     with ``tolerance=None`` it runs exactly ``max_iterations``. ``compare_single_domain`` solves the
     single-domain problem first and records the error against it.
+
+    **Between blocks**, for the mesh of least error, coarse meshes are solved whole. On the finest mesh every subdomain
+    takes ``local_steps`` of descent with the others held; then all moves are merged, and subdomains exchange them. A
+    subdomain is a block, or a group of blocks: ``groups`` has names or numbers of blocks, each block once. It also has
+    ``overlap`` layers of cells of its neighbours. ``max_exchanges`` is by default as many as take the steps of a solve
+    of the whole mesh.
+
+    A setting that the kind of domain does not have is refused where it differs from its default. Raises
+    :class:`~equimesh.errors.InputError` with a field such as ``schwarz.overlap``.
     """
 
     subdomains: tuple[Division, Division] = (2, 1)
@@ -80,6 +112,9 @@ class Schwarz:
     tolerance: float | Discretization | None = 1e-10
     max_iterations: int = 100
     compare_single_domain: bool = False
+    local_steps: int = 8
+    max_exchanges: int | None = None
+    groups: Groups | None = None
 
     def __post_init__(self) -> None:
         self._check_numbers()
@@ -100,6 +135,7 @@ class Schwarz:
                 field="schwarz.line_correction",
             )
         self._check_newton()
+        self._check_exchanges()
         if not (self.tolerance is None or self.tolerance == "discretization" or _is_positive(self.tolerance)):
             raise InputError(
                 f'tolerance = {self.tolerance!r}: must be positive, or "discretization", or null for a fixed number of'
@@ -110,6 +146,36 @@ class Schwarz:
             raise InputError(
                 f"max_iterations = {self.max_iterations}: a whole number, at least 1", field="schwarz.max_iterations"
             )
+
+    def _check_exchanges(self) -> None:
+        require_count(self.local_steps, "local_steps", MAX_STEPS)
+        if self.max_exchanges is not None:
+            require_count(self.max_exchanges, "max_exchanges", MAX_STEPS)
+        if self.groups is not None:
+            object.__setattr__(self, "groups", _tuples(self.groups))
+
+    def require_grid(self) -> None:
+        """Raise :class:`~equimesh.errors.InputError` for settings that only the blocks of a domain have."""
+        self._require_default(BETWEEN_BLOCKS, "settings of blocks, and this domain has a grid: leave it out")
+
+    def require_blocks(self) -> None:
+        """Raise :class:`~equimesh.errors.InputError` for settings that only a grid has, and for a large overlap."""
+        self._require_default(
+            ON_GRID,
+            "settings of the rectangles of a grid, and this domain has blocks, which are the subdomains: leave it out,"
+            " and group blocks by groups",
+        )
+        require_count(self.overlap, "overlap", MAX_LAYERS)
+
+    def _require_default(self, names: tuple[str, ...], why: str) -> None:
+        usual = Schwarz()
+        for name in names:
+            if getattr(self, name) != getattr(usual, name):
+                raise InputError(f"{name} is one of the {why}", field=f"schwarz.{name}")
+
+    def exchanges(self, steps: int) -> int:
+        """How many exchanges there are at most, where the descent of the whole mesh would take so many ``steps``."""
+        return self.max_exchanges or max(1, math.ceil(steps / self.local_steps))
 
     def _check_newton(self) -> None:
         """Refuse Newton's method for iterations of which it does not know the derivative."""
@@ -203,6 +269,25 @@ class Schwarz:
             acceleration="auto",
             local_solver=LocalSolver.SWEEPS,
         )
+
+
+def require_count(value: object, name: str, most: int) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for what is no whole number from 1 to ``most``."""
+    if not (isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= most):
+        message = f"{name} = {str(value)[:20]}: a whole number from 1 to {most}"
+        raise InputError(message, field=f"schwarz.{name}")
+
+
+def _tuples(groups: object) -> tuple[tuple[str | int, ...], ...]:
+    """The groups as tuples."""
+    if not (
+        isinstance(groups, list | tuple) and groups and all(isinstance(one, list | tuple) and one for one in groups)
+    ):
+        raise InputError(
+            "groups: give a list of groups, each a list of names or numbers of blocks: [['inlet', 'top'], ['outlet']]",
+            field="schwarz.groups",
+        )
+    return tuple(tuple(group) for group in groups)
 
 
 def _is_positive(number: object) -> bool:

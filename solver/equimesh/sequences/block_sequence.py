@@ -9,7 +9,8 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from equimesh.equations.block_problem import BlockProblem
+from equimesh.blocks.blocks import Blocks
+from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_field
 from equimesh.fields.quad_field import QuadField
@@ -30,7 +31,7 @@ from equimesh.sequences.pursuit import (
 )
 from equimesh.sequences.sequence import SMOOTHED, BlockStep, about_integrals, check_settings, require_untouched
 from equimesh.solving.blocks import check_start
-from equimesh.solving.solution import BlockSolution, SolveError
+from equimesh.solving.solution import OnBlocks, Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import SolveArguments
 from equimesh.transfers.mesh_values import MeshValues
@@ -47,7 +48,7 @@ class BlockSequence:
     """Meshes of one domain in blocks that follow a solution in time.
 
     The same as :class:`~equimesh.sequences.sequence.Sequence` on a grid: ``problem`` is a
-    :class:`~equimesh.equations.block_problem.BlockProblem`, whose monitor has the settings of all steps. The first mesh
+    :class:`~equimesh.equations.problem.Problem`, whose monitor has the settings of all steps. The first mesh
     is that of ``solution``, or ``mesh``, a valid mesh with the cells of the domain; without both, the problem is
     solved. ``smoothing``, ``max_move``, ``outrun`` and ``options`` are those of that class; blocks have no ``schwarz``,
     ``mode`` and ``allow_relaxed``.
@@ -57,22 +58,22 @@ class BlockSequence:
 
     def __init__(
         self,
-        problem: BlockProblem,
+        problem: Problem[Blocks],
         *,
-        solution: BlockSolution | Earlier | None = None,
+        solution: OnBlocks | Earlier | None = None,
         mesh: QuadMesh | None = None,
         smoothing: float = 0.0,
         max_move: float = 1.0,
         outrun: Literal["substeps", "refuse"] = "substeps",
         **options: Unpack[SolveArguments],
     ) -> None:
-        if not isinstance(problem, BlockProblem):
+        if not (isinstance(problem, Problem) and in_blocks(problem)):
             raise InputError(
-                f"problem is {describe_value(problem)}: give a BlockProblem, or take Sequence for a grid",
+                f"problem is {describe_value(problem)}: give one whose domain has blocks, or take Sequence for a grid",
                 field="problem",
             )
         check_settings(smoothing, max_move, outrun)
-        if isinstance(solution, BlockSolution) and mesh is not None:
+        if isinstance(solution, Solution) and mesh is not None:
             raise InputError("a solution has a mesh: give solution= or mesh=, and not both", field="mesh")
         self.problem = problem
         self.smoothing, self.max_move, self.outrun = smoothing, max_move, outrun
@@ -92,7 +93,7 @@ class BlockSequence:
         """The next mesh, adapted to ``u``, with the ``fields`` of the mesh before on it.
 
         ``u`` is an array of shape ``(n,)`` at the nodes of :attr:`mesh`; a field, or the text of an expression; or a
-        monitor that a :class:`~equimesh.equations.block_problem.BlockProblem` takes, whose settings hold from now on. A
+        monitor that a :class:`~equimesh.equations.problem.Problem` takes, whose settings hold from now on. A
         field is an array at the nodes, carried by cubics, or a
         :class:`~equimesh.transfers.mesh_values.MeshValues`.
 
@@ -141,7 +142,7 @@ class BlockSequence:
             raise InputError(SEVERAL, field="u")
         return QuadField(mesh=self.mesh, values=u)
 
-    def _pursue(self, problem: BlockProblem) -> Found[BlockSolution]:
+    def _pursue(self, problem: Problem[Blocks]) -> Found[OnBlocks]:
         """The solution of a step."""
         earlier = self._earlier
         if self.solution is not None:
@@ -155,7 +156,7 @@ class BlockSequence:
         )
         return pursuit.solve(problem)
 
-    def _smoothed(self, solution: BlockSolution) -> BlockSolution:
+    def _smoothed(self, solution: OnBlocks) -> OnBlocks:
         """The solution with a share of the mesh before."""
         if self.smoothing == 0.0:
             return solution
@@ -163,20 +164,20 @@ class BlockSequence:
         if mesh is solution.mesh:
             return solution
         note = " ".join((*filter(None, [solution.note]), f"{SMOOTHED} (smoothing = {self.smoothing:g})."))
-        return replace(solution, mesh=mesh, note=note)
+        return replace(solution, mesh=mesh, reference=mesh, note=note)
 
     def _refuse_outrun(self, moved: float) -> None:
         is_first = self.solution is None and self._earlier is None
         if self.outrun == "refuse" and not is_first and moved > self.max_move:
             raise outrun_by(moved, self.max_move)
 
-    def _failed(self, solution: BlockSolution, given: Mapping[str, MeshValues]) -> BlockStep:
+    def _failed(self, solution: OnBlocks, given: Mapping[str, MeshValues]) -> BlockStep:
         """A step that keeps the mesh and the fields as they were."""
         if self._check:
             raise SolveError(solution.message, solution)
         return BlockStep.kept(self.number + 1, self.mesh, solution, given)
 
-    def _about_moves(self, solution: BlockSolution, moved: float) -> Iterator[str]:
+    def _about_moves(self, solution: OnBlocks, moved: float) -> Iterator[str]:
         """Sentences about the move of the nodes."""
         u = solution.problem.monitor.u
         jump = largest_jump(u.values, self.mesh.cells) if isinstance(u, QuadField) and u.mesh is self.mesh else 0.0
@@ -188,7 +189,7 @@ def _is_one(part: Any) -> bool:
     return isinstance(part, str) or callable(getattr(part, "evaluate", None)) or np.ndim(part) > 0
 
 
-def _first_mesh(problem: BlockProblem, mesh: object) -> QuadMesh:
+def _first_mesh(problem: Problem[Blocks], mesh: object) -> QuadMesh:
     """The mesh that a sequence begins with; raises :class:`~equimesh.errors.InputError` for one of another domain."""
     if not isinstance(mesh, QuadMesh):
         raise InputError(

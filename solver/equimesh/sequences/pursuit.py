@@ -16,7 +16,6 @@ from typing import Any, Generic, TypeGuard, TypeVar
 import numpy as np
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_field
@@ -32,7 +31,7 @@ from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Intersection
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
-from equimesh.solving.solution import BlockSolution, Solution
+from equimesh.solving.solution import AnySolution, OnBlocks, Solution
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Initial, SolveArguments
 
@@ -298,8 +297,8 @@ MIN_GAIN_SHARE_WITHOUT_SUBSTEPS = 0.5
 MAX_SUBSTEPS = 8
 
 
-S = TypeVar("S", Solution, BlockSolution)
-P = TypeVar("P", Problem, BlockProblem)
+S = TypeVar("S", Solution, OnBlocks)
+P = TypeVar("P", Problem, Problem[Blocks])
 M = TypeVar("M", Mesh, QuadMesh)
 
 
@@ -416,29 +415,29 @@ class Pursuit(AnyPursuit[Problem, Solution, Mesh]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlockPursuit(AnyPursuit[BlockProblem, BlockSolution, QuadMesh]):
+class BlockPursuit(AnyPursuit[Problem[Blocks], OnBlocks, QuadMesh]):
     """On blocks."""
 
-    def _from(self, problem: BlockProblem, start: QuadMesh | Initial) -> BlockSolution:
+    def _from(self, problem: Problem[Blocks], start: QuadMesh | Initial) -> OnBlocks:
         options: SolveArguments = {**self.options, "initial": start, "check": False}
         return solve(problem, **options)
 
-    def _with(self, problem: BlockProblem, u: Field) -> BlockProblem:
+    def _with(self, problem: Problem[Blocks], u: Field) -> Problem[Blocks]:
         return problem_with(problem, u)
 
-    def _place(self, solution: BlockSolution) -> QuadMesh:
+    def _place(self, solution: OnBlocks) -> QuadMesh:
         return solution.mesh
 
 
-def problem_with(problem: BlockProblem, u: Field) -> BlockProblem:
+def problem_with(problem: Problem[Blocks], u: Field) -> Problem[Blocks]:
     """A problem on blocks with another u; raises :class:`~equimesh.errors.InputError` for a monitor of values."""
-    monitor = problem.monitor
+    monitor: Any = problem.monitor
     if isinstance(monitor, NodalSolution):
         raise InputError("a NodalSolution follows no function u: take LeastError or Auto", field="u")
     return replace(problem, monitor=replace(monitor, u=u))
 
 
-def gain_of(solution: Solution | BlockSolution) -> float:
+def gain_of(solution: AnySolution) -> float:
     """The gain of a mesh in the norm of its monitor; NaN where there is no u."""
     errors = solution.interpolation
     return math.nan if errors is None else errors.estimated_gain(getattr(solution.problem.monitor, "norm", "l2"))

@@ -11,8 +11,7 @@ from typing import Any, Generic, Literal, Self, TypeVar, Unpack
 import numpy as np
 
 from equimesh.domains.domain import Domain, closed_of, map_mesh
-from equimesh.equations.block_problem import BlockProblem
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.fields.mesh_map import reference_of
 from equimesh.fields.nodal_field import NodalField
@@ -36,7 +35,7 @@ from equimesh.sequences.pursuit import (
     outrun_by,
 )
 from equimesh.solving.certificate import Certificate
-from equimesh.solving.solution import BlockSolution, Solution, SolveError
+from equimesh.solving.solution import OnBlocks, Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import SolveArguments, Status
 from equimesh.transfers.integrals import integral
@@ -132,7 +131,7 @@ def _is_number(value: object) -> bool:
 # One step of a sequence: its mesh, the fields on it, and how the nodes have moved.
 
 M = TypeVar("M", Mesh, QuadMesh)
-S = TypeVar("S", Solution, BlockSolution)
+S = TypeVar("S", Solution, OnBlocks)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -202,7 +201,7 @@ class SequenceStep(AnyStep[Mesh, Solution]):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class BlockStep(AnyStep[QuadMesh, BlockSolution]):
+class BlockStep(AnyStep[QuadMesh, OnBlocks]):
     """The result of :meth:`~equimesh.sequences.block_sequence.BlockSequence.step`."""
 
     def __repr__(self) -> str:
@@ -393,7 +392,7 @@ class Sequence:
 
 
 def _require_grid(problem: object) -> None:
-    if isinstance(problem, BlockProblem):
+    if isinstance(problem, Problem) and in_blocks(problem):
         raise InputError(ON_BLOCKS, field="problem")
 
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from equimesh.equations.block_problem import BlockProblem
+from equimesh.blocks.blocks import Blocks
+from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.least_error.block_schwarz import BlockSchwarz
-from equimesh.least_error.block_subdomains import BlockSubdomains
+from equimesh.least_error.block_subdomains import BlockSubdomains, owners
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve, Reached
 from equimesh.least_error.nest import Level, coarse_level, last_compared
@@ -20,9 +20,10 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import MAX_WEIGHT, Auto, LeastError, NodalSolution
 from equimesh.numerics.channel import thread_count
+from equimesh.schwarz.settings import Schwarz
 from equimesh.solving.least_error import other_ways, solve_block_round
 from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks
-from equimesh.solving.solution import BlockSolution, SolveError
+from equimesh.solving.solution import OnBlocks, Solution, SolveError
 from equimesh.solving.status import (
     Announcer,
     Descending,
@@ -37,24 +38,17 @@ from equimesh_schema import Candidate
 
 WEIGHTS = ((0.5, 1.0), (0.5, 0.1))
 """``distortion`` and ``smoothness`` that are compared for an ``Auto`` monitor; the first are the defaults."""
-NO_RECTANGLES = (
-    "the subdomains of Schwarz(...) are rectangles of one grid, and this domain has blocks: give BlockSchwarz(), whose"
-    " subdomains are the blocks, or None"
-)
-"""Why settings of another Schwarz iteration are refused."""
 NO_ROUNDS = "values of a solver are adapted to on the whole mesh: leave the Schwarz settings out, or take LeastError"
 """Why subdomains are refused for values of a solver."""
 KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."
 NO_BETTER = "No mesh was found with a smaller error than that of the initial mesh, which this is."
 
 
-def solve_block_problem(problem: BlockProblem, schwarz: object, options: SolveArguments) -> BlockSolution:
+def solve_block_problem(problem: Problem[Blocks], schwarz: Schwarz | None, options: SolveArguments) -> OnBlocks:
     """The solution of ``problem`` with the ``options`` of :func:`~equimesh.solving.solve.solve`.
 
     Raises as that function. ``mode`` and ``allow_relaxed`` are no options here.
     """
-    if schwarz is not None and not isinstance(schwarz, BlockSchwarz):
-        raise InputError(NO_RECTANGLES, field="schwarz")
     for name in ("mode", "allow_relaxed"):
         if name in options:
             raise InputError(f"{name} belongs to equidistribution, which blocks do not have: leave it out", field=name)
@@ -77,11 +71,11 @@ def solve_block_problem(problem: BlockProblem, schwarz: object, options: SolveAr
 
 
 def solve_blocks(
-    problem: BlockProblem,
+    problem: Problem[Blocks],
     initial: Initial | QuadMesh,
     options: SolveOptions,
     subdomains: BlockSubdomains | None = None,
-) -> BlockSolution:
+) -> OnBlocks:
     """The mesh of least error, whose gain over the initial mesh is at least 1 in L2 and in the norm of the monitor.
 
     It is no worse than a mesh that is given to start from, either. Where the measures of the certificate see no gain,
@@ -94,11 +88,7 @@ def solve_blocks(
     if isinstance(monitor, Auto) and start is None:
         found = _chosen(problem, monitor, options, subdomains)
     else:
-        if isinstance(monitor, Auto):
-            monitor = monitor.least_error()
-        if not isinstance(monitor, LeastError):
-            raise TypeError("a least-error solve needs a LeastError or an Auto monitor")
-        solve = _solve(problem, monitor, options, subdomains)
+        solve = _solve(problem, least_error_of(problem), options, subdomains)
         found = _finish(problem, solve, start, options, None)
     if start is not None:
         found = _or_given(found, start)
@@ -107,16 +97,15 @@ def solve_blocks(
     found = bounded_blocks(found, _again(problem, options, subdomains))
     if is_no_worse(found):
         return found
-    return replace(found, mesh=problem.domain.mesh, note=NO_BETTER)
+    return replace(found, mesh=found.initial, reference=found.initial, note=NO_BETTER)
 
 
-def _or_another_way(found: BlockSolution, options: SolveOptions) -> BlockSolution:
+def _or_another_way(found: OnBlocks, options: SolveOptions) -> OnBlocks:
     """The solution, with the mesh of another way where its own is worse than the initial one."""
-    problem, monitor = found.problem, found.problem.monitor
-    if is_no_worse(found) or isinstance(monitor, NodalSolution):
+    problem = found.problem
+    if is_no_worse(found):
         return found
-    least = monitor.least_error() if isinstance(monitor, Auto) else monitor
-    solve = _solve(problem, least, options, None)
+    solve = _solve(problem, least_error_of(problem), options, None)
     for steps in other_ways(solve, found.descent[-1]["start"]):
         telling = options.part(None, doing="another way", course=_course(solve.levels))
         other = _ended(problem, solve, [telling.observe(record) for record in steps], options)
@@ -125,13 +114,19 @@ def _or_another_way(found: BlockSolution, options: SolveOptions) -> BlockSolutio
     return found
 
 
-def _again(problem: BlockProblem, options: SolveOptions, subdomains: BlockSubdomains | None) -> AgainOnBlocks:
-    """Solves for smaller angles of non-orthogonality."""
+def least_error_of(problem: Problem[Blocks]) -> LeastError:
+    """The monitor whose error the solve minimises: for an ``Auto`` that with the default weights."""
     monitor = problem.monitor.least_error() if isinstance(problem.monitor, Auto) else problem.monitor
     if not isinstance(monitor, LeastError):
-        raise TypeError("only the weights of a least-error monitor are raised")
+        raise TypeError("a least-error solve needs a LeastError or an Auto monitor")
+    return monitor
 
-    def again(smallest_angle: float, obliqueness: float, factor: float) -> BlockSolution:
+
+def _again(problem: Problem[Blocks], options: SolveOptions, subdomains: BlockSubdomains | None) -> AgainOnBlocks:
+    """Solves for smaller angles of non-orthogonality."""
+    monitor = least_error_of(problem)
+
+    def again(smallest_angle: float, obliqueness: float, factor: float) -> OnBlocks:
         weights = {name: min(MAX_WEIGHT, factor * getattr(monitor, name)) for name in ("distortion", "smoothness")}
         solve = _solve(problem, replace(monitor, **weights), options, subdomains)
         solve = replace(solve, smallest_angle=smallest_angle, obliqueness=obliqueness)
@@ -140,17 +135,19 @@ def _again(problem: BlockProblem, options: SolveOptions, subdomains: BlockSubdom
     return again
 
 
-def count_subdomains(problem: BlockProblem, schwarz: BlockSchwarz) -> int:
+def count_subdomains(problem: Problem[Blocks], schwarz: Schwarz) -> int:
     """How many subdomains there are.
 
-    Raises :class:`~equimesh.errors.InputError` for groups that do not fit the domain, and for values of another solver.
+    Raises :class:`~equimesh.errors.InputError` for settings of grids, for groups that do not fit the domain, and for
+    values of another solver.
     """
     if isinstance(problem.monitor, NodalSolution):
         raise InputError(NO_ROUNDS, field="schwarz")
-    return int(schwarz.owners(problem.domain.mesh).max()) + 1
+    schwarz.require_blocks()
+    return int(owners(schwarz, problem.domain.mesh).max()) + 1
 
 
-def is_no_worse(solution: BlockSolution) -> bool:
+def is_no_worse(solution: OnBlocks) -> bool:
     """Whether the mesh interpolates u at least as well as the initial mesh, in L2 and in the norm of the monitor.
 
     A mesh that cuts much off the curved sides of the domain is worse: its error is not that of the domain.
@@ -161,7 +158,7 @@ def is_no_worse(solution: BlockSolution) -> bool:
     return all(errors.estimated_gain(one) >= 1.0 for one in {"l2", _norm(solution.problem)})
 
 
-def check_start(problem: BlockProblem, initial: Initial | Mesh | QuadMesh) -> Initial | QuadMesh:
+def check_start(problem: Problem[Blocks], initial: Initial | Mesh | QuadMesh) -> Initial | QuadMesh:
     """The start of a solve.
 
     Raises :class:`~equimesh.errors.InputError` for a mesh of another domain, and for a folded one.
@@ -183,14 +180,14 @@ def check_start(problem: BlockProblem, initial: Initial | Mesh | QuadMesh) -> In
 
 
 def _solve(
-    problem: BlockProblem, monitor: LeastError, options: SolveOptions, subdomains: BlockSubdomains | None
+    problem: Problem[Blocks], monitor: LeastError, options: SolveOptions, subdomains: BlockSubdomains | None
 ) -> LeastErrorSolve:
     bound = monitor.on(problem.domain)
     return LeastErrorSolve(monitor=bound, domain=problem.domain, threads=options.threads, subdomains=subdomains)
 
 
-def _norm(problem: BlockProblem) -> str:
-    return problem.monitor.norm
+def _norm(problem: Problem[Blocks]) -> str:
+    return str(getattr(problem.monitor, "norm", "l2"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -215,8 +212,8 @@ class _Tried:
 
 
 def _chosen(
-    problem: BlockProblem, auto: Auto, options: SolveOptions, subdomains: BlockSubdomains | None
-) -> BlockSolution:
+    problem: Problem[Blocks], auto: Auto, options: SolveOptions, subdomains: BlockSubdomains | None
+) -> OnBlocks:
     """The solution for the weights with the smallest error on a coarse mesh."""
     tried: list[_Tried] = []
     share = _comparison_share(_solve(problem, auto.least_error().on(problem.domain), options, subdomains).levels)
@@ -237,12 +234,12 @@ def _chosen(
 
 
 def _finish(
-    problem: BlockProblem,
+    problem: Problem[Blocks],
     solve: LeastErrorSolve,
     start: QuadMesh | None,
     options: SolveOptions,
     coarse: Reached | None,
-) -> BlockSolution:
+) -> OnBlocks:
     """The solution at the end of a descent."""
     done = -1 if coarse is None else coarse.level.number
     telling = options.part(course=_course(solve.levels[done + 1 :], 2 if start is None else 1))
@@ -250,26 +247,29 @@ def _finish(
 
 
 def _ended(
-    problem: BlockProblem, solve: LeastErrorSolve, records: Sequence[Descent], options: SolveOptions
-) -> BlockSolution:
+    problem: Problem[Blocks], solve: LeastErrorSolve, records: Sequence[Descent], options: SolveOptions
+) -> OnBlocks:
     """The solution with the mesh of the last of the ``records``."""
     mesh = records[-1].mesh if records else problem.domain.mesh
     if not isinstance(mesh, QuadMesh):
         raise TypeError("a descent on blocks has meshes of quadrilaterals")
     folded = mesh.is_folded_on(options.threads)
-    return BlockSolution(
+    return Solution(
         problem=problem,
         mesh=mesh,
+        reference=mesh,
         status=Status.FOLDED if folded else Status.COMPLETED,
+        newton_steps=len(records),
         descent=tuple(record.numbers() for record in records),
         threads=options.threads,
         schwarz=None if solve.subdomains is None else solve.subdomains.settings,
     )
 
 
-def _or_given(found: BlockSolution, start: QuadMesh) -> BlockSolution:
+def _or_given(found: OnBlocks, start: QuadMesh) -> OnBlocks:
     """The solution, with the mesh that was given to start from where that has the smaller error."""
-    given = replace(found, mesh=found.initial.moved(start.points), note=KEPT)
+    mesh = found.initial.moved(start.points)
+    given = replace(found, mesh=mesh, reference=mesh, note=KEPT)
     errors, others = found.interpolation, given.interpolation
     if errors is None or others is None:
         return found

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import closed_of, map_mesh
-from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.descent import Descent
@@ -18,7 +18,7 @@ from equimesh.meshes.nested import closed_mesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.rounds.recovery import KEPT, AnyMesh, Round
 from equimesh.rounds.round import adapt_round
-from equimesh.solving.solution import BlockSolution, Solution, status_unless_folded
+from equimesh.solving.solution import OnBlocks, Solution, status_unless_folded
 from equimesh.solving.status import Descending, Initial, SolveOptions, Status
 from equimesh_schema import Candidate, Estimate
 
@@ -152,7 +152,7 @@ def solve_round(problem: Problem, threads: int) -> Solution:
     )
 
 
-def solve_block_round(problem: BlockProblem, threads: int) -> BlockSolution:
+def solve_block_round(problem: Problem[Blocks], threads: int) -> OnBlocks:
     """One round on a domain in blocks.
 
     Raises :class:`~equimesh.errors.InputError` for values on a mesh with other cells.
@@ -162,9 +162,10 @@ def solve_block_round(problem: BlockProblem, threads: int) -> BlockSolution:
     if not isinstance(monitor, NodalSolution) or not isinstance(nodal, QuadField):
         raise TypeError("a round on blocks needs a NodalSolution monitor with values on a mesh of blocks")
     found = adapt_round(nodal.mesh, nodal.values, problem.domain, monitor.norm, threads)
-    return BlockSolution(
+    return Solution(
         problem=problem,
         mesh=found.mesh,
+        reference=found.reference,
         status=status_unless_folded(Status.COMPLETED, folded=found.mesh.is_folded),
         note=NOT_BETTER if found.chosen == KEPT else "",
         comparison=_comparison(found, monitor.norm),

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TypeAlias
 
-from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
@@ -18,7 +17,7 @@ from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.least_error import MAX_WEIGHT, LeastError, NodalSolution
 from equimesh.monitors.monitor import orthogonality_of
 from equimesh.quality.faces import measure_faces
-from equimesh.solving.solution import BlockSolution, Solution
+from equimesh.solving.solution import OnBlocks, Solution
 from equimesh.solving.status import Status
 from equimesh_schema import Relaxed
 
@@ -34,7 +33,7 @@ FACTORS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0)
 OBLIQUENESS_TRIALS = ((10.0, 1.0), (100.0, 1.0), (1000.0, 1.0), (100.0, 4.0), (100.0, 16.0), (100.0, 64.0))
 """Weights of oblique corners on blocks, each with a factor of distortion and smoothness, until the bound holds."""
 
-AgainOnBlocks: TypeAlias = Callable[[float, float, float], BlockSolution]
+AgainOnBlocks: TypeAlias = Callable[[float, float, float], OnBlocks]
 """Solves on blocks with a smallest angle of corners, the weight of oblique ones, and a factor of the other weights."""
 Again: TypeAlias = Callable[[Problem], Solution]
 """Solves a problem as the first one was solved, without a look at the bound."""
@@ -48,7 +47,7 @@ def require_possible(problem: Problem) -> None:
     bound = orthogonality_of(problem.monitor)
     if bound is None:
         return
-    angle = measure_faces(_uniform(problem)).non_orthogonality
+    angle = measure_faces(problem.initial).non_orthogonality
     if angle > bound:
         raise InputError(
             f"orthogonality = {bound:g}: the uniform mesh of {problem.grid} points has an angle of {angle:.4g} degrees"
@@ -81,14 +80,14 @@ def bounded(solution: Solution, again: Again) -> Solution:
     return _weaker(solution, again)
 
 
-def bounded_blocks(solution: BlockSolution, again: AgainOnBlocks) -> BlockSolution:
+def bounded_blocks(solution: OnBlocks, again: AgainOnBlocks) -> OnBlocks:
     """The solution itself if it is within its bound, otherwise the first one within it, with oblique corners dearer.
 
     Where the initial mesh has a larger angle than the bound, that angle is the bound: no face is more oblique than the
     most oblique one of the initial mesh, and corners are weighed as for the bound. Where no weight of oblique corners
     is enough, distortion and smoothness are raised, too. The initial mesh where nothing is.
     """
-    asked = solution.problem.monitor.orthogonality
+    asked = orthogonality_of(solution.problem.monitor)
     if asked is None or solution.faces.non_orthogonality <= asked:
         return solution
     initial = measure_faces(solution.initial).non_orthogonality
@@ -104,7 +103,9 @@ def bounded_blocks(solution: BlockSolution, again: AgainOnBlocks) -> BlockSoluti
             return replace(tried, detours=(*tried.detours, detour), note=f"{detour} {tried.note}".strip())
     detour = f"{before}The bound of {asked:g} degrees of non-orthogonality left no mesh but the initial one."
     kept = Relaxed(what="strength", asked=1, reached=0)
-    return replace(solution, mesh=solution.initial, relaxed=(kept,), detours=(detour,), note=detour)
+    return replace(
+        solution, mesh=solution.initial, reference=solution.initial, relaxed=(kept,), detours=(detour,), note=detour
+    )
 
 
 def _more_regular(solution: Solution, again: Again) -> Solution:
@@ -145,7 +146,7 @@ def _weaker(solution: Solution, again: Again) -> Solution:
     if bound is None or not solution.status.succeeded:
         return solution
     best, low, high = None, 0.0, 1.0
-    at_low, at_high = measure_faces(_uniform(problem)).non_orthogonality, solution.faces.non_orthogonality
+    at_low, at_high = measure_faces(problem.initial).non_orthogonality, solution.faces.non_orthogonality
     for _ in range(MAX_TRIALS):
         rise = (0.97 * bound - at_low) / (at_high - at_low) if at_high > at_low else 0.5
         strength = low + (high - low) * min(max(rise, MIN_STEP), MAX_STEP)
@@ -173,7 +174,7 @@ def _of_strength(tried: Solution, problem: Problem, strength: float) -> Solution
 def _on_uniform(solution: Solution, status: Status) -> Solution:
     problem = solution.problem
     uniform = replace(
-        solution, mesh=_uniform(problem), reference=Mesh.uniform(problem.grid), status=status, algebraic_error=None
+        solution, mesh=solution.initial, reference=Mesh.uniform(problem.grid), status=status, algebraic_error=None
     )
     uniform = replace(uniform, discretization_error=None)
     return _told(uniform, problem, "left no mesh but the uniform one", (Relaxed(what="strength", asked=1, reached=0),))
@@ -197,7 +198,3 @@ def _error(solution: Solution) -> float:
     if errors is None:
         return math.inf
     return errors.h1 if isinstance(monitor, LeastError) and monitor.norm == "h1" else errors.l2
-
-
-def _uniform(problem: Problem) -> Mesh:
-    return map_mesh(Mesh.uniform(problem.grid), problem.domain)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias
 
 import numpy as np
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import closed_of
-from equimesh.equations.block_problem import BlockProblem
-from equimesh.equations.problem import Problem, understood
+from equimesh.equations.problem import D, Problem, understood
 from equimesh.errors import EquimeshError
-from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData, joined
 from equimesh.meshes.mesh_rows import MeshWindow
@@ -44,6 +44,16 @@ from equimesh.solving.certificate import Certificate, about_cut_off, about_faces
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation
 from equimesh_schema import Aim, Candidate, Estimate, Relaxed
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeVar
+
+    M = TypeVar("M", Mesh, QuadMesh, default=Mesh)
+else:
+    from typing import TypeVar
+
+    M = TypeVar("M", Mesh, QuadMesh)
+    """The class of a mesh: of a grid, or of blocks; the first where a type does not say it."""
 
 # Measurements of a mesh after its solve: its quality, and the numbers of its certificate.
 #
@@ -117,163 +127,86 @@ class MeasuredMesh:
         return (*found, *about_faces(faces))
 
 
-# The result of a solve on a domain in blocks.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredBlocks:
+    """A mesh of a domain in blocks; ``errors`` gives how well it interpolates u, ``cut_off`` its shares."""
 
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class BlockSolution:
-    """A mesh of a domain in blocks, the record of its computation, and how good it is.
-
-    Errors are compared with those on the ``initial`` mesh of the domain.
-    """
-
-    problem: BlockProblem
-    """The problem that was solved."""
+    problem: Problem[Blocks]
     mesh: QuadMesh
-    """The mesh of the domain."""
-    status: Status
-    """How the solve ended."""
-    descent: tuple[Mapping[str, Any], ...] = ()
-    """One record for each step of descent, as :meth:`~equimesh.least_error.descent.Descent.numbers`."""
-    comparison: tuple[Candidate, ...] = ()
-    """The weights that were compared for an ``Auto`` monitor; empty where they were given."""
-    estimate: Estimate | None = None
-    """The estimated error of the values that a round of adapting was given; ``None`` for other meshes."""
-    relaxed: tuple[Relaxed, ...] = ()
-    """The differences between the requested and the used weights."""
-    detours: tuple[str, ...] = ()
-    """Sentences about deviations of the solve from the request."""
-    note: str = ""
-    """Details of the status."""
-    remedy: str = ""
-    """The remedy in a sentence; empty when nothing is wrong."""
-    schwarz: BlockSchwarz | None = None
-    """The settings of the Schwarz iteration between blocks; ``None`` for a solve of the whole mesh."""
+    errors: Callable[[], InterpolationErrors | None]
+    cut_off: Callable[[], CutOff]
     threads: int = 1
-    """The threads of the solve; as many measure the quality of a large mesh."""
 
-    def __repr__(self) -> str:
-        return f"<BlockSolution: {self.problem.points} points, {self.status}>"
-
-    @property
-    def initial(self) -> QuadMesh:
-        """The initial mesh of the domain."""
-        return self.problem.domain.mesh
-
-    @property
-    def message(self) -> str:
-        """The status in a sentence, its details, and the remedy."""
-        return " ".join(text for text in (self.status.sentence, self.note, self.remedy) if text)
-
-    @cached_property
-    def u(self) -> Array | None:
-        """u at the nodes, shape ``(n,)``; ``None`` where there is no u."""
-        field = self.problem.monitor.u
-        return None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
-
-    @cached_property
     def quality(self) -> Quality:
-        """All quality measures of the mesh."""
-        return measure_quality(self.mesh, self.problem.monitor, self.interpolation, threads=self.threads)
+        """All quality measures."""
+        return measure_quality(self.mesh, self.problem.monitor, self.errors(), threads=self.threads)
 
-    @cached_property
-    def interpolation(self) -> InterpolationErrors | None:
-        """How well the mesh interpolates u, compared with the initial mesh; ``None`` where there is no u."""
-        return measure_interpolation(
-            self.mesh,
-            self.problem.monitor.u,
-            uniform=self.initial,
-            kind=interpolated_cells(self.problem.monitor),
-            threads=self.threads,
-        )
-
-    @cached_property
-    def against_initial(self) -> UniformComparison:
-        """The mesh next to the initial one: u, Q_eq and the error of every cell on both."""
+    def against_uniform(self, mesh: QuadMesh, errors: InterpolationErrors | None) -> UniformComparison:
+        """The ``mesh``, of these ``errors``, next to the initial one."""
+        monitor, initial = self.problem.monitor, self.problem.initial
         return compare_with_uniform(
-            self.mesh,
-            self.problem.monitor,
-            uniform=self.initial,
-            kind=interpolated_cells(self.problem.monitor),
-            interpolation=self.interpolation,
+            mesh,
+            monitor,
+            uniform=initial,
+            kind=interpolated_cells(monitor),
+            interpolation=errors,
             threads=self.threads,
         )
 
-    @cached_property
     def faces(self) -> Faces:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
         return measure_faces(self.mesh)
 
-    @cached_property
-    def angles(self) -> Angles:
-        """The smallest and largest angle of a corner, and the share of corners between 30 and 150 degrees."""
-        return measure_angles(self.mesh)
+    def min_jacobian(self) -> float:
+        """The smallest corner Jacobian, relative to the mean cell."""
+        return self.mesh.min_jacobian
 
-    @cached_property
-    def cut_off(self) -> CutOff:
-        """The areas between the curved sides of the domain and the cells, as shares of its area."""
-        return measure_block_cut_off(self.problem.domain, self.mesh)
+    def deviation(self, residual: float) -> None:
+        """None: no equations of equidistribution are solved."""
 
-    @cached_property
-    def warnings(self) -> tuple[str, ...]:
+    def warnings(
+        self,
+        status: Status,  # noqa: ARG002 - as of a grid
+        relaxed: Sequence[Relaxed],  # noqa: ARG002
+        errors: InterpolationErrors | None,
+        faces: Faces,
+    ) -> tuple[str, ...]:
         """Sentences to read before using the mesh."""
-        u, on_triangles = self.problem.monitor.u, interpolated_cells(self.problem.monitor) == "triangle"
-        initial = None if on_triangles else self.initial
-        found = block_warnings(self.mesh, initial, u, self.interpolation, self.faces)
-        return (*self.detours, *found, *about_cut_off(self.cut_off))
-
-    @cached_property
-    def certificate(self) -> Certificate:
-        """How good the mesh is; see :class:`~equimesh.solving.certificate.Certificate`."""
-        return Certificate(
-            status=self.status,
-            mode=None,
-            equation_residual=None,
-            min_jacobian=self.mesh.min_jacobian,
-            faces=self.faces,
-            relaxed=self.relaxed,
-            warnings=self.warnings,
-            interpolation=self.interpolation,
-            comparison=self.comparison,
-            estimate=self.estimate,
-            compared_with="initial",
-            understood=understood(self.problem),
-        )
-
-    def convergence(self) -> dict[str, Any]:
-        """The history of the descent as plain numbers, ``None`` where one is not known."""
-        return {"iterations": [], "rate": None, "predicted_rate": None, "descent": list(self.descent)}
-
-    def data(self) -> MeshData:
-        """The contents of a mesh file: nodes, u, Q_eq, and the number of the block of every cell."""
-        block = np.zeros(self.mesh.cell_shape, dtype=np.int64)
-        for number, cells in enumerate(self.mesh.block_cells):
-            block[cells] = number
-        return MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=block)
+        monitor, domain = self.problem.monitor, self.problem.domain
+        initial = None if interpolated_cells(monitor) == "triangle" else domain.mesh
+        found = block_warnings(self.mesh, initial, monitor.u, errors, faces)
+        return (*found, *about_cut_off(self.cut_off()))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Solution:
-    """A mesh of the physical domain, the record of its computation, and whether it is the requested one."""
+class Solution(Generic[D, M]):
+    """A mesh of the physical domain, the record of its computation, and whether it is the requested one.
 
-    problem: Problem
+    The mesh is a :class:`~equimesh.meshes.mesh.Mesh` of a grid, or a :class:`~equimesh.meshes.quad_mesh.QuadMesh` of
+    blocks, whose errors are compared with those on the initial mesh of the domain. What only equidistribution on a grid
+    has is left at its default on blocks: ``None``, NaN, 0 or empty.
+    """
+
+    problem: Problem[D]
     """The problem that was solved."""
-    schwarz: Schwarz | None
-    """The settings of the Schwarz iteration; ``None`` for a single-domain solve."""
-    mesh: Mesh
+    schwarz: Schwarz | None = None
+    """The settings of the Schwarz iteration; ``None`` for a solve of the whole mesh."""
+    mesh: M
     """The mesh of the domain."""
-    reference: Mesh
-    """The same mesh on the reference square."""
+    reference: M
+    """The same mesh on the reference square; of blocks the mesh itself. Solves can start from it."""
     status: Status
     """How the solve ended."""
-    newton_steps: int
-    """Newton steps or sweeps on the finest grid; of a Schwarz iteration, summed over iterations and subdomains."""
-    residual: float
+    newton_steps: int = 0
+    """Newton steps, sweeps, or steps of descent on the finest grid, on blocks on all meshes; of a Schwarz iteration,
+    summed over iterations and subdomains.
+    """
+    residual: float = math.nan
     """The largest residual at the end; of a Schwarz iteration, over all subdomains. Dimensionless.
 
     For sweeps it is the largest relative deviation of a squared metric length from the mean of its line. For Newton's
     method it is the residual relative to the mean flux. For a gradient map it is the root mean square of the relative
-    deviations of the cells' shares from their mean.
+    deviations of the cells' shares from their mean. NaN for least error.
     """
     mode: Mode | None = None
     """When a single-domain solve ends; ``None`` for a Schwarz iteration and for a gradient map."""
@@ -303,6 +236,8 @@ class Solution:
     """The threads of the solve; as many measure the quality of a large mesh."""
 
     def __repr__(self) -> str:
+        if isinstance(self.mesh, QuadMesh):
+            return f"<Solution: {self.problem.points} points, {self.status}>"
         return f"<Solution: {self.problem.grid} points, {self.status}, {len(self.iterations)} iterations>"
 
     @property
@@ -317,16 +252,33 @@ class Solution:
 
     @cached_property
     def interpolation(self) -> InterpolationErrors | None:
-        """How well the mesh interpolates u, compared with the uniform mesh; ``None`` where there is no u.
+        """How well the mesh interpolates u, compared with the uniform or initial mesh; ``None`` where there is no u.
 
         On triangles where a least-error monitor asks for them, else on quadrilaterals.
         """
-        return self.quality.interpolation_error
+        if isinstance(self.mesh, Mesh):
+            return self.quality.interpolation_error
+        monitor = self.problem.monitor
+        return measure_interpolation(
+            self.mesh,
+            monitor.u,
+            uniform=self.problem.initial,
+            kind=interpolated_cells(monitor),
+            threads=self.threads,
+        )
 
     @cached_property
     def against_uniform(self) -> UniformComparison:
-        """The mesh next to the uniform mesh of its size: u, Q_eq and the error of every cell on both."""
-        return self._measured.against_uniform(self.mesh, self.interpolation)
+        """The mesh next to the uniform mesh of its size, of blocks the initial one: u, Q_eq, the error of each cell."""
+        mesh: Any = self.mesh
+        return self._measured.against_uniform(mesh, self.interpolation)
+
+    @property
+    def initial(self) -> M:
+        """The mesh with which this one is compared: the uniform mesh of the domain, of blocks their initial mesh."""
+        initial: Any = self.problem.initial
+        found: M = initial
+        return found
 
     @cached_property
     def u(self) -> Array | None:
@@ -336,16 +288,18 @@ class Solution:
 
     @property
     def ties(self) -> IntArray:
-        """Nodes of closed lines that are one, shape ``(k, 2)``: the number of a copy, and that of its original."""
+        """Nodes of closed lines or periodic sides that are one, shape ``(k, 2)``: a copy, and its original."""
+        if isinstance(self.mesh, QuadMesh):
+            return self.mesh.ties
         return tied_nodes(self.problem.grid.shape, closed_of(self.problem.domain))
 
     @cached_property
     def joined(self) -> QuadMesh:
         """The mesh of the domain with one number for each node, also on a seam that lies on itself, as of a ring.
 
-        Copies that are a period apart stay, as its ``ties``.
+        Copies that are a period apart stay, as its ``ties``. Of blocks it is the mesh itself.
         """
-        return joined(self.mesh, self.ties)
+        return self.mesh if isinstance(self.mesh, QuadMesh) else joined(self.mesh, self.ties)
 
     @cached_property
     def faces(self) -> Faces:
@@ -353,19 +307,45 @@ class Solution:
         return self._measured.faces()
 
     @cached_property
+    def angles(self) -> Angles:
+        """The smallest and largest angle of a corner, and the share of corners between 30 and 150 degrees."""
+        return measure_angles(self.mesh)
+
+    @cached_property
     def cut_off(self) -> CutOff:
         """The areas between the curved sides of the domain and the cells, as shares of its area."""
-        return measure_cut_off(self.problem.domain, MeshWindow.of(self.reference))
+        domain: Any = self.problem.domain
+        if isinstance(self.reference, QuadMesh):
+            return measure_block_cut_off(domain, self.reference)
+        return measure_cut_off(domain, MeshWindow.of(self.reference))
 
     @property
-    def _measured(self) -> MeasuredMesh:
+    def _measured(self) -> MeasuredMesh | MeasuredBlocks:
+        """The measures of the mesh, which both classes have."""
+        problem: Problem[Any] = self.problem
+        mesh: Any = self.mesh
+        reference: Any = self.reference
+        if isinstance(mesh, QuadMesh):
+            return MeasuredBlocks(
+                problem=problem,
+                mesh=mesh,
+                errors=lambda: self.interpolation,
+                cut_off=lambda: self.cut_off,
+                threads=self.threads,
+            )
         return MeasuredMesh(
-            problem=self.problem,
-            mesh=MeshWindow.of(self.mesh),
-            reference=MeshWindow.of(self.reference),
+            problem=problem,
+            mesh=MeshWindow.of(mesh),
+            reference=MeshWindow.of(reference),
             u=lambda: self.u,
             threads=self.threads,
         )
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences to read before using the mesh, as the certificate has them."""
+        found: tuple[str, ...] = self._measured.warnings(self.status, self.relaxed, self.interpolation, self.faces)
+        return self.detours + found
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -379,33 +359,32 @@ class Solution:
             discretization_error=self.discretization_error,
             algebraic_error=self.algebraic_error,
             relaxed=self.relaxed,
-            warnings=(
-                *self.detours,
-                *self._measured.warnings(self.status, self.relaxed, self.interpolation, self.faces),
-            ),
+            warnings=self.warnings,
             interpolation=self.interpolation,
             target=self.target,
             comparison=self.comparison,
             estimate=self.estimate,
+            compared_with="initial" if isinstance(self.mesh, QuadMesh) else "uniform",
             understood=understood(self.problem),
         )
 
     @property
     def decomposition(self) -> Decomposition | None:
-        """The subdomains of the Schwarz iteration."""
-        return None if self.schwarz is None else self.schwarz.decompose(self.problem.grid)
+        """The subdomains of the Schwarz iteration on a grid; ``None`` on blocks."""
+        grid = self.problem.grid
+        return None if self.schwarz is None or grid is None else self.schwarz.decompose(grid)
 
     @property
     def rate(self) -> float | None:
         """Observed factor by which the error, or else the change, falls in one iteration of the last condition."""
-        return last_rate(self.problem, self.iterations)
+        problem: Problem[Any] = self.problem
+        return last_rate(problem, self.iterations) if self.iterations else None
 
     @property
     def predicted_rate(self) -> float | None:
         """The rate that theory predicts, where there is one; see :func:`equimesh.schwarz.rates.predicted_rate`."""
-        if self.schwarz is None or self.decomposition is None:
-            return None
-        return predicted_rate(self.decomposition, self.schwarz)
+        parts, settings = self.decomposition, self.schwarz
+        return predicted_rate(parts, settings) if parts is not None and settings is not None else None
 
     def convergence(self) -> dict[str, Any]:
         """The history of the Schwarz iteration or of the descent as plain numbers, ``None`` where one is not known."""
@@ -413,12 +392,16 @@ class Solution:
         return {**history, "descent": list(self.descent)} if self.descent else history
 
     def data(self, *, joined: bool = False) -> MeshData:
-        """The contents of a mesh file: nodes, u, Q_eq and the owner of every cell.
+        """The contents of a mesh file: nodes, u, Q_eq, and the number of the subdomain or block of every cell.
 
         With ``joined`` the mesh is :attr:`joined`, without the second copies of nodes of a seam that lies on itself.
         """
-        shape = (self.problem.grid.n_xi - 1, self.problem.grid.n_eta - 1)
-        owner = np.zeros(shape, dtype=np.int64) if self.decomposition is None else self.decomposition.owner_of_cells()
+        owner, parts = np.zeros(self.mesh.cell_shape, dtype=np.int64), self.decomposition
+        if isinstance(self.mesh, QuadMesh):
+            for number, cells in enumerate(self.mesh.block_cells):
+                owner[cells] = number
+            return MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=owner)
+        owner = owner if parts is None else parts.owner_of_cells()
         data = MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=owner, ties=self.ties)
         return data.joined if joined else data
 
@@ -428,16 +411,19 @@ def status_unless_folded(status: Status, *, folded: bool) -> Status:
     return Status.FOLDED if status.succeeded and folded else status
 
 
+OnBlocks: TypeAlias = Solution[Blocks, QuadMesh]
+"""A solution on a domain in blocks."""
+AnySolution: TypeAlias = Solution[Any, Any]
+"""A solution on a grid, or on blocks."""
+
+
 class SolveError(EquimeshError):
-    """A solve that ended without the requested mesh. ``solution`` holds the partial result.
+    """A solve that ended without the requested mesh. ``solution`` is a :class:`Solution` with the partial result."""
 
-    It is a :class:`Solution`, or a :class:`~equimesh.solving.solution.BlockSolution` on a domain in blocks.
-    """
-
-    def __init__(self, message: str, solution: Solution | BlockSolution) -> None:
+    def __init__(self, message: str, solution: AnySolution) -> None:
         super().__init__(message)
         self.solution: Any = solution
 
-    def __reduce__(self) -> tuple[type[SolveError], tuple[str, Solution | BlockSolution]]:
+    def __reduce__(self) -> tuple[type[SolveError], tuple[str, AnySolution]]:
         """How it is pickled: a worker may raise it, and its caller gets it."""
         return type(self), (str(self), self.solution)

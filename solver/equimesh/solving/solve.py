@@ -2,17 +2,16 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Unpack, overload
+from typing import Any, Unpack, overload
 
 import numpy as np
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Rectangle, closed_of, is_closed, map_mesh
-from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, smallest_tolerance
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.iteration import Reached
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -33,7 +32,7 @@ from equimesh.solving.single_domain import (
     solution_lost_in_rounding,
     solve_single_domain,
 )
-from equimesh.solving.solution import BlockSolution, Solution, SolveError
+from equimesh.solving.solution import AnySolution, OnBlocks, Solution, SolveError
 from equimesh.solving.status import Announcer, Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.sweeps.deviation import deviation
 
@@ -47,29 +46,21 @@ NO_SUBDOMAINS = (
 """Why least error with Schwarz settings is refused."""
 NO_BLOCKS = "initial is a mesh of blocks, and the problem has a grid: give a mesh of the reference square"
 """Why a mesh of blocks is refused as the start of a grid."""
-NO_BLOCK_SCHWARZ = (
-    "BlockSchwarz() is for a BlockProblem, whose domain has blocks: give Schwarz(subdomains=(2, 1)), or None for a"
-    " single domain"
-)
-"""Why settings for blocks are refused for a grid."""
 
 
 @overload
 def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]) -> Solution: ...
 @overload
+def solve(problem: Problem[Blocks], schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]) -> OnBlocks: ...
 def solve(
-    problem: BlockProblem, schwarz: BlockSchwarz | None = None, **options: Unpack[SolveArguments]
-) -> BlockSolution: ...
-def solve(
-    problem: Problem | BlockProblem,
-    schwarz: Schwarz | BlockSchwarz | None = None,
+    problem: Problem[Any],
+    schwarz: Schwarz | None = None,
     **options: Unpack[SolveArguments],
-) -> Solution | BlockSolution:
+) -> AnySolution:
     """The mesh of ``problem``: of least error where its monitor asks for that, else locally equidistributed.
 
     An equidistributed mesh is found by Schwarz iteration if ``schwarz`` is given, else on the whole grid. The mesh of a
-    :class:`~equimesh.equations.block_problem.BlockProblem` is one of least error on blocks, by a Schwarz iteration
-    between them with :class:`~equimesh.least_error.block_schwarz.BlockSchwarz`.
+    domain in blocks is one of least error, with ``schwarz`` by an iteration between its blocks.
 
     ``options`` are those of :class:`~equimesh.solving.status.SolveArguments`: ``initial``, ``mode``,
     ``allow_relaxed``, ``threads``, ``observe`` and ``check``.
@@ -79,11 +70,11 @@ def solve(
     :class:`~equimesh.errors.InputError` for values of options that cannot be used, and :class:`TypeError` for an option
     that does not exist.
     """
-    if isinstance(problem, BlockProblem):
-        return solve_block_problem(problem, schwarz, options)
-    if isinstance(schwarz, BlockSchwarz):
-        raise InputError(NO_BLOCK_SCHWARZ, field="schwarz")
     _check_arguments(problem, schwarz)
+    if in_blocks(problem):
+        return solve_block_problem(problem, schwarz, options)
+    if schwarz is not None:
+        schwarz.require_grid()
     arguments = complete_arguments(options)
     initial = arguments["initial"]
     if isinstance(initial, QuadMesh):

@@ -39,7 +39,7 @@ MEASURED_CELLS = 16
 """Cells a side of the uniform mesh whose lines are measured for the proportions."""
 NO_U = "a target is an error of interpolating u, and this monitor has no u: give it one"
 """Why a target is refused for a monitor without u."""
-NO_GRID = "the grid of a target is found on domains with four sides: refine the blocks, and solve a BlockProblem"
+NO_GRID = "the grid of a target is found on domains with four sides: refine the blocks, and solve a Problem of them"
 """Why a target is refused on blocks."""
 MAX_PROPORTION = 64.0
 """The largest ratio of the numbers of cells in the two directions."""

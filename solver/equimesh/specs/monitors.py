@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Box, Domain
-from equimesh.equations.block_problem import BlockProblem
+from equimesh.equations.problem import Problem
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.expression import Expression, Field
@@ -181,7 +181,7 @@ def build_monitor(
 def _on_blocks(monitor: Any, blocks: Blocks) -> Monitor:
     """The monitor bound to blocks, by the checks of their problem."""
     try:
-        return BlockProblem(monitor=monitor, domain=blocks).monitor
+        return Problem(monitor=monitor, domain=blocks).monitor
     except InputError as error:
         if error.field == "monitor.purpose":
             error.field = "monitor.for"

@@ -15,20 +15,18 @@ from equimesh.blocks.description import Description
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import UNIT_SQUARE, AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
-from equimesh.equations.block_problem import BlockProblem
-from equimesh.equations.problem import Boundary, Problem
+from equimesh.equations.problem import OWN_CELLS, SLIDING_NODES, Boundary, Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.io.write import CELLS, Cells
-from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import NO_OTHER_GRID, NodalSolution
 from equimesh.monitors.monitor import require_lines
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
-from equimesh.schwarz.settings import Schwarz
+from equimesh.schwarz.settings import MAX_LAYERS, Schwarz, require_count
 from equimesh.single_domain.level import Mode
 from equimesh.solving.blocks import count_subdomains
-from equimesh.solving.solution import BlockSolution, Solution
+from equimesh.solving.solution import AnySolution
 from equimesh.solving.solve import NO_SUBDOMAINS, solve
 from equimesh.solving.status import Initial, SolveArguments
 from equimesh.solving.target import MAX_POINTS, NO_U, Target, solve_to
@@ -130,11 +128,16 @@ def _target(*, max_points: int | None = None, **given: Any) -> Target:
     return Target(**given, max_points=MAX_POINTS if max_points is None else max_points)
 
 
+def _between_blocks(**given: Any) -> Schwarz:
+    require_count(given.get("overlap", 1), "overlap", MAX_LAYERS)
+    return Schwarz(**given)
+
+
 MAKERS: Makers = {
     mesh_schema.Grid: usual_grid,
     mesh_schema.Target: _target,
     schwarz_schema.Schwarz: Schwarz,
-    schwarz_schema.BlockSchwarz: BlockSchwarz,
+    schwarz_schema.BlockSchwarz: _between_blocks,
     schwarz_schema.Optimized: Optimized,
     schwarz_schema.Classical: Classical,
     schwarz_schema.LinearRobin: LinearRobin,
@@ -143,9 +146,10 @@ MAKERS: Makers = {
 READING = Reading(MAKERS)
 
 
-def block_schwarz(given: object) -> BlockSchwarz | None:
+def block_schwarz(given: object) -> Schwarz | None:
     """The settings of the iteration between the blocks of a domain, where those of a grid stand; None where null."""
-    return None if given is None else READING.record(schwarz_schema.BlockSchwarz, given, "schwarz")
+    found: Schwarz | None = None if given is None else READING.record(schwarz_schema.BlockSchwarz, given, "schwarz")
+    return found
 
 
 def build_schwarz(document: object) -> Schwarz | None:
@@ -178,9 +182,9 @@ def build_schwarz(document: object) -> Schwarz | None:
 
 AUTOMATIC_PARTS: Final = "auto"
 NOT_WITH_BLOCKS: Final[Mapping[str, str]] = {
-    "grid": "the blocks of the domain have numbers of cells of their own: leave the grid out, and refine the blocks",
+    "grid": OWN_CELLS,
     "target": "the grid of a target is found on domains with four sides: leave it out, and refine the blocks",
-    "boundary": "the nodes on the curves of blocks slide for the least error: leave the boundary out",
+    "boundary": SLIDING_NODES,
     "parts": "a mesh of blocks is computed on one machine: leave parts out, or solve in Python with "
     "equimesh_cluster.solve_blocks",
 }
@@ -199,8 +203,8 @@ class BuiltSpec:
     it.
     """
 
-    problem: Problem | BlockProblem
-    schwarz: Schwarz | BlockSchwarz | None
+    problem: Problem[Any]
+    schwarz: Schwarz | None
     target: Target | None
     initial: Initial
     mode: Mode
@@ -215,14 +219,14 @@ class BuiltSpec:
 
         Raises :class:`~equimesh.errors.InputError` for one on blocks, with the field ``domain``.
         """
-        if isinstance(self.problem, BlockProblem):
+        if in_blocks(self.problem):
             raise InputError("this needs a domain with four sides, whose meshes have a grid", field="domain")
         return self.problem
 
     @property
     def grid_schwarz(self) -> Schwarz | None:
         """The Schwarz iteration on a grid; None for a single domain, and on blocks."""
-        return self.schwarz if isinstance(self.schwarz, Schwarz) else None
+        return None if in_blocks(self.problem) else self.schwarz
 
     def solve(
         self,
@@ -230,7 +234,7 @@ class BuiltSpec:
         start: Mesh | None = None,
         began: Callable[[Grid], None] | None = None,
         **options: Unpack[SolveArguments],
-    ) -> Solution | BlockSolution:
+    ) -> AnySolution:
         """The solution on the grid, on blocks, or for the target; raises what these two functions raise.
 
         ``options`` are added to those of the document. ``start`` is a mesh of the reference square in place of
@@ -240,13 +244,12 @@ class BuiltSpec:
         settings |= options
         if start is not None:
             settings["initial"] = start
-        if isinstance(self.problem, BlockProblem):
+        if in_blocks(self.problem):
             on_blocks: SolveArguments = {"initial": self.initial}
-            between = self.schwarz if isinstance(self.schwarz, BlockSchwarz) else None
-            return solve(self.problem, between, **on_blocks | options)
+            return solve(self.problem, self.schwarz, **on_blocks | options)
         problem = self.problem
         if self.target is None:
-            return solve(problem, self.grid_schwarz, **settings)
+            return solve(problem, self.schwarz, **settings)
         return solve_to(
             self.target,
             monitor=problem.monitor,
@@ -305,7 +308,7 @@ def _on_blocks(parts: _Parts, blocks: Blocks, settings: object, find_samples: Fi
         if is_given:
             raise InputError(NOT_WITH_BLOCKS[name], field=name)
     monitor: Any = build_monitor(parts.monitor, blocks, find_samples, cells=parts.options["cells"])
-    problem = BlockProblem(monitor=monitor, domain=blocks)
+    problem = Problem(monitor=monitor, domain=blocks)
     schwarz = block_schwarz(settings)
     if schwarz is not None:
         count_subdomains(problem, schwarz)

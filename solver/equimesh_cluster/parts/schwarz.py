@@ -8,17 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import map_mesh
-from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.meshes.mesh import Mesh
-from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.schwarz.decomposition import SubdomainWindow
@@ -26,11 +24,11 @@ from equimesh.schwarz.iteration import iterations_on
 from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
 from equimesh.single_domain.level import Mode
-from equimesh.solving.blocks import solve_blocks
+from equimesh.solving.blocks import least_error_of, solve_blocks
 from equimesh.solving.certificate import safe_discretization_error
 from equimesh.solving.schwarz import ending_of
 from equimesh.solving.single_domain import require_open
-from equimesh.solving.solution import BlockSolution
+from equimesh.solving.solution import OnBlocks, Solution
 from equimesh.solving.status import Announcer, Event, Initial, SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.parts.holding import GHOSTS, OnChannel, cuts_of_rows, holder, rows_of
@@ -178,7 +176,7 @@ def _part(
 
 # A solve on a domain in blocks whose subdomains several parts hold: the first one leads, the others follow.
 
-OWN_FIELDS = ("problem", "mesh")
+OWN_FIELDS = ("problem", "mesh", "reference")
 """Fields of a solution that the program which requested it has: the problem, and the mesh but for its nodes."""
 
 
@@ -191,20 +189,21 @@ class BlocksResult:
     values: dict[str, Any]
 
     @classmethod
-    def of(cls, solution: BlockSolution) -> BlocksResult:
+    def of(cls, solution: OnBlocks) -> BlocksResult:
         """The result of a solution."""
         names = [field.name for field in fields(solution) if field.name not in OWN_FIELDS]
         return cls(points=solution.mesh.points, values={name: getattr(solution, name) for name in names})
 
-    def solution(self, problem: BlockProblem) -> BlockSolution:
+    def solution(self, problem: Problem[Blocks]) -> OnBlocks:
         """The solution of ``problem`` again."""
-        return BlockSolution(problem=problem, mesh=problem.domain.mesh.moved(self.points), **self.values)
+        mesh = problem.domain.mesh.moved(self.points)
+        return Solution(problem=problem, mesh=mesh, reference=mesh, **self.values)
 
 
 def solve_part_of_blocks(
     channel: Channel,
-    problem: BlockProblem,
-    settings: BlockSchwarz,
+    problem: Problem[Blocks],
+    settings: Schwarz,
     *,
     threads: int = 1,
     observe: Callable[[Event], None] | None = None,
@@ -223,7 +222,7 @@ def solve_part_of_blocks(
             found = solve_blocks(problem, Initial.NESTED, options, subdomains)
             subdomains.dismiss()
             return BlocksResult.of(found)
-        monitor = _least_error(problem).on(problem.domain)
+        monitor = least_error_of(problem).on(problem.domain)
         solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, threads=threads, subdomains=subdomains)
         for weights, start, first in subdomains.orders():
             solve.with_weights(weights).follow(start, first)
@@ -233,13 +232,3 @@ def solve_part_of_blocks(
 def plain(record: Descent) -> dict[str, Any]:
     """The numbers of a step with its share of the work and its phase, without the mesh."""
     return {**record.numbers(), "fraction": record.fraction, "phase": record.phase}
-
-
-def _least_error(problem: BlockProblem) -> LeastError:
-    """The monitor of the descent."""
-    monitor = problem.monitor
-    if isinstance(monitor, Auto):
-        return monitor.least_error()
-    if not isinstance(monitor, LeastError):
-        raise TypeError("blocks are solved for the least error")
-    return monitor

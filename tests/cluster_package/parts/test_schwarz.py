@@ -178,7 +178,7 @@ def test_2_to_32_subdomains_on_up_to_8_parts(
 
 FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
 DOMAIN = obstacle(1200)
-SETTINGS = em.BlockSchwarz(groups=[[0, 1, 2], [3], [4, 5], [6, 7]])
+SETTINGS = em.Schwarz(groups=[[0, 1, 2], [3], [4, 5], [6, 7]])
 
 
 MONITORS = {
@@ -190,7 +190,7 @@ MONITORS = {
 
 @pytest.mark.parametrize("monitor", MONITORS.values(), ids=MONITORS)
 def test_the_solution_is_that_of_one_process(monitor: em.LeastError | em.Auto) -> None:
-    problem = em.BlockProblem(monitor=monitor, domain=DOMAIN)
+    problem = em.Problem(monitor=monitor, domain=DOMAIN)
     alone = em.solve(problem, SETTINGS, threads=1)
     events: list[Event] = []
 
@@ -213,7 +213,7 @@ def test_the_solution_is_that_of_one_process(monitor: em.LeastError | em.Auto) -
 
 
 def test_an_error_of_the_leader_ends_the_parts_that_follow() -> None:
-    problem = em.BlockProblem(monitor=em.LeastError(u=FRONT), domain=DOMAIN)
+    problem = em.Problem(monitor=em.LeastError(u=FRONT), domain=DOMAIN)
 
     def fail(_: Event) -> None:
         raise RuntimeError("the observer is tired")

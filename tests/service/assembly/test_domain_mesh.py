@@ -137,7 +137,7 @@ def test_the_iteration_between_blocks_is_that_of_the_solver(http: httpx.Client) 
     canonical = http.get(made["links"]["self"] + "/spec").json()["schwarz"]
     assert canonical == {"overlap": 3, "local_steps": 8, "max_exchanges": None, "groups": schwarz["groups"]}
     problem = specs.build(spec).problem
-    in_process = em.solve(problem, em.BlockSchwarz(groups=[["block0", "upper"], [2]], overlap=3))  # type: ignore[call-overload]
+    in_process = em.solve(problem, em.Schwarz(groups=[["block0", "upper"], [2]], overlap=3))
     found = arrays(http, made)
     np.testing.assert_array_equal(found["x"], in_process.mesh.x)
     descent = http.get(made["links"]["self"] + "/convergence").json()["descent"]

@@ -52,9 +52,9 @@ problems = [
     em.Problem(monitor=em.LeastError(u=u, cells="triangle"), grid=grid),
     em.Problem(monitor=em.LeastError(u=u), grid=grid, domain=em.AnnulusSector(closed=True)),
     em.Problem(monitor=em.ArcLength(u=u), grid=grid),
-    *(em.BlockProblem(monitor=em.Auto(u=of_blocks, norm=norm), domain=domain) for norm in ("l2", "h1")),
-    em.BlockProblem(monitor=em.LeastError(u=of_blocks, orthogonality=40.0), domain=domain),
-    em.BlockProblem(monitor=em.LeastError(u=of_blocks, cells="triangle"), domain=domain),
+    *(em.Problem(monitor=em.Auto(u=of_blocks, norm=norm), domain=domain) for norm in ("l2", "h1")),
+    em.Problem(monitor=em.LeastError(u=of_blocks, orthogonality=40.0), domain=domain),
+    em.Problem(monitor=em.LeastError(u=of_blocks, cells="triangle"), domain=domain),
 ]
 for problem in problems:
     solution = em.solve(problem, threads=1, check=False)

@@ -75,7 +75,7 @@ def test_corners_at_the_seam_are_refused_and_blocks_are_named() -> None:
     assert error.field == "domain.bottom"
     assert "bottom has a corner of " in error.message
     assert "(0.6, 0), where it begins and ends" in error.message
-    assert "'corners', and take a BlockProblem" in error.message
+    assert "'corners', and solve on Blocks.of(...)" in error.message
     error = refusal(o_grid, top=em.Curve.of_expressions("2*cos(2*pi*t)", "-1.5*sin(2*pi*t)*(1+t)"))
     assert error.field == "domain.top"
     assert "top begins at (2, -0) with the slope" in error.message

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error.block_schwarz import BlockSchwarz
+from equimesh.least_error.block_subdomains import owners
 from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
+from equimesh.testing.geometries import l_shape
 
 ROW = np.arange(4 * 3).reshape(4, 3)
 
@@ -23,9 +25,9 @@ def row_of_blocks() -> QuadMesh:
 
 def test_each_block_is_a_subdomain_unless_groups_say_otherwise() -> None:
     mesh = row_of_blocks()
-    assert BlockSchwarz().owners(mesh).tolist() == [1, 1, 2, 2, 0, 0]
+    assert owners(em.Schwarz(), mesh).tolist() == [1, 1, 2, 2, 0, 0]
     for groups in ([["a", "c"], ["b"]], (("a", 0), (2,))):
-        assert BlockSchwarz(groups=groups).owners(mesh).tolist() == [0, 0, 1, 1, 0, 0]
+        assert owners(em.Schwarz(groups=groups), mesh).tolist() == [0, 0, 1, 1, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -40,24 +42,59 @@ def test_each_block_is_a_subdomain_unless_groups_say_otherwise() -> None:
 )
 def test_groups_that_are_no_partition_are_refused(groups: Any, field: str, words: str) -> None:
     with pytest.raises(em.InputError, match=words) as caught:
-        BlockSchwarz(groups=groups).owners(row_of_blocks())
+        owners(em.Schwarz(groups=groups), row_of_blocks())
     assert caught.value.field == field
 
 
 @pytest.mark.parametrize("name", ["overlap", "local_steps", "max_exchanges"])
 @pytest.mark.parametrize("value", [0, 2.0, True, "4", 10**6])
-def test_numbers_of_the_wrong_kind_are_refused(name: str, value: object) -> None:
+def test_numbers_of_the_wrong_kind_are_refused(name: str, value: Any) -> None:
     with pytest.raises(em.InputError, match=f"{name} = ") as caught:
-        BlockSchwarz(**{name: value})  # type: ignore[arg-type]
+        em.Schwarz(**{name: value}).require_blocks()
     assert caught.value.field == f"schwarz.{name}"
 
 
 @pytest.mark.parametrize("groups", [[], "ab", [[]], ["a", "b"]])
 def test_groups_of_the_wrong_kind_are_refused(groups: Any) -> None:
     with pytest.raises(em.InputError, match="a list of groups"):
-        BlockSchwarz(groups=groups)
+        em.Schwarz(groups=groups)
 
 
 def test_exchanges_take_the_steps_of_the_whole_mesh_unless_a_number_is_given() -> None:
-    assert [BlockSchwarz().exchanges(steps) for steps in (1, 8, 9, 30)] == [1, 1, 2, 4]
-    assert BlockSchwarz(max_exchanges=3).exchanges(30) == 3
+    assert [em.Schwarz().exchanges(steps) for steps in (1, 8, 9, 30)] == [1, 1, 2, 4]
+    assert em.Schwarz(max_exchanges=3).exchanges(30) == 3
+
+
+OF_GRIDS: dict[str, Any] = {
+    "subdomains": (2, 2),
+    "transmission": em.Classical(),
+    "ordering": "alternating",
+    "line_correction": 1,
+    "acceleration": "none",
+    "local_solver": "newton",
+    "fallback": False,
+    "tolerance": 1e-6,
+    "max_iterations": 5,
+    "compare_single_domain": True,
+}
+OF_BLOCKS: dict[str, Any] = {"local_steps": 4, "max_exchanges": 3, "groups": [["a", "b"]]}
+
+
+def test_each_setting_belongs_to_grids_or_to_blocks_or_to_both() -> None:
+    assert {*OF_GRIDS, *OF_BLOCKS, "overlap"} == {one.name for one in fields(em.Schwarz)}
+
+
+@pytest.mark.parametrize("name", OF_GRIDS)
+def test_settings_of_grids_are_refused_on_blocks(name: str) -> None:
+    problem = em.Problem(monitor=em.LeastError(u=em.Expression("tanh(9*x)")), domain=l_shape(100))
+    with pytest.raises(em.InputError, match=f"^{name} is one of .* leave it out, and group blocks") as caught:
+        em.solve(problem, em.Schwarz(**{name: OF_GRIDS[name]}))
+    assert caught.value.field == f"schwarz.{name}"
+
+
+@pytest.mark.parametrize("name", OF_BLOCKS)
+def test_settings_of_blocks_are_refused_on_grids(name: str) -> None:
+    problem = em.Problem(monitor=em.ArcLength(u=em.Expression("tanh(9*x)")), grid=em.Grid(n_xi=9, n_eta=9))
+    with pytest.raises(em.InputError, match=f"^{name} is one of the settings of blocks") as caught:
+        em.solve(problem, em.Schwarz(**{name: OF_BLOCKS[name]}))
+    assert caught.value.field == f"schwarz.{name}"

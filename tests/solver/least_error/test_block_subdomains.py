@@ -14,7 +14,7 @@ from equimesh.numerics.types import Array
 from equimesh.testing.geometries import obstacle
 
 FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
-SETTINGS = em.BlockSchwarz(overlap=3, local_steps=4, max_exchanges=2)
+SETTINGS = em.Schwarz(overlap=3, local_steps=4, max_exchanges=2)
 DOMAIN = obstacle(1500)
 
 

@@ -171,7 +171,7 @@ def test_a_square_as_one_block_is_the_grid(u: str, largest: float, n: int) -> No
         em.solve(problem, threads=1).interpolation
         for problem in (
             em.Problem(monitor=monitor, grid=em.Grid(n_xi=n, n_eta=n)),
-            em.BlockProblem(monitor=monitor, domain=block),
+            em.Problem(monitor=monitor, domain=block),
         )
     )
     assert grid is not None

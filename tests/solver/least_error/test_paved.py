@@ -29,7 +29,7 @@ def test_blocks_of_single_cells_are_paved_and_structured_ones_are_not() -> None:
 def test_a_paved_disc_gains_without_coarser_meshes_and_stays_round() -> None:
     domain = paved()
     front = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
-    solution = em.solve(em.BlockProblem(monitor=em.LeastError(u=front), domain=domain))
+    solution = em.solve(em.Problem(monitor=em.LeastError(u=front), domain=domain))
     assert not solution.mesh.is_folded
     assert solution.interpolation is not None
     assert solution.interpolation.estimated_gain("l2") > 3.0

@@ -30,7 +30,7 @@ def test_a_linear_function_has_no_error_but_rounding() -> None:
 
 def test_the_measured_error_is_that_of_the_quality() -> None:
     monitor = em.LeastError(u=em.Expression("tanh(9*(x - y))"))
-    solution = em.solve(em.BlockProblem(monitor=monitor, domain=DOMAIN), threads=1)
+    solution = em.solve(em.Problem(monitor=monitor, domain=DOMAIN), threads=1)
     for mesh, wanted in ((solution.mesh, solution.interpolation.l2), (DOMAIN.mesh, solution.interpolation.l2_uniform)):
         assert measured_on_blocks(monitor.u, mesh, Rule(norm="l2", points=4)) == pytest.approx(wanted, rel=1e-3)
 

@@ -22,9 +22,9 @@ def front(t: float) -> em.Expression:
 
 
 @cache
-def first() -> em.BlockSolution:
+def first() -> em.Solution[em.Blocks, em.QuadMesh]:
     """The solution at the first time."""
-    return em.solve(em.BlockProblem(monitor=em.LeastError(u=front(0.0)), domain=DOMAIN), threads=1)
+    return em.solve(em.Problem(monitor=em.LeastError(u=front(0.0)), domain=DOMAIN), threads=1)
 
 
 def sequence(**settings: Any) -> em.BlockSequence:
@@ -68,7 +68,7 @@ def test_copies_stay_one_period_apart_where_the_seam_moves() -> None:
     around["blocks"] = [{"corners": ["a", "b", "c", "d"], "cells": [12, 12]}]
     domain = em.Blocks.of({**around, "joins": [{"from": ["a", "d"], "to": ["b", "c"]}]})
     wave = "tanh(6*sin(2*pi*(x - t + 0.1*sin(2*pi*y))))"
-    moving = em.BlockSequence(em.BlockProblem(monitor=em.LeastError(u=em.Expression(wave, t=0.0)), domain=domain))
+    moving = em.BlockSequence(em.Problem(monitor=em.LeastError(u=em.Expression(wave, t=0.0)), domain=domain))
     for k in (1, 2, 3):
         u = em.Expression(wave, t=0.1 * k).evaluate(moving.mesh.x, moving.mesh.y)[0]
         mesh, whole = moving.mesh, em.integral(moving.mesh, u)
@@ -88,7 +88,7 @@ def test_a_monitor_gives_its_settings_to_later_steps() -> None:
 
 def test_a_share_of_the_mesh_before_stays_on_the_curves() -> None:
     domain = disc(400)
-    problem = em.BlockProblem(monitor=em.LeastError(u=em.Expression("tanh(9*x)")), domain=domain)
+    problem = em.Problem(monitor=em.LeastError(u=em.Expression("tanh(9*x)")), domain=domain)
     ways = [em.BlockSequence(problem, mesh=domain.mesh, smoothing=share) for share in (0.0, 0.5)]
     plain, smooth = (way.step("tanh(9*(x - 0.1*y))").mesh for way in ways)
     free = domain.node_curve < 0
@@ -111,7 +111,7 @@ def test_what_cannot_be_used_is_refused() -> None:
     problem, moving = first().problem, sequence()
     with pytest.raises(em.InputError, match="take BlockSequence"):
         em.Sequence(problem)
-    with pytest.raises(em.InputError, match="give a BlockProblem"):
+    with pytest.raises(em.InputError, match="give one whose domain has blocks"):
         em.BlockSequence(None)
     with pytest.raises(em.InputError, match="give a mesh with the cells of the domain"):
         em.BlockSequence(problem, mesh=disc(300).mesh)
@@ -127,7 +127,7 @@ def test_what_cannot_be_used_is_refused() -> None:
     with pytest.raises(em.SamplesError, match="rho has shape"):
         moving.step(front(0.1), {"rho": np.zeros(7)})
     nodal = em.NodalSolution(u=em.QuadField(mesh=DOMAIN.mesh, values=DOMAIN.mesh.x))
-    of_values = em.BlockSequence(em.BlockProblem(monitor=nodal, domain=DOMAIN), mesh=DOMAIN.mesh)
+    of_values = em.BlockSequence(em.Problem(monitor=nodal, domain=DOMAIN), mesh=DOMAIN.mesh)
     with pytest.raises(em.InputError, match="follows no function u"):
         of_values.step(front(0.0))
     own = em.BlockSequence(problem, mesh=DOMAIN.mesh.moved(DOMAIN.mesh.points.copy()))
@@ -138,7 +138,7 @@ def test_what_cannot_be_used_is_refused() -> None:
 
 def test_a_failed_solve_keeps_the_mesh() -> None:
     moving = sequence(check=False)
-    failed = em.BlockSolution(problem=first().problem, mesh=first().mesh, status=em.Status.FOLDED)
+    failed = em.Solution(problem=first().problem, mesh=first().mesh, reference=first().mesh, status=em.Status.FOLDED)
     step = moving._failed(failed, {"x": em.MeshValues(moving.mesh.x)})
     assert (step.mesh, step.moved, step.status) == (moving.mesh, 0.0, em.Status.FOLDED)
     assert np.array_equal(step.fields["x"], moving.mesh.x)

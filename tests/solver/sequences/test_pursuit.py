@@ -77,8 +77,8 @@ def test_a_monitor_without_u_has_no_gain() -> None:
 def test_on_blocks_the_same_starts_are_tried() -> None:
     domain = l_shape(300)
 
-    def on_blocks(t: float) -> em.BlockProblem:
-        return em.BlockProblem(monitor=em.LeastError(u=em.Expression("tanh(12*(x + y - 0.8 - t))", t=t)), domain=domain)
+    def on_blocks(t: float) -> em.Problem[em.Blocks]:
+        return em.Problem(monitor=em.LeastError(u=em.Expression("tanh(12*(x + y - 0.8 - t))", t=t)), domain=domain)
 
     start = em.solve(on_blocks(0.0), threads=1)
     known: dict[str, Any] = {"options": {"threads": 1}, "before": start.mesh, "u": start.problem.monitor.u}

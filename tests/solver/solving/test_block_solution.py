@@ -13,13 +13,13 @@ from equimesh.testing.geometries import l_shape
 
 
 @pytest.fixture(scope="module")
-def solution() -> em.BlockSolution:
+def solution() -> em.Solution[em.Blocks, em.QuadMesh]:
     u = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
-    return em.solve(em.BlockProblem(monitor=em.LeastError(u=u), domain=l_shape(600)))
+    return em.solve(em.Problem(monitor=em.LeastError(u=u), domain=l_shape(600)))
 
 
-def test_errors_are_compared_with_the_initial_mesh(solution: em.BlockSolution) -> None:
-    comparison, errors = solution.against_initial, solution.interpolation
+def test_errors_are_compared_with_the_initial_mesh(solution: em.Solution[em.Blocks, em.QuadMesh]) -> None:
+    comparison, errors = solution.against_uniform, solution.interpolation
     assert errors is not None
     assert comparison.uniform.mesh is solution.initial
     for measured, l2 in ((comparison.adapted, errors.l2), (comparison.uniform, errors.l2_uniform)):
@@ -29,7 +29,7 @@ def test_errors_are_compared_with_the_initial_mesh(solution: em.BlockSolution) -
         assert np.sqrt((measured.error**2 * mesh.cell_areas()).sum()) == pytest.approx(l2, rel=1e-6)
 
 
-def test_the_certificate_and_the_history_are_plain_numbers(solution: em.BlockSolution) -> None:
+def test_the_certificate_and_the_history_are_plain_numbers(solution: em.Solution[em.Blocks, em.QuadMesh]) -> None:
     summary = json.loads(json.dumps(solution.certificate.summary()))
     assert summary["status"] == "completed"
     assert summary["interpolation_gain"]["l2"] > 1.5
@@ -45,7 +45,7 @@ def test_the_certificate_and_the_history_are_plain_numbers(solution: em.BlockSol
     assert str(solution.problem.points) in repr(solution)
 
 
-def test_the_contents_of_a_file_have_the_block_of_every_cell(solution: em.BlockSolution) -> None:
+def test_the_contents_of_a_file_have_the_block_of_every_cell(solution: em.Solution[em.Blocks, em.QuadMesh]) -> None:
     data = solution.data()
     assert data.u is not None
     assert data.u == pytest.approx(solution.problem.monitor.u.evaluate(solution.mesh.x, solution.mesh.y)[0])
@@ -56,5 +56,5 @@ def test_the_contents_of_a_file_have_the_block_of_every_cell(solution: em.BlockS
 
 def test_a_coarse_mesh_of_a_steep_function_is_warned_about() -> None:
     u = em.Expression("tanh(300*(x + 0.31*y + 0.123))")
-    coarse = em.solve(em.BlockProblem(monitor=em.LeastError(u=u), domain=l_shape(100)))
+    coarse = em.solve(em.Problem(monitor=em.LeastError(u=u), domain=l_shape(100)))
     assert any("does not resolve it" in text or "inside a cell" in text for text in coarse.warnings)

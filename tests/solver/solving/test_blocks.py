@@ -16,8 +16,8 @@ from equimesh.testing.geometries import disc, l_shape, naca0012_o, pitz_daily
 FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
 
 
-def problem(make=l_shape, nodes: int = 900, u: em.Field = FRONT, **settings) -> em.BlockProblem:  # type: ignore[no-untyped-def]
-    return em.BlockProblem(monitor=em.LeastError(u=u, **settings), domain=make(nodes))
+def problem(make=l_shape, nodes: int = 900, u: em.Field = FRONT, **settings) -> em.Problem[em.Blocks]:  # type: ignore[no-untyped-def]
+    return em.Problem(monitor=em.LeastError(u=u, **settings), domain=make(nodes))
 
 
 @pytest.mark.parametrize("make", [l_shape, disc, naca0012_o, pitz_daily])
@@ -90,8 +90,8 @@ def test_starts_and_options_that_cannot_be_used_are_refused() -> None:
         em.solve(asked, initial=own.moved(own.points[::-1].copy()))
     with pytest.raises(em.InputError, match="mesh of a grid"):
         em.solve(asked, initial=em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5)))
-    with pytest.raises(em.InputError, match="rectangles of one grid"):
-        em.solve(asked, em.Schwarz())  # type: ignore[call-overload]
+    with pytest.raises(em.InputError, match="rectangles of a grid"):
+        em.solve(asked, em.Schwarz(subdomains=(2, 2)))
     with pytest.raises(em.InputError, match="equidistribution"):
         em.solve(asked, mode=em.Mode.TIGHT)
     with pytest.raises(TypeError, match="did you mean 'threads'"):
@@ -102,7 +102,7 @@ def test_starts_and_options_that_cannot_be_used_are_refused() -> None:
 
 
 def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> None:
-    def folded(solution: em.BlockSolution, start: object) -> em.BlockSolution:  # noqa: ARG001
+    def folded(solution: em.Solution[em.Blocks, em.QuadMesh], start: object) -> em.Solution[em.Blocks, em.QuadMesh]:  # noqa: ARG001
         points = solution.initial.points[::-1].copy()
         return replace(solution, mesh=solution.initial.moved(points), status=em.Status.FOLDED)
 
@@ -111,50 +111,45 @@ def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> No
     asked = problem(nodes=300)
     with pytest.raises(em.SolveError) as caught:
         em.solve(asked, initial=asked.domain.mesh)
-    assert isinstance(caught.value.solution, em.BlockSolution)
+    assert isinstance(caught.value.solution.mesh, em.QuadMesh)
     assert np.isfinite(caught.value.solution.mesh.points).all()
 
 
 @pytest.mark.parametrize("make", [l_shape, disc, naca0012_o])
 def test_schwarz_between_blocks_gains_as_much_as_the_whole(make) -> None:  # type: ignore[no-untyped-def]
     asked = problem(make, 1600)
-    whole, between = em.solve(asked), em.solve(asked, em.BlockSchwarz())
-    assert (whole.schwarz, between.schwarz) == (None, em.BlockSchwarz())
+    whole, between = em.solve(asked), em.solve(asked, em.Schwarz())
+    assert (whole.schwarz, between.schwarz) == (None, em.Schwarz())
     assert between.status is em.Status.COMPLETED
     assert not between.mesh.is_folded
     assert whole.interpolation is not None
     assert between.interpolation is not None
     assert between.interpolation.gain_l2 > 0.9 * whole.interpolation.gain_l2
-    threads = em.solve(asked, em.BlockSchwarz(), threads=2)
+    threads = em.solve(asked, em.Schwarz(), threads=2)
     assert np.array_equal(threads.mesh.points, between.mesh.points)
 
 
 def test_subdomains_go_with_chosen_weights_and_groups_with_names() -> None:
     domain = l_shape(900)
     groups = [["lower"], ["upper_left", "upper_right"]]
-    solution = em.solve(em.BlockProblem(monitor=em.Auto(u=FRONT), domain=domain), em.BlockSchwarz(groups=groups))
+    solution = em.solve(em.Problem(monitor=em.Auto(u=FRONT), domain=domain), em.Schwarz(groups=groups))
     assert len(solution.comparison) == 2
     assert solution.interpolation is not None
     assert solution.interpolation.gain_l2 > 1.5
 
 
 def test_settings_that_do_not_fit_the_problem_are_refused() -> None:
-    grid = em.Problem(monitor=em.LeastError(u=FRONT), grid=em.Grid(n_xi=9, n_eta=9))
-    with pytest.raises(em.InputError, match="give BlockSchwarz"):
-        em.solve(problem(), em.Schwarz())  # type: ignore[call-overload]
-    with pytest.raises(em.InputError, match="for a BlockProblem"):
-        em.solve(grid, em.BlockSchwarz())  # type: ignore[call-overload]
     domain = l_shape(300)
     nodal = em.NodalSolution(u=em.QuadField(mesh=domain.mesh, values=domain.mesh.x))
     with pytest.raises(em.InputError, match="leave the Schwarz settings out"):
-        em.solve(em.BlockProblem(monitor=nodal, domain=domain), em.BlockSchwarz())
+        em.solve(em.Problem(monitor=nodal, domain=domain), em.Schwarz())
     with pytest.raises(em.InputError, match="no block 7"):
-        em.solve(problem(), em.BlockSchwarz(groups=[[0, 7]]))
+        em.solve(problem(), em.Schwarz(groups=[[0, 7]]))
 
 
 def test_a_bound_below_the_angle_of_the_initial_mesh_keeps_that_angle() -> None:
     domain = naca0012_o(600)
-    asked = em.BlockProblem(monitor=em.LeastError(u=FRONT, orthogonality=30), domain=domain)
+    asked = em.Problem(monitor=em.LeastError(u=FRONT, orthogonality=30), domain=domain)
     solution = em.solve(asked)
     initial = measure_faces(domain.mesh).non_orthogonality
     assert 30.0 < solution.faces.non_orthogonality <= initial

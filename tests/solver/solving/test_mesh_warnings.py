@@ -164,6 +164,6 @@ def test_quadratic_elements_are_warned_of_a_mesh_for_bilinear_ones_where_they_lo
 def test_quadratic_elements_on_blocks_are_compared_with_the_initial_mesh() -> None:
     nodes = em.Mesh.uniform(em.Grid(n_xi=17, n_eta=17))
     domain = em.Blocks.of_mesh(nodes.points, nodes.cells, nodes.sides)
-    problem = em.BlockProblem(monitor=em.LeastError(u=em.Expression("cos(3*x)*exp(y)")), domain=domain)
+    problem = em.Problem(monitor=em.LeastError(u=em.Expression("cos(3*x)*exp(y)")), domain=domain)
     warnings = em.solve(problem).certificate.warnings
     assert any("quadratic ones interpolate u worse on it than on the initial mesh" in one for one in warnings)

@@ -57,7 +57,7 @@ def test_on_blocks_the_solution_is_that_of_the_round() -> None:
     domain = l_shape(300)
     mesh = domain.mesh
     values = np.tanh(9 * (mesh.x + mesh.y - 1))
-    problem = em.BlockProblem(monitor=em.NodalSolution(u=em.QuadField(mesh=mesh, values=values)), domain=domain)
+    problem = em.Problem(monitor=em.NodalSolution(u=em.QuadField(mesh=mesh, values=values)), domain=domain)
     solution = em.solve(problem, threads=1)
     found = em.adapt_round(mesh, values, domain)
     assert np.array_equal(solution.mesh.points, found.mesh.points)
@@ -73,6 +73,6 @@ def test_values_on_a_mesh_of_another_kind_are_refused() -> None:
     of_grid = em.NodalSolution(u=em.NodalField(mesh=grid, values=grid.x))
     of_blocks = em.NodalSolution(u=em.QuadField(mesh=domain.mesh, values=domain.mesh.x))
     with pytest.raises(em.InputError, match="on a mesh of a grid and the domain is in blocks"):
-        em.BlockProblem(monitor=of_grid, domain=domain)
+        em.Problem(monitor=of_grid, domain=domain)
     with pytest.raises(em.InputError, match="on a mesh of a grid and the domain is in blocks"):
         em.solve(em.Problem(monitor=of_blocks, grid=grid.grid))

@@ -119,10 +119,10 @@ DIAGONAL = em.Expression("tanh(25*(x + 0.7*y - 0.1))")
 @pytest.mark.parametrize("bound", [60.0, 45.0])
 def test_on_blocks_oblique_corners_become_dearer_until_the_bound_holds(bound: float) -> None:
     domain = l_shape(1000)
-    free = em.solve(em.BlockProblem(monitor=em.LeastError(u=DIAGONAL), domain=domain))
+    free = em.solve(em.Problem(monitor=em.LeastError(u=DIAGONAL), domain=domain))
     assert free.faces.non_orthogonality > 60.0
     monitor = em.LeastError(u=DIAGONAL, orthogonality=bound)
-    solution = em.solve(em.BlockProblem(monitor=monitor, domain=domain))
+    solution = em.solve(em.Problem(monitor=monitor, domain=domain))
     assert solution.faces.non_orthogonality <= bound
     assert any("oblique corners" in text for text in solution.certificate.warnings)
     assert solution.interpolation is not None
@@ -135,6 +135,6 @@ def test_on_blocks_oblique_corners_become_dearer_until_the_bound_holds(bound: fl
 def test_on_blocks_the_initial_mesh_is_left_where_no_weight_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(orthogonality, "OBLIQUENESS_TRIALS", ())
     monitor = em.LeastError(u=DIAGONAL, orthogonality=45.0)
-    solution = em.solve(em.BlockProblem(monitor=monitor, domain=l_shape(300)))
+    solution = em.solve(em.Problem(monitor=monitor, domain=l_shape(300)))
     assert solution.mesh is solution.initial
     assert "left no mesh but the initial one" in solution.note

@@ -112,6 +112,6 @@ def test_the_second_grid_begins_where_the_first_has_ended() -> None:
 def test_blocks_have_no_grid_to_find() -> None:
     corners = {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]}
     blocks = em.Blocks.of({"vertices": corners, "blocks": [{"corners": list("abcd"), "cells": [4, 4]}]})
-    with pytest.raises(em.InputError, match="refine the blocks, and solve a BlockProblem") as caught:
+    with pytest.raises(em.InputError, match="refine the blocks, and solve a Problem of them") as caught:
         em.solve_to(em.Target(error=1e-3), monitor=MONITOR, domain=blocks)  # type: ignore[arg-type]
     assert caught.value.field == "domain"

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from equimesh import AnnulusSector, Blocks, BlockSchwarz, Curve, Domain, InputError, Quadrilateral, Rectangle
+from equimesh import AnnulusSector, Blocks, Curve, Domain, InputError, Quadrilateral, Rectangle, Schwarz
 from equimesh.specs import build, build_domain, count_points, load
 from equimesh.specs.spec import NOT_WITH_BLOCKS
 
@@ -138,9 +138,9 @@ def test_what_goes_with_a_grid_is_refused_on_blocks() -> None:
 def test_schwarz_between_blocks() -> None:
     blocks = {**BLOCKS, "blocks": [{**BLOCKS["blocks"][0], "name": "one"}]}
     document: dict[str, Any] = {"monitor": {"kind": "least_error", "u": "x*y"}, "domain": {"kind": "blocks", **blocks}}
-    assert build({**document, "schwarz": {}}).schwarz == BlockSchwarz()
+    assert build({**document, "schwarz": {}}).schwarz == Schwarz()
     built = build({**document, "schwarz": {"overlap": 2, "groups": [["one"]]}})
-    assert (built.schwarz, built.grid_schwarz) == (BlockSchwarz(overlap=2, groups=[["one"]]), None)
+    assert (built.schwarz, built.grid_schwarz) == (Schwarz(overlap=2, groups=[["one"]]), None)
     for settings, field in (
         ({"overlap": 0}, "schwarz.overlap"),
         ({"subdomains": [2, 1]}, "schwarz.subdomains"),

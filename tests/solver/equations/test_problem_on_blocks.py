@@ -14,7 +14,7 @@ U = em.Expression("tanh(9*(x + y))")
 
 @pytest.mark.parametrize("monitor", [em.LeastError(u=U), em.Auto(u=U)])
 def test_monitors_are_bound_to_the_domain(monitor: em.LeastError | em.Auto) -> None:
-    problem = em.BlockProblem(monitor=monitor, domain=l_shape(300))
+    problem = em.Problem(monitor=monitor, domain=l_shape(300))
     assert problem.points == problem.domain.points
     assert problem.monitor.on(problem.domain) is problem.monitor
 
@@ -31,7 +31,7 @@ def test_monitors_are_bound_to_the_domain(monitor: em.LeastError | em.Auto) -> N
 )
 def test_other_requests_are_refused_with_what_to_do(monitor: em.Monitor, field: str, text: str) -> None:
     with pytest.raises(em.InputError, match=re.escape(text)) as caught:
-        em.BlockProblem(monitor=monitor, domain=l_shape(300))  # type: ignore[arg-type]
+        em.Problem(monitor=monitor, domain=l_shape(300))
     assert caught.value.field == field
 
 
@@ -39,13 +39,27 @@ def test_a_round_does_not_bound_angles() -> None:
     domain = l_shape(300)
     u = em.QuadField(mesh=domain.mesh, values=domain.mesh.x)
     with pytest.raises(em.InputError, match="take LeastError with the same values") as caught:
-        em.BlockProblem(monitor=em.NodalSolution(u=u, orthogonality=50.0), domain=domain)
+        em.Problem(monitor=em.NodalSolution(u=u, orthogonality=50.0), domain=domain)
     assert caught.value.field == "monitor.orthogonality"
 
 
-def test_domains_of_the_other_problem_are_named() -> None:
-    with pytest.raises(em.InputError, match=r"domain is of type Rectangle, .* Blocks\.of") as caught:
-        em.BlockProblem(monitor=em.Auto(u=U), domain=em.Rectangle())  # type: ignore[arg-type]
-    assert caught.value.field == "domain"
-    with pytest.raises(em.InputError, match="BlockProblem"):
-        em.Problem(monitor=em.Auto(u=U), grid=em.Grid(n_xi=5, n_eta=5), domain=l_shape(300))  # type: ignore[arg-type]
+def test_blocks_have_no_grid_and_domains_with_four_sides_need_one() -> None:
+    domain, grid = l_shape(300), em.Grid(n_xi=5, n_eta=5)
+    with pytest.raises(em.InputError, match="leave the grid out, and refine the blocks") as caught:
+        em.Problem(monitor=em.Auto(u=U), grid=grid, domain=domain)
+    assert caught.value.field == "grid"
+    with pytest.raises(em.InputError, match="leave the boundary out") as caught:
+        em.Problem(monitor=em.Auto(u=U), boundary=em.Boundary.ORTHOGONAL, domain=domain)
+    assert caught.value.field == "boundary"
+    with pytest.raises(em.InputError, match=r"give Grid\(n_xi=") as caught:
+        em.Problem(monitor=em.Auto(u=U), domain=em.Rectangle())
+    assert caught.value.field == "grid"
+
+
+@pytest.mark.parametrize("now", ["Problem", "Solution", "Schwarz"])
+def test_names_before_say_the_name_now(now: str) -> None:
+    name = f"Block{now}"
+    with pytest.raises(AttributeError, match=f"equimesh.{name} is equimesh.{now} now"):
+        getattr(em, name)
+    assert name not in em.__all__
+    assert now in em.__all__
