@@ -11,7 +11,7 @@ from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective, Weights
-from equimesh.least_error.ways import coordinates_of
+from equimesh.least_error.starts import coordinates_of
 from equimesh.numerics.types import Array
 
 RING = em.Expression("tanh(12*((x - 0.4)**2 + (y - 0.6)**2 - 0.2))")

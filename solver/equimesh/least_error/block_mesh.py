@@ -27,7 +27,7 @@ from equimesh.least_error.kernels import Norm
 from equimesh.least_error.lifting import SMALLEST_SHARE, Lifting, along, mended
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.paved import is_paved
-from equimesh.least_error.ways import Patch, equidistributed, resampled
+from equimesh.least_error.starts import Patch, equidistributed, resampled
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 from equimesh_coupling.parts import cuts_at_corners
@@ -139,7 +139,7 @@ class Place:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BlockWay:
+class BlockStart:
     """The first meshes on the levels of a domain in blocks."""
 
     name: str
@@ -215,32 +215,34 @@ class BlockNest:
         """The initial mesh of the domain."""
         return self.on(level).first.unknowns
 
-    def start(self, way: BlockWay, level: BlockLevel) -> Array:
-        """The first mesh of a way."""
-        if level.number not in way.starts:
-            way.starts[level.number] = self.initial(level) if way.lines is None else self._straight(way.lines, level)
-        return way.starts[level.number]
+    def first_mesh(self, origin: BlockStart, level: BlockLevel) -> Array:
+        """The first mesh of a start on this level."""
+        if level.number not in origin.starts:
+            origin.starts[level.number] = (
+                self.initial(level) if origin.lines is None else self._straight(origin.lines, level)
+            )
+        return origin.starts[level.number]
 
-    def uniform(self) -> BlockWay:
-        """The way from the initial mesh."""
-        return BlockWay(name="initial")
+    def uniform(self) -> BlockStart:
+        """The start from the initial mesh."""
+        return BlockStart(name="initial")
 
-    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> BlockWay | None:
-        """The way from straight lines of each block, at most ``most`` of each family; none on paved meshes."""
+    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> BlockStart | None:
+        """The start from straight lines of each block, at most ``most`` of each family; none on paved meshes."""
         if self.is_paved:
             return None
         counts = [min(cells + 1, most) for cells in self.families.finest]
         lines = equidistributed(u, self._patches, counts, norm, floor)
-        return None if lines is None else BlockWay(name="rectilinear", lines=tuple(lines))
+        return None if lines is None else BlockStart(name="rectilinear", lines=tuple(lines))
 
-    def given(self, mesh: QuadMesh) -> BlockWay:
-        """The way from a mesh of the finest level."""
+    def given(self, mesh: QuadMesh) -> BlockStart:
+        """The start from a mesh of the finest level."""
         finest = self.levels[-1]
-        return BlockWay(name="given", starts={finest.number: self.on(finest).of_points(mesh.points).unknowns})
+        return BlockStart(name="given", starts={finest.number: self.on(finest).of_points(mesh.points).unknowns})
 
-    def from_coarse(self, mesh: QuadMesh) -> BlockWay:  # noqa: ARG002
-        """The way that continues from such a mesh on a coarse level: distortion is that of the initial mesh."""
-        return BlockWay(name="given")
+    def from_coarse(self, mesh: QuadMesh) -> BlockStart:  # noqa: ARG002
+        """The start that continues from such a mesh on a coarse level: distortion is that of the initial mesh."""
+        return BlockStart(name="given")
 
     def sampled(self, mesh: QuadMesh, level: BlockLevel) -> Array | None:
         """A mesh of the finest level on a coarser one; ``None`` where it is folded there."""
@@ -248,15 +250,15 @@ class BlockNest:
         return sampled if self.min_jacobian(level, sampled) > 0.0 else None
 
     def is_folded(self, mesh: Array, level: BlockLevel) -> bool:  # noqa: ARG002
-        """False: folded first meshes are no ways."""
+        """False: folded first meshes are no starts."""
         return False
 
     def lifted(
-        self, way: BlockWay, mesh: Array, coarse: BlockLevel, fine: BlockLevel, objective: Callable[[], Objective]
+        self, origin: BlockStart, mesh: Array, coarse: BlockLevel, fine: BlockLevel, objective: Callable[[], Objective]
     ) -> Array:
         """A mesh on a finer level."""
         here, there = self.on(coarse), self.on(fine)
-        first, start = Place(here, self.start(way, coarse)), Place(there, self.start(way, fine))
+        first, start = Place(here, self.first_mesh(origin, coarse)), Place(there, self.first_mesh(origin, fine))
         return Place(here, mesh).lifted(first, start, objective(), is_regular=self.is_regular).unknowns
 
     def grid(self, level: BlockLevel) -> None:  # noqa: ARG002

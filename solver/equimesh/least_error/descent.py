@@ -17,7 +17,7 @@ from equimesh.inputs import finite_or_none
 from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.objective import Evaluation, Objective
-from equimesh.least_error.ways import product
+from equimesh.least_error.starts import product
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array

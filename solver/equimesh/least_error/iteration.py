@@ -15,15 +15,15 @@ from typing import Any
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
-from equimesh.least_error.block_mesh import BlockNest, BlockWay
+from equimesh.least_error.block_mesh import BlockNest, BlockStart
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import Descent, StraightLines, descend
 from equimesh.least_error.kernels import Norm, Rule
-from equimesh.least_error.nest import Level, Nest, Way, last_compared
+from equimesh.least_error.nest import Level, Nest, Start, last_compared
 from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.paved import descend_paved, paved_steps
 from equimesh.least_error.restricted import Merged
-from equimesh.least_error.ways import GridNest
+from equimesh.least_error.starts import GridNest
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
@@ -34,7 +34,7 @@ MAX_LINES = 17
 MAX_FINE_LINES = 257
 """Lines of each family, at most, of the start that is taken."""
 FLOORS = (1.0, 0.1, 0.01)
-"""Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.ways.equidistributed`."""
+"""Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.starts.equidistributed`."""
 MAX_GAIN_POINTS = 129 * 129
 """Points of the finest mesh on which the errors of other meshes are measured, for the records and to choose a start.
 
@@ -57,7 +57,7 @@ Second differences fall with the square of the spacing. Times the number of cell
 for one map on all meshes.
 """
 IRREGULAR_STEPS = 1.5
-"""How many times the usual steps are taken where lines end inside the domain: nodes there have longer ways."""
+"""How many times the usual steps are taken where lines end inside the domain: nodes there have farther to go."""
 IRREGULAR_DISTORTION = 6.0
 """How many times the usual weight distortion has there: cells are bent around such nodes."""
 OBLIQUENESS_WEIGHT = 10.0
@@ -65,7 +65,7 @@ OBLIQUENESS_WEIGHT = 10.0
 MARGIN_DEGREES = 10.0
 """The distance from the limit at which corners begin to have weight: some always go beyond."""
 MAX_VALUE_POINTS = 9 * 9
-"""Points of meshes on which the error of u leads the way to a small error of the gradient: it finds fronts surer."""
+"""Points of meshes on which the error of u leads a descent for its gradient: it finds fronts more surely."""
 MORE_SLOPE_POINTS = 1
 """Gauss points a direction in addition for errors of the gradient, which are small at the points of a lean rule."""
 FINER_POINTS = 4
@@ -82,10 +82,10 @@ def weights_of(distortion: float, smoothness: float, cells: int) -> Weights:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reached:
+class DescentEnd:
     """The end of a descent on one of the nested meshes."""
 
-    way: Way
+    origin: Start
     level: Level
     mesh: Array
     """The unknowns, shape ``(2, nodes)``: reference coordinates on a grid."""
@@ -135,7 +135,7 @@ class LeastErrorSolve:
         return min(self.effort, MAX_MORE_STEPS) * (1.0 if self.nest.is_regular else IRREGULAR_STEPS)
 
     def steps(
-        self, start: Mesh | QuadMesh | None = None, *, uniform_only: bool = False, coarse: Reached | None = None
+        self, start: Mesh | QuadMesh | None = None, *, uniform_only: bool = False, coarse: DescentEnd | None = None
     ) -> Iterator[Descent]:
         """The records of all steps; the mesh of the last one is the result.
 
@@ -152,39 +152,41 @@ class LeastErrorSolve:
             coarse = yield from self._coarse(levels[: last_compared(levels) + 2], None, uniform_only=uniform_only)
         elif coarse.level.is_finest:
             yield coarse.record
-        yield from self._climb(coarse.way, levels[coarse.level.number + 1 :], coarse)
+        yield from self._climb(coarse.origin, levels[coarse.level.number + 1 :], coarse)
 
-    def coarse(self, level: Level) -> Generator[Descent, None, Reached]:
+    def coarse(self, level: Level) -> Generator[Descent, None, DescentEnd]:
         """The records of the descent to one of the nested meshes; returns its end."""
         return self._coarse(self.levels[: level.number + 1], None, uniform_only=False)
 
-    def lifted_error(self, reached: Reached) -> float:
+    def lifted_error(self, reached: DescentEnd) -> float:
         """The error of a mesh on the next finer level, which tells more of how the descent will end there."""
         if reached.level.is_finest:
             return reached.record.error
         level = self.levels[reached.level.number + 1]
-        return self._objective(level, reached.way, self.monitor.norm, FINER_POINTS).error(self._lifted(reached, level))
+        return self._objective(level, reached.origin, self.monitor.norm, FINER_POINTS).error(
+            self._lifted(reached, level)
+        )
 
-    def initial_error(self, reached: Reached) -> float:
+    def initial_error(self, reached: DescentEnd) -> float:
         """The error of the initial mesh where :meth:`lifted_error` is measured."""
         level = self.levels[min(reached.level.number + 1, len(self.levels) - 1)]
-        return self._objective(level, reached.way, self.monitor.norm, FINER_POINTS).error(self.nest.initial(level))
+        return self._objective(level, reached.origin, self.monitor.norm, FINER_POINTS).error(self.nest.initial(level))
 
     def _continue(self, start: Mesh | QuadMesh) -> Iterator[Descent]:
         """The records of the steps from a given mesh."""
         *coarse, finest = self.levels
         given = self.nest.given(start)
-        mesh = self.nest.start(given, finest)
+        mesh = self.nest.first_mesh(given, finest)
         if coarse:
             reached = yield from self._coarse(coarse, start, uniform_only=False)
             if self._lifted_error(reached, finest) < self._error(given, finest, mesh):
-                yield from self._climb(reached.way, [finest], reached)
+                yield from self._climb(reached.origin, [finest], reached)
                 return
         yield from self._descend(given, finest, mesh)
 
     def _coarse(
         self, levels: Sequence[Level], start: Mesh | QuadMesh | None, *, uniform_only: bool
-    ) -> Generator[Descent, None, Reached]:
+    ) -> Generator[Descent, None, DescentEnd]:
         """The descents from all starts, up to the last of the ``levels`` for the best of them."""
         last = last_compared(levels)
         coarse, fine = levels[: last + 1], levels[last + 1 :]
@@ -192,64 +194,66 @@ class LeastErrorSolve:
         if start is not None:
             reached += yield from self._from_given(coarse[-1], start)
         if not reached:
-            for way in [self.nest.uniform()] if uniform_only else self._ways(coarse[-1]):
-                reached.append((yield from self._climb(way, coarse)))
+            for origin in [self.nest.uniform()] if uniform_only else self._starts_of(coarse[-1]):
+                reached.append((yield from self._climb(origin, coarse)))
         if not fine:
             best = min(reached, key=lambda end: end.record.error)
             if best is not reached[-1]:
                 yield best.record
             return best
         best = min(reached, key=lambda end: self._lifted_error(end, fine[0])) if len(reached) > 1 else reached[0]
-        return (yield from self._climb(best.way, fine, best))
+        return (yield from self._climb(best.origin, fine, best))
 
-    def _lifted(self, reached: Reached, level: Level) -> Array:
-        """A mesh on the next finer level, or the first mesh of its way there where that has a much smaller error.
+    def _lifted(self, reached: DescentEnd, level: Level) -> Array:
+        """A mesh on the next finer level, or the first mesh of its start there where that has a much smaller error.
 
         Straight lines are drawn for each level anew, and can meet a thin layer better than a mesh from a coarse one.
         Where lines end inside, the initial mesh can be better, too. On fine meshes the coarser one has met it.
         """
-        way, norm = reached.way, self._norm(level)
-        lifted = self.nest.lifted(way, reached.mesh, reached.level, level, lambda: self._objective(level, way, norm))
-        if (way.is_uniform and self.nest.is_regular) or level.points > MAX_GAIN_POINTS:
+        origin, norm = reached.origin, self._norm(level)
+        lifted = self.nest.lifted(
+            origin, reached.mesh, reached.level, level, lambda: self._objective(level, origin, norm)
+        )
+        if (origin.is_uniform and self.nest.is_regular) or level.points > MAX_GAIN_POINTS:
             return lifted
-        start = self.nest.start(way, level)
-        most = MAX_LIFTED_ERRORS[self.monitor.norm] * self._error(way, level, start)
-        return lifted if self._error(way, level, lifted) <= most else start
+        start = self.nest.first_mesh(origin, level)
+        most = MAX_LIFTED_ERRORS[self.monitor.norm] * self._error(origin, level, start)
+        return lifted if self._error(origin, level, lifted) <= most else start
 
-    def _lifted_error(self, reached: Reached, level: Level) -> float:
+    def _lifted_error(self, reached: DescentEnd, level: Level) -> float:
         """The error of a mesh on the next finer level."""
-        return self._error(reached.way, level, self._lifted(reached, level))
+        return self._error(reached.origin, level, self._lifted(reached, level))
 
-    def _error(self, way: Way, level: Level, mesh: Array) -> float:
+    def _error(self, origin: Start, level: Level, mesh: Array) -> float:
         """The error of a mesh of a level."""
-        objective = self._objective(level, way, self._norm(level))
+        objective = self._objective(level, origin, self._norm(level))
         objective.cut(mesh)
         return objective.error(mesh)
 
-    def _ways(self, level: Level) -> Iterator[Way]:
-        """The ways that are compared: from the uniform mesh, and from the best rectilinear one if that is better."""
+    def _starts_of(self, level: Level) -> Iterator[Start]:
+        """The starts that are compared: from the uniform mesh, and from the best rectilinear one if that is better."""
         uniform = self.nest.uniform()
         yield uniform
         norm = self._norm(level)
         objective = self._objective(level, uniform, norm)
-        best, least = None, objective.error(self.nest.start(uniform, level))
+        best, least = None, objective.error(self.nest.first_mesh(uniform, level))
         if not least > objective.rounding:
             return
         for floor in FLOORS:
-            way = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_LINES, floor)
-            if way is None:
+            origin = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_LINES, floor)
+            if origin is None:
                 continue
-            mesh = self.nest.start(way, level)
+            mesh = self.nest.first_mesh(origin, level)
             if objective.smallest_share(mesh) > 0.0:
                 error = objective.error(mesh)
                 if error < least:
                     best, least = floor, error
         if best is not None:
-            way = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_FINE_LINES, best)
-            if way is not None:
-                yield way
+            origin = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_FINE_LINES, best)
+            if origin is not None:
+                yield origin
 
-    def _from_given(self, level: Level, start: Mesh | QuadMesh) -> Generator[Descent, None, list[Reached]]:
+    def _from_given(self, level: Level, start: Mesh | QuadMesh) -> Generator[Descent, None, list[DescentEnd]]:
         """The end of the descent from a given mesh, on a coarse level; none where it is folded there."""
         sampled = self.nest.sampled(start, level)
         if sampled is None:
@@ -257,29 +261,29 @@ class LeastErrorSolve:
         return [(yield from self._descend(self.nest.from_coarse(start), level, sampled))]
 
     def _climb(
-        self, way: Way, levels: Sequence[Level], before: Reached | None = None
-    ) -> Generator[Descent, None, Reached]:
-        """Descent on each of the levels, from the mesh of the level before it; a way begins where it is not folded."""
+        self, origin: Start, levels: Sequence[Level], before: DescentEnd | None = None
+    ) -> Generator[Descent, None, DescentEnd]:
+        """Descent on each level, from the mesh of the level before it; a start begins where it is not folded."""
         if before is None:
-            valid = [level for level in levels if not self.nest.is_folded(self.nest.start(way, level), level)]
+            valid = [level for level in levels if not self.nest.is_folded(self.nest.first_mesh(origin, level), level)]
             levels = valid or levels[-1:]
         for level in levels:
-            start = self.nest.start(way, level) if before is None else self._lifted(before, level)
-            before = yield from self._descend(way, level, start)
+            start = self.nest.first_mesh(origin, level) if before is None else self._lifted(before, level)
+            before = yield from self._descend(origin, level, start)
         if before is None:
             raise AssertionError("there is at least one level")
         return before
 
-    def _descend(self, way: Way, level: Level, start: Array) -> Generator[Descent, None, Reached]:
+    def _descend(self, origin: Start, level: Level, start: Array) -> Generator[Descent, None, DescentEnd]:
         """Descent on one level."""
         norm = self._norm(level)
-        objective = self._objective(level, way, norm)
+        objective = self._objective(level, origin, norm)
         start = objective.held(start)
-        objective = self._enough(objective, level, way, start)
+        objective = self._enough(objective, level, origin, start)
         objective.cut(start)
-        # Records are in the requested norm, also where another one leads the way.
+        # Records are in the requested norm, also where another one leads the descent.
         is_other = norm != self.monitor.norm
-        measured = self._objective(level, way, self.monitor.norm) if is_other else objective
+        measured = self._objective(level, origin, self.monitor.norm) if is_other else objective
         uniform_error = None
         if level.points <= MAX_GAIN_POINTS:
             uniform_error = measured.error(self.nest.initial(level))
@@ -298,19 +302,19 @@ class LeastErrorSolve:
                 distortion=distortion,
                 min_jacobian=self.nest.min_jacobian(level, mesh),
                 mesh=self.nest.mesh(level, mesh),
-                start=way.name,
+                start=origin.name,
             )
 
         mesh, last = start, None
-        for step, (mesh, now) in enumerate(self._moves(objective, level, way, start)):
+        for step, (mesh, now) in enumerate(self._moves(objective, level, origin, start)):
             last = record(step, mesh, measured.error(mesh) if is_other else now.error, now.distortion)
             yield last
         if last is None:
             last = record(0, start, measured.error(start), 0.0)
             yield last
-        return Reached(way=way, level=level, mesh=mesh, record=last)
+        return DescentEnd(origin=origin, level=level, mesh=mesh, record=last)
 
-    def _enough(self, objective: Objective, level: Level, way: Way, start: Array) -> Objective:
+    def _enough(self, objective: Objective, level: Level, origin: Start, start: Array) -> Objective:
         """The objective with enough Gauss points for the mesh that a descent begins with.
 
         Where u is singular at a corner that turns inwards, or a front narrower than a cell, few points see little of
@@ -318,7 +322,7 @@ class LeastErrorSolve:
         """
         if self.nest.is_regular or level.points > MAX_CHECKED_POINTS or level.gauss_points >= FINER_POINTS:
             return objective
-        finer = self._objective(level, way, self._norm(level), FINER_POINTS)
+        finer = self._objective(level, origin, self._norm(level), FINER_POINTS)
         here, there = objective.error(start), finer.error(start)
         return objective if abs(there - here) <= MAX_RULE_CHANGE * here else finer
 
@@ -341,14 +345,14 @@ class LeastErrorSolve:
     def follow(self, start: Array, first: Array) -> None:
         """Descend in the subdomains of this part, where another part leads the same solve, from the mesh ``first``.
 
-        ``start`` is the first mesh of its way.
+        ``start`` is the first mesh of its start.
         """
         finest = self.levels[-1]
-        way = BlockWay(name="", starts={finest.number: start})
-        objective = self._objective(finest, way, self.monitor.norm)
-        objective = self._enough(objective, finest, way, first)
+        origin = BlockStart(name="", starts={finest.number: start})
+        objective = self._objective(finest, origin, self.monitor.norm)
+        objective = self._enough(objective, finest, origin, first)
         objective.cut(first)
-        for _ in self._moves(objective, finest, way, first):
+        for _ in self._moves(objective, finest, origin, first):
             pass
 
     def _most_steps(self, level: Level) -> int:
@@ -363,7 +367,7 @@ class LeastErrorSolve:
         return isinstance(self.nest, BlockNest) and self.nest.is_paved
 
     def _moves(
-        self, objective: Objective, level: Level, way: Way, start: Array
+        self, objective: Objective, level: Level, origin: Start, start: Array
     ) -> Iterator[tuple[Array, Evaluation | Merged]]:
         """The meshes of a descent on one level: of all nodes, of straight lines, or of subdomains."""
         least, steps, nest = MIN_DECREASE / self.effort, self._most_steps(level), self.nest
@@ -377,7 +381,7 @@ class LeastErrorSolve:
             )
         elif self.subdomains is not None and level.is_finest and isinstance(self.domain, Blocks):
             if self.subdomains.channel.number == LEADER:
-                self.subdomains.lead(self.weights, nest.start(way, level), start)
+                self.subdomains.lead(self.weights, nest.first_mesh(origin, level), start)
             yield from self.subdomains.descend(objective, self.domain.mesh, start, steps, least, self.threads)
         else:
             yield from descend(objective, start, steps, least)
@@ -393,7 +397,7 @@ class LeastErrorSolve:
         """The norm of the error that the descent on a level lowers."""
         return "l2" if level.points <= MAX_VALUE_POINTS and not level.is_finest else self.monitor.norm
 
-    def _objective(self, level: Level, way: Way, norm: Norm, gauss_points: int | None = None) -> Objective:
+    def _objective(self, level: Level, origin: Start, norm: Norm, gauss_points: int | None = None) -> Objective:
         points = (gauss_points or level.gauss_points) + (MORE_SLOPE_POINTS if norm == "h1" else 0)
         # Cells that move far are cut the other way, which a descent on triangles does not see.
         kind = self.monitor.cells if level.is_finest else "quad"
@@ -405,7 +409,7 @@ class LeastErrorSolve:
             limit = 1.0 / math.tan(math.radians(self.smallest_angle + MARGIN_DEGREES))
             weights = replace(weights, obliqueness=self.obliqueness, largest_cotangent=limit)
         rule = Rule(norm=norm, cells=kind, points=points)
-        chart, start = self.nest.chart(level), self.nest.start(way, level)
+        chart, start = self.nest.chart(level), self.nest.first_mesh(origin, level)
         objective = Objective(self.monitor.u, chart, cells, start, weights, rule, self.threads)
         objective.bound_cut_off(self.nest.initial(level), self._finest_cells / cells.count)
         return objective

@@ -37,7 +37,7 @@ class Line:
 
 
 class Lifting:
-    """The way from values at the nodes of a ``coarse`` level to those of a ``fine`` one."""
+    """Interpolation of values at the nodes of a ``coarse`` level to those of a ``fine`` one."""
 
     def __init__(self, coarse: BlockLevel, fine: BlockLevel) -> None:
         self.coarse, self.fine = coarse, fine
@@ -169,7 +169,7 @@ SMALLEST_SHARE = 1e-2
 MENDED_SHARE = 1.5e-2
 """The share of a corner whose nodes have moved along its derivatives."""
 MAX_ROUNDS = 60
-"""Rounds of either way, at most."""
+"""Most rounds of one kind of mending."""
 ROUNDS_OF_MEANS = 10
 """Rounds after which the displacements are shortened, too: beside a bent curve equal ones can fold."""
 SHORTENING = 0.8
@@ -177,7 +177,7 @@ SHORTENING = 0.8
 
 
 class Round(NamedTuple):
-    """What a way of mending sees: nodes at ``start`` and now, and numbers of the cells that can be folded."""
+    """What mending sees: nodes at ``start`` and now, and numbers of the cells that can be folded."""
 
     cells: Cells
     start: Array
@@ -189,7 +189,7 @@ class Round(NamedTuple):
     """Rounds before this one."""
 
 
-Way: TypeAlias = Callable[[Round], tuple[IntArray, Array]]
+Mend: TypeAlias = Callable[[Round], tuple[IntArray, Array]]
 """The nodes that move in a round, and their moves, shape ``(2, nodes)``."""
 
 
@@ -198,19 +198,19 @@ def mended(chart: CurveChart, cells: Cells, first: Array, mesh: Array) -> Array:
 
     Nodes of curves move along these. ``first`` is a valid mesh.
     """
-    for way in (_projected, _averaged):
-        out, is_mended = _rounds(chart, cells, first, mesh, way)
+    for mend in (_projected, _averaged):
+        out, is_mended = _rounds(chart, cells, first, mesh, mend)
         if is_mended:
             break
     return out
 
 
-def _rounds(chart: CurveChart, cells: Cells, first: Array, mesh: Array, way: Way) -> tuple[Array, bool]:
-    """The mesh after rounds of one way, and whether it has no folds."""
+def _rounds(chart: CurveChart, cells: Cells, first: Array, mesh: Array, mend: Mend) -> tuple[Array, bool]:
+    """The mesh after rounds of mending, and whether it has no folds."""
     start, at = np.stack(chart.nodes(first)), np.stack(chart.nodes(mesh))
     step, out, looked_at = np.zeros_like(mesh), mesh, np.arange(cells.count)
     for done in range(MAX_ROUNDS):
-        nodes, moves = way(Round(cells, start, at, chart.free[0], looked_at, done))
+        nodes, moves = mend(Round(cells, start, at, chart.free[0], looked_at, done))
         if not nodes.size:
             return out, True
         here, now = chart.on(nodes), out[:, nodes]

@@ -105,7 +105,7 @@ def coarse_level(levels: Sequence[AnyLevel]) -> AnyLevel:
     return next((level for level in reversed(finer) if level.points <= MAX_COARSE_POINTS), first)
 
 
-class Way(Protocol):
+class Start(Protocol):
     """Where a descent starts on each of the nested meshes; its distortion is relative to these first meshes."""
 
     @property
@@ -120,10 +120,10 @@ class Way(Protocol):
 
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh | QuadMesh)
-AnyWay = TypeVar("AnyWay", bound=Way)
+AnyStart = TypeVar("AnyStart", bound=Start)
 
 
-class Nest(Protocol[AnyLevel, AnyMesh, AnyWay]):
+class Nest(Protocol[AnyLevel, AnyMesh, AnyStart]):
     """What a solve has to know of a grid on a domain, or of a domain in blocks.
 
     Meshes are arrays of the unknowns of the chart of their level, of shape ``(2, nodes)``.
@@ -152,27 +152,27 @@ class Nest(Protocol[AnyLevel, AnyMesh, AnyWay]):
         """The uniform mesh of a grid, or the initial mesh of a domain in blocks."""
         ...
 
-    def start(self, way: AnyWay, level: AnyLevel) -> Array:
-        """The first mesh of a way."""
+    def first_mesh(self, origin: AnyStart, level: AnyLevel) -> Array:
+        """The first mesh of a start on this level."""
         ...
 
-    def uniform(self) -> AnyWay:
-        """The way from the initial mesh."""
+    def uniform(self) -> AnyStart:
+        """The start from the initial mesh."""
         ...
 
-    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> AnyWay | None:
-        """The way from straight lines, at most ``most`` of each family; ``None`` where there are none.
+    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> AnyStart | None:
+        """The start from straight lines, at most ``most`` of each family; ``None`` where there are none.
 
-        See :func:`~equimesh.least_error.ways.equidistributed`.
+        See :func:`~equimesh.least_error.starts.equidistributed`.
         """
         ...
 
-    def given(self, mesh: AnyMesh) -> AnyWay:
-        """The way from a mesh of the finest level, where no mesh with a lower objective has a larger error."""
+    def given(self, mesh: AnyMesh) -> AnyStart:
+        """The start from a mesh of the finest level, where no mesh with a lower objective has a larger error."""
         ...
 
-    def from_coarse(self, mesh: AnyMesh) -> AnyWay:
-        """The way that continues from such a mesh on a coarse level."""
+    def from_coarse(self, mesh: AnyMesh) -> AnyStart:
+        """The start that continues from such a mesh on a coarse level."""
         ...
 
     def sampled(self, mesh: AnyMesh, level: AnyLevel) -> Array | None:
@@ -184,7 +184,7 @@ class Nest(Protocol[AnyLevel, AnyMesh, AnyWay]):
         ...
 
     def lifted(
-        self, way: AnyWay, mesh: Array, coarse: AnyLevel, fine: AnyLevel, objective: Callable[[], Objective]
+        self, origin: AnyStart, mesh: Array, coarse: AnyLevel, fine: AnyLevel, objective: Callable[[], Objective]
     ) -> Array:
         """A mesh on a finer level, whose ``objective`` is asked for where it may fold."""
         ...

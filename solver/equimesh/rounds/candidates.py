@@ -17,7 +17,7 @@ from equimesh.least_error.iteration import MORE_SLOPE_POINTS, weights_of
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import GridLevel, nested_levels
 from equimesh.least_error.objective import Objective, Weights
-from equimesh.least_error.ways import Way, coordinates_of, mesh_of, rectilinear
+from equimesh.least_error.starts import Start, coordinates_of, mesh_of, rectilinear
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import interpolated_values
 from equimesh.numerics.types import Array
@@ -32,11 +32,11 @@ MIN_DECREASE = 1e-3
 MAX_COMPARED_POINTS = 33 * 33
 """Points of the grid, at most, up to which every candidate is descended."""
 LINE_FLOORS = (1.0, 0.1)
-"""Shares of straight lines for flat parts of u that are tried; see :func:`~equimesh.least_error.ways.rectilinear`."""
+"""Shares of straight lines for flat parts of u that are tried; see :func:`~equimesh.least_error.starts.rectilinear`."""
 MAX_CLIMBING = 2
 """Candidates, at most, that are descended on the last grid of comparison; the others end on the grid before it."""
 MAX_VALUE_POINTS = 17 * 17
-"""Points of the grids on which the error of u leads the way to a small error of the gradient: it finds fronts surer."""
+"""Points of the grids on which the error of u leads a descent for its gradient: it finds fronts more surely."""
 MEASURED_POINTS = 2
 """Gauss points a direction and cell at which candidates are compared; so many were enough for descents, too."""
 PARTS = "parts"
@@ -59,7 +59,7 @@ class Candidate:
     """A mesh of the reference square on the requested grid."""
 
     name: str
-    way: Way
+    origin: Start
     level: GridLevel
     """The finest grid on which it was descended."""
     mesh: Array
@@ -90,8 +90,8 @@ class Search:
         if coarse:
             found = sorted(found, key=lambda one: one.error)[:MAX_CLIMBING]
             found = [again for one in found for again in self._descended_to(one, last)]
-            if not any(one.way.is_uniform for one in found) and (started := self._started([last])):
-                found += self._climb(Way.uniform(PARTS), [last], started[1])
+            if not any(one.origin.is_uniform for one in found) and (started := self._started([last])):
+                found += self._climb(Start.uniform(PARTS), [last], started[1])
         yield from found
         if straight is not None:
             yield straight
@@ -108,10 +108,10 @@ class Search:
             started = self._started(levels[first:] or levels)
             if started and (started[0].number, weights) not in begun:
                 begun.add((started[0].number, weights))
-                yield from self._climb(Way.uniform(name), levels[started[0].number :], started[1])
+                yield from self._climb(Start.uniform(name), levels[started[0].number :], started[1])
         if straight is not None:
-            way, first_level = replace(straight.way, name=LINES), (levels[1:] or levels)[0]
-            yield from self._climb(way, levels[first_level.number :], way.start(first_level.grid))
+            origin, first_level = replace(straight.origin, name=LINES), (levels[1:] or levels)[0]
+            yield from self._climb(origin, levels[first_level.number :], origin.first_mesh(first_level.grid))
 
     def _straight(self) -> Candidate | None:
         """The better of the meshes of straight lines."""
@@ -120,23 +120,25 @@ class Search:
         for floor in LINE_FLOORS:
             lines = rectilinear(self.u, self.domain, level.grid.shape, self.norm, floor)
             if lines is not None:
-                way = Way(name=STRAIGHT, s=lines[0], t=lines[1])
-                found += self._candidate(way, level, way.start(level.grid))
+                origin = Start(name=STRAIGHT, s=lines[0], t=lines[1])
+                found += self._candidate(origin, level, origin.first_mesh(level.grid))
         return min(found, key=lambda one: one.error, default=None)
 
     def _descended_to(self, candidate: Candidate, level: GridLevel) -> Iterator[Candidate]:
         """The candidate after the descent on one more level; none where it is folded."""
-        mesh = _lifted(candidate.way, candidate.coarse, candidate.level, level)
-        mesh = self._descended(candidate.way, level, mesh, MIN_DECREASE)
-        yield from self._candidate(candidate.way, level, mesh)
+        mesh = _lifted(candidate.origin, candidate.coarse, candidate.level, level)
+        mesh = self._descended(candidate.origin, level, mesh, MIN_DECREASE)
+        yield from self._candidate(candidate.origin, level, mesh)
 
     def finished(self, candidate: Candidate) -> Candidate:
         """The candidate after descents on the finer grids; itself where these do not lower its error."""
         levels, at, mesh = self._levels, candidate.level, candidate.coarse
         for level in levels[at.number + 1 :] or [at]:
-            mesh = self._descended(candidate.way, level, _lifted(candidate.way, mesh, at, level), min_decrease=0.0)
+            mesh = self._descended(
+                candidate.origin, level, _lifted(candidate.origin, mesh, at, level), min_decrease=0.0
+            )
             at = level
-        return min([candidate, *self._candidate(candidate.way, at, mesh)], key=lambda one: one.error)
+        return min([candidate, *self._candidate(candidate.origin, at, mesh)], key=lambda one: one.error)
 
     def _started(self, levels: list[GridLevel]) -> tuple[GridLevel, Array] | None:
         """The mesh before on the first of the levels on whose grid it is not folded, with the level.
@@ -151,31 +153,31 @@ class Search:
                     return level, reduced
         return None
 
-    def _climb(self, way: Way, levels: list[GridLevel], mesh: Array) -> Iterator[Candidate]:
+    def _climb(self, origin: Start, levels: list[GridLevel], mesh: Array) -> Iterator[Candidate]:
         """The end of the descents from a mesh on the first of the levels."""
         at = levels[0]
         for level in levels:
-            mesh = self._descended(way, level, _lifted(way, mesh, at, level), MIN_DECREASE)
+            mesh = self._descended(origin, level, _lifted(origin, mesh, at, level), MIN_DECREASE)
             at = level
-        yield from self._candidate(way, at, mesh)
+        yield from self._candidate(origin, at, mesh)
 
-    def _candidate(self, way: Way, level: GridLevel, coarse: Array) -> Iterator[Candidate]:
+    def _candidate(self, origin: Start, level: GridLevel, coarse: Array) -> Iterator[Candidate]:
         """The candidate with a mesh on the grid of a level; none where it is folded on the domain, or u not finite."""
-        mesh = _lifted(way, coarse, level, self._levels[-1])
+        mesh = _lifted(origin, coarse, level, self._levels[-1])
         square = mesh_of(mesh, self.before.grid)
         if not (square.is_folded or map_mesh(square, self.domain).is_folded):
             error = self.error_on(square)
             if np.isfinite(error):
-                yield Candidate(name=way.name, way=way, level=level, mesh=mesh, coarse=coarse, error=error)
+                yield Candidate(name=origin.name, origin=origin, level=level, mesh=mesh, coarse=coarse, error=error)
 
-    def _descended(self, way: Way, level: GridLevel, mesh: Array, min_decrease: float) -> Array:
+    def _descended(self, origin: Start, level: GridLevel, mesh: Array, min_decrease: float) -> Array:
         """The mesh after the steps of a level."""
         steps = next((steps for points, steps in STEPS if level.grid.points <= points), STEPS_BEYOND)
-        for found, _ in descend(self._objective(way, level), mesh, steps, min_decrease):
+        for found, _ in descend(self._objective(origin, level), mesh, steps, min_decrease):
             mesh = found
         return mesh
 
-    def _objective(self, way: Way, level: GridLevel) -> Objective:
+    def _objective(self, origin: Start, level: GridLevel) -> Objective:
         is_coarse = level.grid.points <= MAX_VALUE_POINTS and not level.is_finest
         norm = "l2" if is_coarse else self.norm
         points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
@@ -183,8 +185,8 @@ class Search:
             self.u,
             DomainChart(self.domain),
             cells_of_grid(level.grid.shape),
-            way.start(level.grid),
-            _weights(way.name, level.grid.cells),
+            origin.first_mesh(level.grid),
+            _weights(origin.name, level.grid.cells),
             Rule(norm=norm, points=points),
             self.threads,
         )
@@ -202,9 +204,9 @@ class Search:
         return nested_levels(self.before.grid)
 
 
-def _lifted(way: Way, mesh: Array, coarse: GridLevel, fine: GridLevel) -> Array:
+def _lifted(origin: Start, mesh: Array, coarse: GridLevel, fine: GridLevel) -> Array:
     """A mesh on a finer grid, or on its own."""
-    return mesh if coarse.number == fine.number else way.lifted(mesh, coarse.grid, fine.grid)
+    return mesh if coarse.number == fine.number else origin.lifted(mesh, coarse.grid, fine.grid)
 
 
 def _weights(name: str, cells: int) -> Weights:

@@ -20,7 +20,7 @@ from equimesh.least_error.cells import cells_of_grid, cells_of_mesh
 from equimesh.least_error.charts import FREE, CurveChart, DomainChart
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
-from equimesh.least_error.ways import coordinates_of
+from equimesh.least_error.starts import coordinates_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array

@@ -12,10 +12,10 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
 from equimesh.least_error.descent import Descent
-from equimesh.least_error.iteration import MORE_SLOPE_POINTS, LeastErrorSolve, Reached
+from equimesh.least_error.iteration import MORE_SLOPE_POINTS, DescentEnd, LeastErrorSolve
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import coarse_level
-from equimesh.least_error.ways import mesh_of
+from equimesh.least_error.starts import mesh_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.curvature import NORMS
@@ -98,7 +98,7 @@ class BlockKnowledge(AnyKnowledge[BlockRecovery]):
         _, monitor, reached = min(tried, key=lambda one: one[0])
         solve = LeastErrorSolve(monitor=monitor, domain=known.domain, threads=threads)
         is_first = known.mesh.distance(known.domain.mesh) == 0.0
-        starts: list[tuple[str, QuadMesh | None, Reached | None]] = [(WHOLE, None, reached)]
+        starts: list[tuple[str, QuadMesh | None, DescentEnd | None]] = [(WHOLE, None, reached)]
         if not is_first:
             starts.append((PARTS, known.mesh, None))
         for name, start, coarse in starts:

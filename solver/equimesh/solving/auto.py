@@ -11,9 +11,9 @@ from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.least_error.descent import Descent
-from equimesh.least_error.iteration import LeastErrorSolve, Reached
+from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import GridLevel, coarse_level, last_compared, nested_levels
-from equimesh.least_error.ways import mesh_of
+from equimesh.least_error.starts import mesh_of
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.curvature import Curvature
@@ -46,7 +46,7 @@ class Tried:
     settings: Mapping[str, Any]
     monitor: Monitor
     errors: InterpolationErrors | None
-    coarse: Reached | None = None
+    coarse: DescentEnd | None = None
     """The coarse mesh from which a least-error solve continues."""
 
     def gain(self, norm: str) -> float:
@@ -142,13 +142,13 @@ def _descended(
     return Tried(kind="least_error", settings=settings, monitor=monitor, errors=errors, coarse=reached)
 
 
-def _end_of(steps: Generator[Descent, None, Reached], options: SolveOptions) -> Reached:
+def _end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) -> DescentEnd:
     """The end of a descent, after all steps were reported to the observer."""
     while True:
         try:
             options.observe(next(steps))
         except StopIteration as end:
-            reached: Reached = end.value
+            reached: DescentEnd = end.value
             return reached
 
 

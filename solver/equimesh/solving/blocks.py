@@ -14,7 +14,7 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.least_error.block_subdomains import BlockSubdomains, owners
 from equimesh.least_error.descent import Descent
-from equimesh.least_error.iteration import LeastErrorSolve, Reached
+from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import Level, coarse_level, last_compared
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -195,7 +195,7 @@ class _Tried:
     """Weights that were compared, with the end of their descent on a coarse mesh and the error to expect."""
 
     solve: LeastErrorSolve
-    reached: Reached
+    reached: DescentEnd
     error: float
 
     def candidate(self, first_error: float, *, chosen: bool) -> Candidate:
@@ -238,7 +238,7 @@ def _finish(
     solve: LeastErrorSolve,
     start: QuadMesh | None,
     options: SolveOptions,
-    coarse: Reached | None,
+    coarse: DescentEnd | None,
 ) -> OnBlocks:
     """The solution at the end of a descent."""
     done = -1 if coarse is None else coarse.level.number
@@ -277,13 +277,13 @@ def _or_given(found: OnBlocks, start: QuadMesh) -> OnBlocks:
     return given if is_kept and not given.cut_off.is_much else found
 
 
-def _end_of(steps: Generator[Descent, None, Reached], options: SolveOptions) -> Reached:
+def _end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) -> DescentEnd:
     """The end of a descent, after all steps were reported to the observer."""
     while True:
         try:
             options.observe(next(steps))
         except StopIteration as end:
-            reached: Reached = end.value
+            reached: DescentEnd = end.value
             return reached
 
 

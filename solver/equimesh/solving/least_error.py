@@ -11,7 +11,7 @@ from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.descent import Descent
-from equimesh.least_error.iteration import LeastErrorSolve, Reached
+from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import last_compared, nested_levels
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
@@ -27,7 +27,7 @@ NO_BETTER = "No mesh was found with a smaller error than that of the uniform mes
 
 
 def solve_least_error(
-    problem: Problem, initial: Initial | Mesh, options: SolveOptions, coarse: Reached | None = None
+    problem: Problem, initial: Initial | Mesh, options: SolveOptions, coarse: DescentEnd | None = None
 ) -> Solution:
     """The mesh of least error, whose gain is at least 1 in L2 and in the norm of the monitor.
 
@@ -59,7 +59,7 @@ def solve_least_error(
     return replace(found, mesh=map_mesh(uniform, problem.domain), reference=uniform, note=NO_BETTER)
 
 
-def _course(problem: Problem, start: Mesh | None, initial: Initial | Mesh, coarse: Reached | None) -> Descending:
+def _course(problem: Problem, start: Mesh | None, initial: Initial | Mesh, coarse: DescentEnd | None) -> Descending:
     """The course of a descent, by its starts and by the grids that are done before."""
     levels = nested_levels(problem.grid)
     compared = last_compared(levels if start is None else levels[:-1])

@@ -12,7 +12,7 @@ from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, smallest_tole
 from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.least_error.iteration import Reached
+from equimesh.least_error.iteration import DescentEnd
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
@@ -139,7 +139,7 @@ def _solve(
     schwarz: Schwarz | None,
     initial: Initial | Mesh,
     options: SolveOptions,
-    coarse: Reached | None = None,
+    coarse: DescentEnd | None = None,
 ) -> Solution:
     """The solution by the way that belongs to the monitor and the settings, within the bound of its angles."""
 
@@ -155,7 +155,7 @@ def _solve_once(
     schwarz: Schwarz | None,
     initial: Initial | Mesh,
     options: SolveOptions,
-    coarse: Reached | None = None,
+    coarse: DescentEnd | None = None,
 ) -> Solution:
     """The solution by the way that belongs to the monitor and the settings."""
     if isinstance(problem.monitor, NodalSolution):

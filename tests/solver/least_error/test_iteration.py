@@ -13,7 +13,7 @@ from equimesh.domains.domain import map_mesh
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.least_error.nest import nested_levels
-from equimesh.least_error.ways import mesh_of, product, rectilinear
+from equimesh.least_error.starts import mesh_of, product, rectilinear
 from equimesh.quality.interpolation import interpolation_errors
 from solver.bent import DOMAINS
 

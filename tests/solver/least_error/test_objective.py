@@ -13,7 +13,7 @@ from equimesh.least_error import objective as module
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Weights
-from equimesh.least_error.ways import mesh_of
+from equimesh.least_error.starts import mesh_of
 from equimesh.quality.cells import BilinearCells
 from equimesh.quality.survey import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors

@@ -13,7 +13,7 @@ from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import StraightLines
 from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective, Weights
-from equimesh.least_error.ways import product
+from equimesh.least_error.starts import product
 
 U = em.Expression("exp((x - 1)/0.1) + tanh(6*y - 2) + x*y")
 

@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.fields.on_domain import OnDomain
-from equimesh.least_error.ways import mesh_of, rectilinear
+from equimesh.least_error.starts import mesh_of, rectilinear
 from equimesh.quality.interpolation import interpolation_errors
 from equimesh.rounds.candidates import LINE_FLOORS, LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
 

@@ -1,4 +1,4 @@
-"""Ways to a mesh on nested grids: the straight lines where the descent starts, and how it goes up from grid to grid."""
+"""Starts of a descent: straight lines on nested grids, and how a mesh is carried from grid to grid."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ OPEN: Closed = (False, False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Way:
+class Start:
     """The straight lines ``s`` and ``t`` from which cells are measured and displaced, on grids of any size."""
 
     name: str
@@ -253,24 +253,24 @@ class Way:
     _starts: dict[Grid, Array] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def uniform(cls, name: str = "uniform", closed: Closed = OPEN) -> Way:
+    def uniform(cls, name: str = "uniform", closed: Closed = OPEN) -> Start:
         """From the uniform mesh."""
         ends = np.array([0.0, 1.0])
         return cls(name=name, s=ends, t=ends, closed=closed)
 
     @classmethod
-    def given(cls, mesh: Mesh, closed: Closed = OPEN) -> Way:
+    def given(cls, mesh: Mesh, closed: Closed = OPEN) -> Start:
         """From a given mesh on its own grid, where no mesh with a lower objective has a larger error; else uniform."""
-        way = cls.uniform("given", closed)
-        way._starts[mesh.grid] = coordinates_of(mesh)
-        return way
+        origin = cls.uniform("given", closed)
+        origin._starts[mesh.grid] = coordinates_of(mesh)
+        return origin
 
     @property
     def is_uniform(self) -> bool:
         """Whether the first meshes are uniform."""
         return self.s.size == self.t.size == 2
 
-    def start(self, grid: Grid) -> Array:
+    def first_mesh(self, grid: Grid) -> Array:
         """The first mesh on a grid, shape ``(2, nodes)``."""
         if grid not in self._starts:
             s = resampled(self.s, grid.n_xi, closed=self.closed[0])
@@ -285,7 +285,7 @@ class Way:
         """
         if any(self.closed):
             return self._lifted_across(mesh, coarse, fine, domain)
-        start, first = self.start(fine), self.start(coarse)
+        start, first = self.first_mesh(fine), self.first_mesh(coarse)
         nothing = np.zeros(1)
         for origin, cubic, added in ((first, True, start), (first, False, start), (nothing, False, nothing)):
             parts = (mesh - origin).reshape(2, *coarse.shape)
@@ -300,7 +300,7 @@ class Way:
 
     def _lifted_across(self, mesh: Array, coarse: Grid, fine: Grid, domain: Domain) -> Array:
         """See :meth:`lifted`, for a mesh with closed lines: displacements and positions go on across its seams."""
-        start, first = self.start(fine), self.start(coarse)
+        start, first = self.first_mesh(fine), self.first_mesh(coarse)
         parts = (mesh - first).reshape(2, *coarse.shape)
         for cubic in (True, False):
             moved = [interpolated_across(part, fine.shape, self.closed, cubic=cubic).reshape(-1) for part in parts]
@@ -345,27 +345,27 @@ class GridNest:
         """The uniform mesh."""
         return coordinates_of(Mesh.uniform(level.grid))
 
-    def start(self, way: Way, level: GridLevel) -> Array:
-        """The first mesh of a way."""
-        return way.start(level.grid)
+    def first_mesh(self, origin: Start, level: GridLevel) -> Array:
+        """The first mesh of a start on this level."""
+        return origin.first_mesh(level.grid)
 
-    def uniform(self) -> Way:
-        """The way from the uniform mesh."""
-        return Way.uniform(closed=self.closed)
+    def uniform(self) -> Start:
+        """The start from the uniform mesh."""
+        return Start.uniform(closed=self.closed)
 
-    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> Way | None:
-        """The way from straight lines, at most ``most`` of each family."""
+    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> Start | None:
+        """The start from straight lines, at most ``most`` of each family."""
         counts = min(self.finest.n_xi, most), min(self.finest.n_eta, most)
         lines = rectilinear(u, self.domain, counts, norm, floor, closed=self.closed)
-        return None if lines is None else Way(name="rectilinear", s=lines[0], t=lines[1], closed=self.closed)
+        return None if lines is None else Start(name="rectilinear", s=lines[0], t=lines[1], closed=self.closed)
 
-    def given(self, mesh: Mesh) -> Way:
-        """The way from a mesh of the finest grid."""
-        return Way.given(mesh, self.closed)
+    def given(self, mesh: Mesh) -> Start:
+        """The start from a mesh of the finest grid."""
+        return Start.given(mesh, self.closed)
 
-    def from_coarse(self, mesh: Mesh) -> Way:  # noqa: ARG002
-        """The way that continues from such a mesh on a coarse grid: distortion is that of the uniform mesh."""
-        return Way.uniform("given", self.closed)
+    def from_coarse(self, mesh: Mesh) -> Start:  # noqa: ARG002
+        """The start that continues from such a mesh on a coarse grid: distortion is that of the uniform mesh."""
+        return Start.uniform("given", self.closed)
 
     def sampled(self, mesh: Mesh, level: GridLevel) -> Array | None:
         """A mesh of the finest grid on a coarser one; ``None`` where it is folded there."""
@@ -381,14 +381,14 @@ class GridNest:
 
     def lifted(
         self,
-        way: Way,
+        origin: Start,
         mesh: Array,
         coarse: GridLevel,
         fine: GridLevel,
         objective: Callable[[], Objective],  # noqa: ARG002
     ) -> Array:
         """A mesh on a finer grid."""
-        return way.lifted(mesh, coarse.grid, fine.grid, self.domain)
+        return origin.lifted(mesh, coarse.grid, fine.grid, self.domain)
 
     def grid(self, level: GridLevel) -> Grid:
         """The grid of a level."""
