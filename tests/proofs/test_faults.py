@@ -20,6 +20,7 @@ from typing import Any
 import httpx
 import pytest
 
+from equimesh_client import Client, RetryPolicy
 from equimesh_service import Settings, running
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
@@ -247,16 +248,18 @@ def _run(service: ServiceProcess) -> None:
 
 
 def test_a_killed_service_goes_on_where_it_was(served: ServiceProcess) -> None:
-    _run(served)
-    with httpx.Client(base_url=served.url, timeout=60.0) as http:
-        mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
-        until(lambda: http.get(mesh).json()["progress"]["phase"])
+    """Its client tries again until it is there: before it is ready for the first time, too, and while it is down."""
+    served.start()
+    patient = RetryPolicy(retries=3000, first=0.1, longest=0.1)
+    with Client(served.url, retries=patient) as client:
+        mesh = client.meshes.create(SLOW, deadline=300.0)
+        until(lambda: mesh.refresh(deadline=300.0).progress.phase)
         workers = served.worker_pids()
         served.kill()
         until(lambda: not any(runs(pid) for pid in workers))  # nobody computes for a dead service
-        _run(served)
-        until(lambda: http.get(mesh).json()["attempts"] == 2)  # at once, whatever its lease was
-        assert http.post(f"{mesh}/cancel").json()["status"] == "canceled"
+        served.start()
+        until(lambda: mesh.refresh(deadline=300.0).attempts == 2)  # at once, whatever its lease was
+        assert mesh.cancel(deadline=300.0).status == "canceled"
 
 
 def test_a_stop_answers_everybody_and_hands_back_what_was_computed(served: ServiceProcess) -> None:
@@ -279,7 +282,7 @@ def test_a_stop_answers_everybody_and_hands_back_what_was_computed(served: Servi
         thread.start()
     with _reading_nothing(served.port, big):
         time.sleep(0.5)
-        served.signal(signal.SIGTERM)
+        served.signal(signal.SIGINT)
         time.sleep(0.2)
         # A second signal does no harm; it would wait in vain for an end that waits for who reads nothing.
         assert served.stop() == 0
