@@ -41,15 +41,15 @@ def table_of_exits(meanings: Mapping[Exit, str]) -> str:
     return "exit codes:\n" + "".join(f"  {code:<5d}{rows[code]}\n" for code in sorted(rows))
 
 
-class Refused(Exception):
-    """Usage or input that a command cannot use; the message is for the user."""
+class CommandError(Exception):
+    """A command cannot go on; the message is for the user, and ``code`` the exit code."""
 
     def __init__(self, message: str, code: Exit = Exit.INPUT) -> None:
         super().__init__(message)
         self.code = code
 
 
-class NotInstalled(Refused):
+class NotInstalled(CommandError):
     """A part of the package that a command needs is missing: the "service" or the "solver"."""
 
     def __init__(self, part: str, error: ImportError) -> None:
@@ -61,7 +61,7 @@ def code_of(error: Exception) -> Exit | None:
 
     Only loaded packages are examined: another cannot have raised the exception.
     """
-    if isinstance(error, Refused):
+    if isinstance(error, CommandError):
         return error.code
     if isinstance(error, OSError) and not isinstance(error, ConnectionError | TimeoutError):
         return Exit.INPUT

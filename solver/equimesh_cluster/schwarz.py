@@ -25,7 +25,7 @@ from equimesh.solving.schwarz import schwarz_reference, schwarz_start
 from equimesh.solving.status import Initial, Iterating, SolveOptions
 from equimesh_cluster.connection import sent
 from equimesh_cluster.handle import Handle
-from equimesh_cluster.parts.kept import Kept
+from equimesh_cluster.parts.checkpoints import Checkpoints
 from equimesh_cluster.parts.schwarz import SchwarzPart, SchwarzPlan, iterate_part
 from equimesh_cluster.run import PartsRun, RunOptions, run_parts
 from equimesh_cluster.workers import WorkerFacts, check_memory, equal_rows, examine_workers, require_count
@@ -41,7 +41,7 @@ MAX_SHOWN_POINTS = 65 * 65
 
 IterationObserver = Callable[[IterationNumbers], None]
 
-_KEPT: weakref.WeakKeyDictionary[Worker, tuple[str, Kept]] = weakref.WeakKeyDictionary()
+_KEPT: weakref.WeakKeyDictionary[Worker, tuple[str, Checkpoints]] = weakref.WeakKeyDictionary()
 """The copies of iterates on each worker of this process, with the name of their run: a worker is in one at a time."""
 _LOCK = Lock()
 
@@ -173,12 +173,12 @@ def part_of_iteration(channel: Any, plan: SchwarzPlan, windows: list[Any], name:
     return iterate_part(channel, plan, windows[0], windows[1], kept=kept, observe=report)
 
 
-def kept_on(worker: Worker, name: str) -> Kept:
+def kept_on(worker: Worker, name: str) -> Checkpoints:
     """The copies of the iterates of a run on a worker; those of another run, which has ended, are forgotten."""
     with _LOCK:
         found = _KEPT.get(worker)
         if found is None or found[0] != name:
-            found = _KEPT[worker] = name, Kept()
+            found = _KEPT[worker] = name, Checkpoints()
         return found[1]
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from equimesh_cli import main
 from equimesh_cli.command import GROUPS, build_parser
-from equimesh_cli.parser import Exit, NotInstalled, Parser, Refused, code_of
+from equimesh_cli.parser import CommandError, Exit, NotInstalled, Parser, code_of
 from equimesh_client import errors
 
 
@@ -147,8 +147,8 @@ def test_a_problem_is_a_sentence_to_act_on(
 @pytest.mark.parametrize(
     ("error", "code"),
     [
-        (Refused("no"), 2),
-        (Refused("no", Exit.DEADLINE), 4),
+        (CommandError("no"), 2),
+        (CommandError("no", Exit.DEADLINE), 4),
         (NotInstalled("solver", ImportError("x", name="scipy")), 2),
         (FileNotFoundError(2, "No such file", "a"), 2),
         (errors.BadArgument("no"), 2),

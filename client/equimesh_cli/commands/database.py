@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from equimesh_cli.options.service import add_database_options, database_settings, refusing_database_errors
-from equimesh_cli.parser import Exit, Refused, add_action, add_command
+from equimesh_cli.parser import CommandError, Exit, add_action, add_command
 
 EXAMPLES = """\
 examples:
@@ -88,7 +88,7 @@ def _backup(options: argparse.Namespace) -> int:
         with refusing_database_errors():
             size = back_up(settings.database, options.file)
     except FileExistsError:
-        raise Refused(f"{options.file} exists already: choose another name, or remove it first") from None
+        raise CommandError(f"{options.file} exists already: choose another name, or remove it first") from None
     report = {"file": str(options.file), "bytes": size}
     print(json.dumps(report) if options.json else f"wrote {options.file}, {size} bytes; copy the files after it")
     return Exit.DONE

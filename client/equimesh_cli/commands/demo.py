@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.options.service import start_error
-from equimesh_cli.parser import Exit, NotInstalled, Refused, add_command
+from equimesh_cli.parser import CommandError, Exit, NotInstalled, add_command
 
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
@@ -82,9 +82,9 @@ def run(options: argparse.Namespace) -> int:
             try:
                 url = stack.enter_context(equimesh_service.running(settings, line=Line(plain=True)))
             except CannotServeError as error:
-                raise Refused(str(error), Exit.UNREACHABLE) from None
+                raise CommandError(str(error), Exit.UNREACHABLE) from None
             except OSError as error:
-                raise Refused(start_error(settings, error), Exit.UNREACHABLE) from error
+                raise CommandError(start_error(settings, error), Exit.UNREACHABLE) from error
             client = stack.enter_context(Client(url, key=""))
             print(f"It answers at {url}.", flush=True)
             written = [*wave(client, output), *paper(client, output)]

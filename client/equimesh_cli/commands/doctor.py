@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from equimesh_cli.checks import installation, reach
 from equimesh_cli.checks.installation import Finding, Level, failed
 from equimesh_cli.options.service import add_settings, add_url, cause, explicit_settings, merged_settings
-from equimesh_cli.parser import Exit, NotInstalled, Refused, add_command
+from equimesh_cli.parser import CommandError, Exit, NotInstalled, add_command
 
 if TYPE_CHECKING:
     from equimesh_client import Client
@@ -114,7 +114,7 @@ def _there(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
     from equimesh_client import Client, EquimeshClientError
 
     if options.stored or explicit_settings(options):
-        raise Refused(
+        raise CommandError(
             "--stored and the options of `equimesh serve` concern this machine; --url (or EQUIMESH_URL) names "
             "another service: leave out one of them; --url '' is none"
         )

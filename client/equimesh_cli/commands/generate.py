@@ -20,7 +20,7 @@ from equimesh_cli.options.mesh import (
 )
 from equimesh_cli.options.monitors import monitor_of, number_or
 from equimesh_cli.options.service import DEFAULT_URL, add_url
-from equimesh_cli.parser import Exit, Refused, add_command
+from equimesh_cli.parser import CommandError, Exit, add_command
 from equimesh_cli.report import told
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
             raise
         except DeadlineExceeded as error:
             advice = "The mesh was canceled; give it more time with --deadline, or request fewer points."
-            raise Refused(f"{error}\n{advice}", Exit.DEADLINE) from error
+            raise CommandError(f"{error}\n{advice}", Exit.DEADLINE) from error
         files = _write(mesh, options, picture)
         if options.json:
             parts = {"quality": mesh.quality.record, "convergence": mesh.convergence.record}

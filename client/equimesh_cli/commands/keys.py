@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.options.service import add_database_options, database_settings, refusing_database_errors
-from equimesh_cli.parser import Exit, Refused, add_action, add_command
+from equimesh_cli.parser import CommandError, Exit, add_action, add_command
 
 if TYPE_CHECKING:
     from equimesh_service.store.keys import KeyRow, KeyStore
@@ -74,7 +74,7 @@ def add_parser(commands: Any) -> None:
 
 def _create(options: argparse.Namespace) -> int:
     if not (0 < len(options.name) <= 200 and options.name.isprintable()):
-        raise Refused("--name: 1 to 200 printable characters")
+        raise CommandError("--name: 1 to 200 printable characters")
     with _open_keys(options, create=True) as keys, _refusing_values():
         row, secret = keys.create(options.name, options.scope or ["write"], options.share)
     if options.json:
@@ -110,7 +110,7 @@ def _change(options: argparse.Namespace) -> int:
         with _refusing_values():
             changed = keys.change(options.id, options.share)
         if not changed:
-            raise Refused(f"the key {options.id} ({row.name}) is revoked")
+            raise CommandError(f"the key {options.id} ({row.name}) is revoked")
     changes = {"id": row.id, "share": options.share}
     print(json.dumps(changes) if options.json else f"Key {row.id} ({row.name}) has share {options.share}.")
     return Exit.DONE
@@ -120,7 +120,7 @@ def _revoke(options: argparse.Namespace) -> int:
     with _open_keys(options) as keys:
         row = _find(keys, options.id)
         if not keys.revoke(options.id):
-            raise Refused(f"the key {options.id} ({row.name}) was revoked already")
+            raise CommandError(f"the key {options.id} ({row.name}) was revoked already")
     print(json.dumps({"id": row.id, "revoked": True}) if options.json else f"Key {row.id} ({row.name}) is revoked.")
     return Exit.DONE
 
@@ -128,7 +128,7 @@ def _revoke(options: argparse.Namespace) -> int:
 def _find(keys: KeyStore, key_id: str) -> KeyRow:
     row = keys.get(key_id)
     if row is None:
-        raise Refused(f"no key has the id {key_id}; `equimesh keys list` shows all keys")
+        raise CommandError(f"no key has the id {key_id}; `equimesh keys list` shows all keys")
     return row
 
 
@@ -138,7 +138,7 @@ def _refusing_values() -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise Refused(f"{error}") from None
+        raise CommandError(f"{error}") from None
 
 
 @contextmanager
@@ -153,7 +153,7 @@ def _open_keys(options: argparse.Namespace, *, create: bool = False) -> Iterator
     if is_in_folder and create:
         make_folder(settings.data_dir)
     elif is_in_folder and not (settings.data_dir / "equimesh.sqlite3").exists():
-        raise Refused(f"there is no database in {settings.data_dir}; name its folder with --data-dir")
+        raise CommandError(f"there is no database in {settings.data_dir}; name its folder with --data-dir")
     with refusing_database_errors(), closing(Store(settings.database)) as store:
         store.prepare()
         yield store.keys

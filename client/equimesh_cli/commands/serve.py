@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 from equimesh_cli.options.service import add_settings, explicit_settings, merged_settings, start_error
-from equimesh_cli.parser import Exit, NotInstalled, Refused, add_command
+from equimesh_cli.parser import CommandError, Exit, NotInstalled, add_command
 
 EXAMPLES = """\
 Every option is also an environment variable: --data-dir is EQUIMESH_DATA_DIR. The option wins.
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         pass  # the way to stop it
     except CannotServeError as error:
-        raise Refused(str(error)) from None
+        raise CommandError(str(error)) from None
     except OSError as error:
-        raise Refused(start_error(settings, error)) from error
+        raise CommandError(start_error(settings, error)) from error
     return Exit.DONE

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.options.mesh import Picture, add_mesh_options, check_options, picture_of, points_of
-from equimesh_cli.parser import Exit, Refused, add_command
+from equimesh_cli.parser import CommandError, Exit, add_command
 from equimesh_cli.report import announce_compiling, load_solver, told
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
     _check_memory(em.Grid(n_xi=n_xi, n_eta=n_eta))
     picture = picture_of(options)
     if picture is not None and find_spec("matplotlib") is None:
-        raise Refused("a picture needs matplotlib: pip install 'equimesh[plot]'")
+        raise CommandError("a picture needs matplotlib: pip install 'equimesh[plot]'")
     try:
         with announce_compiling(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
             solution = build(options).solve(threads=options.threads, observe=observer)
@@ -135,10 +135,10 @@ def _points_of(solution: Solution[Any, Any]) -> str:
 
 
 def _check_memory(grid: equimesh.Grid) -> None:
-    """Raise :class:`Refused` for a mesh that needs more memory than this machine has."""
+    """Raise :class:`CommandError` for a mesh that needs more memory than this machine has."""
     needed, present = BYTES_PER_POINT * grid.points, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > present:
-        raise Refused(
+        raise CommandError(
             f"{grid} points need about {needed / 1e9:.0f} GB of memory, and this machine has {present / 1e9:.0f} GB: "
             "take fewer points"
         )

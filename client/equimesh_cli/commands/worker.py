@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from equimesh_cli.options.service import merged_settings
-from equimesh_cli.parser import Exit, NotInstalled, Refused, add_command
+from equimesh_cli.parser import CommandError, Exit, NotInstalled, add_command
 
 EXAMPLES = """\
 Every option is also an environment variable, as of `equimesh serve`: --workers is EQUIMESH_WORKERS.
@@ -73,5 +73,5 @@ def run(options: argparse.Namespace) -> int:
         name = options.name or default_name()
         run_worker(settings.scheduler, settings.workers, name, options.health_port, options.host)
     except ValueError as error:  # an address that Dask cannot read
-        raise Refused(f"{settings.scheduler}: {error}") from None
+        raise CommandError(f"{settings.scheduler}: {error}") from None
     return Exit.DONE

@@ -19,7 +19,7 @@ from equimesh_cli.options.monitors import (
     foreign_to,
     given_of,
 )
-from equimesh_cli.parser import Refused
+from equimesh_cli.parser import CommandError
 from equimesh_schema.document import types_of
 from equimesh_schema.mesh import Grid, MeshSpec, Target
 from equimesh_schema.schwarz import TRANSMISSIONS, Schwarz
@@ -123,7 +123,7 @@ def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
 
 
 def check_options(options: argparse.Namespace, *, suffixes: Sequence[str] = MESH_SUFFIXES) -> None:
-    """Raises :class:`Refused` for options that contradict each other, before any work is done.
+    """Raises :class:`CommandError` for options that contradict each other, before any work is done.
 
     ``suffixes`` are those of the file of the mesh.
     """
@@ -138,9 +138,11 @@ def check_options(options: argparse.Namespace, *, suffixes: Sequence[str] = MESH
             continue
         if not str(path).lower().endswith(allowed):
             case = ", or name the folder of an OpenFOAM case, which must exist" if path is options.output else ""
-            raise Refused(f"{path}: the suffix must be one of {' '.join(allowed)}{case}")
+            raise CommandError(f"{path}: the suffix must be one of {' '.join(allowed)}{case}")
         if not path.parent.is_dir():
-            raise Refused(f"{path.parent}: there is no such folder; make it first: mkdir -p {quote(str(path.parent))}")
+            raise CommandError(
+                f"{path.parent}: there is no such folder; make it first: mkdir -p {quote(str(path.parent))}"
+            )
 
 
 def _check_schwarz(options: argparse.Namespace) -> None:
@@ -148,27 +150,27 @@ def _check_schwarz(options: argparse.Namespace) -> None:
     given = given_of(options, ("transmission", *SETTINGS, *OF_CONDITIONS))
     if given and options.subdomains is None:
         flags = [f"--no-{flag(name).lstrip('-')}" if value is False else flag(name) for name, value in given.items()]
-        raise Refused(f"{', '.join(flags)} is for the Schwarz iteration; add --subdomains, e.g. --subdomains 2x1")
+        raise CommandError(f"{', '.join(flags)} is for the Schwarz iteration; add --subdomains, e.g. --subdomains 2x1")
     foreign = foreign_to(options.transmission or Schwarz.transmission.kind, given, CONDITIONS, "--transmission")
     if foreign:
-        raise Refused(foreign)
+        raise CommandError(foreign)
 
 
 def _check_picture(options: argparse.Namespace) -> None:
     """Refuse a picture of an iteration that there is not."""
     has_steps = options.subdomains is not None or options.monitor in ("auto", "least-error")
     if options.plot_kind == "convergence" and not has_steps:
-        raise Refused(
+        raise CommandError(
             "--plot-kind convergence draws a Schwarz iteration or a descent, and this is neither: add --subdomains,"
             " e.g. --subdomains 2x1, or take another kind of picture"
         )
     if options.plot_kind is not None and options.plot is None and not options.open:
-        raise Refused(f"--plot-kind {options.plot_kind} needs a picture: add --plot FILE, or --open")
+        raise CommandError(f"--plot-kind {options.plot_kind} needs a picture: add --plot FILE, or --open")
 
 
 def _check_cells(options: argparse.Namespace) -> None:
     if options.cells == "triangle" and str(options.output or "").lower().endswith(".vts"):
-        raise Refused("a .vts file holds no triangles: choose another format, or leave out --cells")
+        raise CommandError("a .vts file holds no triangles: choose another format, or leave out --cells")
 
 
 def _check_points(options: argparse.Namespace) -> None:
@@ -177,15 +179,15 @@ def _check_points(options: argparse.Namespace) -> None:
 
     given = options.n_xi is not None or options.n_eta is not None or options.target_error is not None
     if given and has_own_points(options.domain):
-        raise Refused("the mesh of the domain has points of its own: leave out -n, --n-eta and --target-error")
+        raise CommandError("the mesh of the domain has points of its own: leave out -n, --n-eta and --target-error")
 
 
 def _check_target(options: argparse.Namespace) -> None:
     if options.target_error is None:
         if options.target_norm is not None:
-            raise Refused("--target-norm is the norm of a target; add --target-error, e.g. --target-error 1e-4")
+            raise CommandError("--target-norm is the norm of a target; add --target-error, e.g. --target-error 1e-4")
     elif options.n_xi is not None or options.n_eta is not None:
-        raise Refused("--target-error takes the place of -n and --n-eta: give one of them")
+        raise CommandError("--target-error takes the place of -n and --n-eta: give one of them")
 
 
 @dataclass(frozen=True)

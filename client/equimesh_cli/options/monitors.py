@@ -9,7 +9,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from equimesh_cli.parser import Refused
+from equimesh_cli.parser import CommandError
 from equimesh_schema.document import docs_of, types_of
 from equimesh_schema.domains import AnnulusSector, MeshFile, Rectangle
 from equimesh_schema.monitors import MONITORS, REQUIRED_FUNCTIONS, AnyMonitor, Intersection
@@ -143,25 +143,29 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
 
 
 def check_monitor(options: argparse.Namespace) -> None:
-    """Raises :class:`Refused` for options that contradict each other."""
+    """Raises :class:`CommandError` for options that contradict each other."""
     kind, needed = options.monitor, NEEDED.get(options.monitor, ())
     if options.u is not None and options.samples is not None:
-        raise Refused(f"u is given twice, as {options.u!r} and as --samples {options.samples}: leave out one of them")
+        raise CommandError(
+            f"u is given twice, as {options.u!r} and as --samples {options.samples}: leave out one of them"
+        )
     if options.column is not None and options.samples is None:
-        raise Refused("--column names a column of --samples FILE: give both")
+        raise CommandError("--column names a column of --samples FILE: give both")
     if options.u is None and options.samples is None and not needed:
-        raise Refused("no u is given: write an expression in quotes, such as 'tanh(20*(x - y))', or --samples FILE")
+        raise CommandError(
+            "no u is given: write an expression in quotes, such as 'tanh(20*(x - y))', or --samples FILE"
+        )
     every = {name for names in ALLOWED.values() for name in names}
     foreign = foreign_to(kind, given_of(options, every), ALLOWED, "--monitor")
     if foreign:
-        raise Refused(foreign)
+        raise CommandError(foreign)
     missing = [flag(name) for name in needed if getattr(options, name) is None]
     if missing:
-        raise Refused(f"--monitor {kind} needs {', '.join(missing)}")
+        raise CommandError(f"--monitor {kind} needs {', '.join(missing)}")
     texts = [options.u, *(getattr(options, name) for name in needed)]
     formulas = [text for text in texts if text is not None and not isinstance(function(text), Path)]
     if not formulas and (options.parameter or options.t is not None):
-        raise Refused("--parameter and --t belong to an expression, not to --samples")
+        raise CommandError("--parameter and --t belong to an expression, not to --samples")
 
 
 def function(text: str) -> str | Path:

@@ -9,7 +9,7 @@ from typing import Any
 from equimesh import Blocks, Domain, Expression, ExpressionError, specs
 from equimesh_cli.options.mesh import points_of, schwarz_of, target_of
 from equimesh_cli.options.monitors import monitor_of
-from equimesh_cli.parser import Refused
+from equimesh_cli.parser import CommandError
 from equimesh_client.errors import caret
 from equimesh_client.spec.domains import domain_json
 from equimesh_client.spec.request import MeshOptions, mesh_spec, monitor_json
@@ -38,7 +38,7 @@ def document_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def build(options: argparse.Namespace) -> specs.BuiltSpec:
-    """The problem. A faulty expression raises :class:`Refused`, with a caret under the fault."""
+    """The problem. A faulty expression raises :class:`CommandError`, with a caret under the fault."""
     document = document_of(options)
     with _carets(document):
         return specs.build(document, specs.samples_in(Path()), specs.meshes_in(Path()))
@@ -58,7 +58,7 @@ def _expression(text: str, options: argparse.Namespace) -> dict[str, Any]:
 
 @contextmanager
 def _carets(document: Mapping[str, Any]) -> Iterator[None]:
-    """Errors in an expression of ``document`` are raised as :class:`Refused`, with a caret under the place."""
+    """Errors in an expression of ``document`` are raised as :class:`CommandError`, with a caret under the place."""
     try:
         yield
     except ExpressionError as error:
@@ -68,4 +68,4 @@ def _carets(document: Mapping[str, Any]) -> Iterator[None]:
         place = error.position
         marked = "" if place is None else caret(text, line=place.line, column=place.column)
         which = f"{error.field}: " if error.field.startswith("domain.") else ""
-        raise Refused(f"{which}{error}\n{marked}".rstrip("\n")) from error
+        raise CommandError(f"{which}{error}\n{marked}".rstrip("\n")) from error

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
-from equimesh_cli.parser import Exit, NotInstalled, Parser, Refused
+from equimesh_cli.parser import CommandError, Exit, NotInstalled, Parser
 
 if TYPE_CHECKING:
     from equimesh_service.settings import Settings
@@ -76,7 +76,7 @@ def explicit_settings(options: argparse.Namespace) -> dict[str, str]:
 
 
 def merged_settings(explicit: dict[str, str]) -> Settings:
-    """The ``explicit`` settings, the others from the environment; raises :class:`Refused` for invalid values."""
+    """The ``explicit`` settings, the others from the environment; raises :class:`CommandError` for invalid values."""
     from pydantic import ValidationError
 
     from equimesh_service.settings import Settings
@@ -84,7 +84,7 @@ def merged_settings(explicit: dict[str, str]) -> Settings:
     try:
         return Settings(**explicit)  # type: ignore[arg-type]
     except ValidationError as error:
-        raise Refused("\n".join(map(_complaint, error.errors()))) from None
+        raise CommandError("\n".join(map(_complaint, error.errors()))) from None
 
 
 def start_error(settings: Settings, error: OSError) -> str:
@@ -124,13 +124,13 @@ def database_settings(options: argparse.Namespace) -> Settings:
 
 @contextmanager
 def refusing_database_errors() -> Iterator[None]:
-    """Raise :class:`Refused` for a database that does not answer."""
+    """Raise :class:`CommandError` for a database that does not answer."""
     from sqlalchemy.exc import SQLAlchemyError
 
     try:
         yield
     except (SQLAlchemyError, sqlite3.Error) as error:
-        raise Refused(
+        raise CommandError(
             f"the database does not answer ({cause(error)}): check its address, and that it can be reached",
             Exit.UNREACHABLE,
         ) from None

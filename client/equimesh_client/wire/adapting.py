@@ -37,7 +37,7 @@ NO_INDICATOR = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Answered:
+class RoundAnswer:
     """What a solver has returned on a mesh: ``values`` as arrays, and the ``monitor`` of the next mesh, if any."""
 
     arrays: MeshArrays
@@ -87,7 +87,7 @@ class AdaptLoop(Generic[M]):
         """The request for the uniform mesh."""
         return self._request("0", LeastError())
 
-    def receive(self, arrays: MeshArrays, returned: object) -> Answered:
+    def receive(self, arrays: MeshArrays, returned: object) -> RoundAnswer:
         """What the solver has ``returned`` on the mesh with these ``arrays``.
 
         Raises :class:`~equimesh_coupling.errors.BadValues` where it cannot be used.
@@ -99,20 +99,20 @@ class AdaptLoop(Generic[M]):
             values = node_values(returned, arrays)
             require_same_kind(self.done, is_indicator=False)
             u: object = {"nodes": arrays.points, "values": values} if on_blocks else (arrays.x, arrays.y, values)
-            return Answered(
+            return RoundAnswer(
                 arrays=arrays, values=values, is_indicator=False, monitor=NodalSolution(norm=self.norm), u=u
             )
         indicator = cell_values(returned, arrays)
         require_same_kind(self.done, is_indicator=True)
         density = wanted_density(arrays.x, arrays.y, indicator, self.norm)
         monitor = None if density is None else Weight((arrays.x, arrays.y, density), map="gradient")
-        return Answered(arrays=arrays, values=indicator, is_indicator=True, monitor=monitor)
+        return RoundAnswer(arrays=arrays, values=indicator, is_indicator=True, monitor=monitor)
 
-    def next(self, answered: Answered) -> GenerateArguments | None:
+    def next(self, answered: RoundAnswer) -> GenerateArguments | None:
         """The request for the next mesh, whose certificate has the estimate; None where the indicator is zero."""
         return None if answered.monitor is None else self._request(answered.u, answered.monitor)
 
-    def add(self, mesh: M, answered: Answered, certificate: Certificate | None, after: MeshArrays | None) -> None:
+    def add(self, mesh: M, answered: RoundAnswer, certificate: Certificate | None, after: MeshArrays | None) -> None:
         """A round is done: ``certificate`` and ``after`` are those of the next mesh, None where there is none."""
         known = None if answered.is_indicator or certificate is None else certificate.estimate
         self.done.append(

@@ -1,7 +1,7 @@
 """The work of the client, as generators without I/O that a session drives.
 
 A flow yields steps and is sent their outcomes: a :class:`Send` is answered with a :class:`Reply` or a
-:class:`Disconnected`, a :class:`Pause` and a :class:`Report` with None. What a flow returns is its result.
+:class:`FailedConnection`, a :class:`Pause` and a :class:`Report` with None. What a flow returns is its result.
 Retries, waiting and deadlines are written here once, for :class:`Client` and :class:`AsyncClient`.
 """
 
@@ -72,14 +72,14 @@ class Report:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Disconnected:
+class FailedConnection:
     """The outcome of a :class:`Send` without an answer."""
 
     reason: str
 
 
 Step: TypeAlias = Send | Pause | Report
-Outcome: TypeAlias = Reply | Disconnected | None
+Outcome: TypeAlias = Reply | FailedConnection | None
 Flow: TypeAlias = Generator[Step, Outcome, T]
 GivenDomain: TypeAlias = Domain | Mapping[str, Any] | None
 """A domain, its JSON, or None for the unit square."""
@@ -99,7 +99,7 @@ def persist(call: Call, settings: Settings, deadline: Deadline, sink: Download |
         attempted = call if sink is None else replace(call, headers={**call.headers, **sink.headers})
         outcome = yield Send(call=attempted, timeout=timeout, deadline=deadline, sink=sink)
         assert outcome is not None
-        if sink is not None and isinstance(outcome, Disconnected):
+        if sink is not None and isinstance(outcome, FailedConnection):
             if sink.whole:
                 return Reply(status=200, headers={})  # the connection broke after the last byte
             if sink.received > furthest:
@@ -112,12 +112,12 @@ def persist(call: Call, settings: Settings, deadline: Deadline, sink: Download |
         pause = None
         if status is None or status >= 400:
             pause = pause_before_retry(settings.policy, attempt, status=status, retry_after=after)
-        if deadline.left <= (pause or 0.0) and (isinstance(outcome, Disconnected) or pause is not None):
+        if deadline.left <= (pause or 0.0) and (isinstance(outcome, FailedConnection) or pause is not None):
             error = deadline.exceeded(f"{call.method} {call.path}")
-            last = outcome.reason if isinstance(outcome, Disconnected) else f"the last answer was HTTP {status}"
+            last = outcome.reason if isinstance(outcome, FailedConnection) else f"the last answer was HTTP {status}"
             raise DeadlineExceeded(f"{error}; {last}")
         if pause is None:
-            if isinstance(outcome, Disconnected):
+            if isinstance(outcome, FailedConnection):
                 raise unreachable(settings.url, outcome.reason)
             return outcome
         yield Pause(seconds=pause)
@@ -345,7 +345,7 @@ def reconnect_pause(
     settings: Settings,
     deadline: Deadline,
     *,
-    ending: Reply | Disconnected,
+    ending: Reply | FailedConnection,
     lived: float,
 ) -> float:
     """Seconds until an event stream with this ``ending`` is opened again; raises when there is no further attempt.
@@ -364,7 +364,7 @@ def reconnect_pause(
     if pause is None:
         if isinstance(ending, Reply):
             protocol.raise_for_status(ending, call)
-        reason = ending.reason if isinstance(ending, Disconnected) else "closed by the service"
+        reason = ending.reason if isinstance(ending, FailedConnection) else "closed by the service"
         raise unreachable(settings.url, f"the event stream ended early, {reason}")
     position.failures += 1
     return max(pause, min(position.retry, deadline.left))

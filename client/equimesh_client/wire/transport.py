@@ -20,7 +20,7 @@ import httpx
 
 from equimesh_client.errors import BadArgument
 from equimesh_client.wire import flows, protocol
-from equimesh_client.wire.flows import Disconnected, Flow, Outcome, Pause, Report, Send
+from equimesh_client.wire.flows import FailedConnection, Flow, Outcome, Pause, Report, Send
 from equimesh_client.wire.protocol import Call, Reply
 from equimesh_client.wire.settings import Deadline, Settings
 from equimesh_client.wire.stream import Event, StreamPosition
@@ -113,7 +113,7 @@ class _Stream(httpcore.NetworkStream):
 LATE = "the answer did not arrive in time"
 
 
-class Dropped(Exception):
+class BrokenStream(Exception):
     """A stream that broke, or could not be opened."""
 
 
@@ -170,7 +170,7 @@ class _Body:
         self._sink = step.sink if head.status in (200, 206) else None
         self._chunks: list[bytes] = []
         if self._sink is not None and not self._sink.begin(head):
-            raise Dropped("the part of the file that arrived is not the requested one")
+            raise BrokenStream("the part of the file that arrived is not the requested one")
 
     def add(self, chunk: bytes) -> None:
         if self._sink is not None:
@@ -178,7 +178,7 @@ class _Body:
         else:
             self._chunks.append(chunk)
         if self._step.deadline.left <= 0:
-            raise Dropped(LATE)
+            raise BrokenStream(LATE)
 
     def reply(self) -> Reply:
         return Reply(status=self._head.status, headers=self._head.headers, body=b"".join(self._chunks))
@@ -189,13 +189,13 @@ class Transport(Protocol):
 
     def __init__(self, url: str, headers: Mapping[str, str]) -> None: ...
 
-    async def send(self, step: Send) -> Reply | Disconnected:
+    async def send(self, step: Send) -> Reply | FailedConnection:
         """The answer, or the reason why there is none."""
 
     def stream(
         self, call: Call, timeout: float, deadline: Deadline
     ) -> AbstractAsyncContextManager[tuple[Reply, AsyncIterator[bytes]]]:
-        """The head of an answer (with the body of a failure) and its chunks; raises :class:`Dropped`."""
+        """The head of an answer (with the body of a failure) and its chunks; raises :class:`BrokenStream`."""
 
     async def sleep(self, seconds: float) -> None:
         """Sleep."""
@@ -215,7 +215,7 @@ class BlockingTransport:
             if isinstance(transport, httpx.HTTPTransport):
                 transport._pool._network_backend = self._punctual.over(transport._pool._network_backend)
 
-    async def send(self, step: Send) -> Reply | Disconnected:
+    async def send(self, step: Send) -> Reply | FailedConnection:
         """The answer, or the reason why there is none."""
         try:
             with self._punctual.until(step.deadline):
@@ -227,14 +227,14 @@ class BlockingTransport:
                     return body.reply()
                 finally:
                     response.close()
-        except (httpx.RequestError, Dropped) as error:
-            return Disconnected(reason=_reason(error))
+        except (httpx.RequestError, BrokenStream) as error:
+            return FailedConnection(reason=_reason(error))
 
     @asynccontextmanager
     async def stream(
         self, call: Call, timeout: float, deadline: Deadline
     ) -> AsyncIterator[tuple[Reply, AsyncIterator[bytes]]]:
-        """The head of an answer (with the body of a failure) and its chunks; raises :class:`Dropped`."""
+        """The head of an answer (with the body of a failure) and its chunks; raises :class:`BrokenStream`."""
         try:
             with self._punctual.until(deadline):
                 response = self._client.send(_request(self._client, call, timeout), stream=True)
@@ -245,7 +245,7 @@ class BlockingTransport:
             finally:
                 response.close()
         except httpx.RequestError as error:
-            raise Dropped(_reason(error)) from error
+            raise BrokenStream(_reason(error)) from error
 
     async def _chunks(self, response: httpx.Response, deadline: Deadline) -> AsyncIterator[bytes]:
         chunks = response.iter_bytes()
@@ -272,7 +272,7 @@ class AsyncTransport:
     def __init__(self, url: str, headers: Mapping[str, str]) -> None:
         self._client = httpx.AsyncClient(**_options(url, headers))
 
-    async def send(self, step: Send) -> Reply | Disconnected:
+    async def send(self, step: Send) -> Reply | FailedConnection:
         """The answer, or the reason why there is none."""
         try:
             async with asyncio.timeout(step.deadline.left):
@@ -285,15 +285,15 @@ class AsyncTransport:
                 finally:
                     await response.aclose()
         except TimeoutError:
-            return Disconnected(reason=LATE)
-        except (httpx.RequestError, Dropped) as error:
-            return Disconnected(reason=_reason(error))
+            return FailedConnection(reason=LATE)
+        except (httpx.RequestError, BrokenStream) as error:
+            return FailedConnection(reason=_reason(error))
 
     @asynccontextmanager
     async def stream(
         self, call: Call, timeout: float, deadline: Deadline
     ) -> AsyncIterator[tuple[Reply, AsyncIterator[bytes]]]:
-        """The head of an answer (with the body of a failure) and its chunks; raises :class:`Dropped`."""
+        """The head of an answer (with the body of a failure) and its chunks; raises :class:`BrokenStream`."""
         try:
             async with asyncio.timeout(deadline.left):
                 response = await self._client.send(_request(self._client, call, timeout), stream=True)
@@ -304,9 +304,9 @@ class AsyncTransport:
             finally:
                 await response.aclose()
         except TimeoutError:
-            raise Dropped(LATE) from None
+            raise BrokenStream(LATE) from None
         except httpx.RequestError as error:
-            raise Dropped(_reason(error)) from error
+            raise BrokenStream(_reason(error)) from error
 
     @staticmethod
     async def _chunks(response: httpx.Response, deadline: Deadline) -> AsyncIterator[bytes]:
@@ -370,7 +370,7 @@ class Session:
         while not position.done:
             opened = deadline.clock()
             call = protocol.events(mesh_id, position)
-            ending: Reply | Disconnected = Disconnected(reason="closed by the service")
+            ending: Reply | FailedConnection = FailedConnection(reason="closed by the service")
             try:
                 silence = flows.silence_seconds(self.settings, deadline)
                 async with self._transport.stream(call, silence, deadline) as (head, chunks):
@@ -383,8 +383,8 @@ class Session:
                                 break
                     else:
                         ending = head
-            except Dropped as error:
-                ending = Disconnected(reason=str(error))
+            except BrokenStream as error:
+                ending = FailedConnection(reason=str(error))
             if not position.done:
                 lived = deadline.clock() - opened
                 pause = flows.reconnect_pause(position, call, self.settings, deadline, ending=ending, lived=lived)

@@ -20,7 +20,7 @@ from equimesh.blocks.description import Description
 from equimesh.blocks.initial import block_points, edge_lines, resampled
 from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
 from equimesh.blocks.recovery.boundary import Corner, with_places
-from equimesh.blocks.recovery.recovered import Recovered, recover
+from equimesh.blocks.recovery.recovered import RecoveredBlocks, recover
 from equimesh.blocks.sides import side_edges, sides_of
 from equimesh.blocks.sliding import FIXED, BoundaryEdge, slide, with_lines
 from equimesh.domains.domain import Box
@@ -183,7 +183,7 @@ class Blocks:
         return cls.of(read_description(path, kind), Path(path).parent)
 
     @classmethod
-    def _of(cls, of: Recovered) -> Blocks:
+    def _of(cls, of: RecoveredBlocks) -> Blocks:
         return cls.assembled(of.mesh, of.layout, curves=of.curves, on_curves=of.on_curves, corners=of.corners.tolist())
 
     @classmethod

@@ -275,7 +275,7 @@ OWN: Final = ("_lock", "_opened")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Opened:
+class OpenFile:
     """The file as one process has it open."""
 
     process: int
@@ -364,7 +364,7 @@ class ChunkedSamples:
         """
         return self._here().tiles.evaluate(x, y, order)
 
-    def _here(self) -> Opened:
+    def _here(self) -> OpenFile:
         """The file as this process has it open; a process that was forked opens it again."""
         opened = self._opened
         if opened is not None and opened.process == os.getpid():
@@ -374,7 +374,7 @@ class ChunkedSamples:
                 self._opened = self._open()
             return self._opened
 
-    def _open(self) -> Opened:
+    def _open(self) -> OpenFile:
         arrays = open_arrays(self.path)
         values = array_of(arrays, self._values, self.path, ndim=2)
         if self._shape is not None and values.shape != self._shape:
@@ -393,7 +393,7 @@ class ChunkedSamples:
                 field="values",
             )
         tiles = Tiles(axes, lambda rows, columns: values.read(rows, columns), self.max_bytes)
-        return Opened(process=os.getpid(), axes=axes, values=values, tiles=tiles)
+        return OpenFile(process=os.getpid(), axes=axes, values=values, tiles=tiles)
 
     def _axis(self, arrays: Any, values: SampleArray, number: int) -> Array:
         given, name = self._axes[number], "xy"[number]

@@ -15,7 +15,7 @@ from equimesh.errors import ExpressionError
 from equimesh.formulas.jet import OPERATIONS, Component, Jet, constant, coordinates
 from equimesh.formulas.routine import Routine
 from equimesh.formulas.spelling import refuse, shorten
-from equimesh.formulas.syntax import Operation, Parsed, parse
+from equimesh.formulas.syntax import Operation, ParsedExpression, parse
 from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, PLANE, RESERVED, Language
 from equimesh.numerics.types import Array
 
@@ -44,7 +44,7 @@ class Program:
     def __init__(
         self,
         text: str,
-        parsed: Parsed,
+        parsed: ParsedExpression,
         values: Mapping[str, float],
         variables: Sequence[str] = PLANE.variables,
     ) -> None:

@@ -132,10 +132,10 @@ def decide(code: int, target: Array, one: Array, two: Array) -> None:
 
 # The arithmetic of an expression, written down while it is done with numbers that are not known yet.
 #
-# The rules for derivatives are written once, for arrays. A :class:`Traced` takes the place of an array: each operation
-# on it gives another one, and adds a line to the list of all operations.
+# The rules for derivatives are written once, for arrays. A :class:`TracedRow` takes the place of an array: each
+# operation on it gives another one, and adds a line to the list of all operations.
 
-Operand: TypeAlias = "Traced | float"
+Operand: TypeAlias = "TracedRow | float"
 
 CODES: Mapping[Callable[..., Any], int] = MappingProxyType(
     {
@@ -180,11 +180,11 @@ class Trace:
 
     lines: list[Line] = field(default_factory=list)
 
-    def add(self, function: Callable[..., Any], operands: Sequence[Any]) -> Traced:
+    def add(self, function: Callable[..., Any], operands: Sequence[Any]) -> TracedRow:
         """One more operation."""
-        known = tuple(part.row if isinstance(part, Traced) else float(part) for part in operands)
+        known = tuple(part.row if isinstance(part, TracedRow) else float(part) for part in operands)
         self.lines.append(Line(CODES.get(function, function), FIRST_FREE + len(self.lines), known))
-        return Traced(self, self.lines[-1].target)
+        return TracedRow(self, self.lines[-1].target)
 
     def needed(self, results: Iterable[int]) -> list[Line]:
         """The lines on which the rows ``results`` depend."""
@@ -196,7 +196,7 @@ class Trace:
         return found[::-1]
 
 
-class Traced(NDArrayOperatorsMixin):
+class TracedRow(NDArrayOperatorsMixin):
     """Numbers at all points that are not known yet: a ``row`` of a trace."""
 
     def __init__(self, trace: Trace, row: int) -> None:
@@ -254,14 +254,14 @@ class _Call:
 class Routine:
     """Evaluates the components of one jet: the value of an expression and its derivatives."""
 
-    def __init__(self, components: Callable[[Traced, Traced], Sequence[Component]]) -> None:
+    def __init__(self, components: Callable[[TracedRow, TracedRow], Sequence[Component]]) -> None:
         """``components`` gives the components from the coordinates x and y, as it would from arrays."""
         trace = Trace()
-        wanted = components(Traced(trace, X), Traced(trace, Y))
-        rows = [part.row for part in wanted if isinstance(part, Traced)]
+        wanted = components(TracedRow(trace, X), TracedRow(trace, Y))
+        rows = [part.row for part in wanted if isinstance(part, TracedRow)]
         lines, sources, self._rows = compact(trace.needed(rows), rows)
         self._sources, found = np.array(sources, dtype=np.int64), iter(range(len(sources)))
-        self._wanted = [next(found) if isinstance(part, Traced) else float(part or 0.0) for part in wanted]
+        self._wanted = [next(found) if isinstance(part, TracedRow) else float(part or 0.0) for part in wanted]
         self._numbers = list[float]()
         self._parts = [part for is_call, group in groupby(lines, _is_call) for part in self._part(is_call, list(group))]
         self._by_blocks = not any(isinstance(part, _Call) for part in self._parts)

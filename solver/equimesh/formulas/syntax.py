@@ -225,14 +225,14 @@ class Operation:
 
 
 @dataclass(frozen=True, slots=True)
-class Parsed:
+class ParsedExpression:
     """The ``operations`` of an expression in the order of evaluation, the result last; and it in the language."""
 
     operations: list[Operation]
     understood: str
 
 
-def parse(text: str, names: Collection[str], language: Language = PLANE) -> Parsed:
+def parse(text: str, names: Collection[str], language: Language = PLANE) -> ParsedExpression:
     """The operations of ``text``, and the text as it was understood.
 
     ``names`` are those that may occur, in addition to the functions of :data:`~equimesh.formulas.vocabulary.FUNCTIONS`.
@@ -253,7 +253,7 @@ def parse(text: str, names: Collection[str], language: Language = PLANE) -> Pars
         at = getattr(error, "offset", None) or 1  # what tokenize lets through, and the parser's own bounds
         what = "cannot be read here" if isinstance(error, SyntaxError) else "is too large or too deeply nested"
         refuse(text, _place(tokens, at), f"the expression {what}: simplify it")
-    return Parsed(walk.operations, understood)
+    return ParsedExpression(walk.operations, understood)
 
 
 def _place(tokens: list[Token], column: int) -> int:

@@ -258,9 +258,9 @@ class OnChannel:
         """The data that one subdomain sends another, at the receiver."""
         return self.move(self._holders[sender], self._holders[to], data, kind)
 
-    def line_sweep(self, problem: Problem) -> HeldSweep:
+    def line_sweep(self, problem: Problem) -> WindowSweep:
         """Corrections of all lines in the windows."""
-        return HeldSweep(problem, self)
+        return WindowSweep(problem, self)
 
     def _nodes(
         self, sender: int, to: int, state: Mesh | None, window: SubdomainWindow, place: Place, kind: str
@@ -323,7 +323,7 @@ def holder(k: int, subdomains: int, processes: int) -> int:
 # interfaces.
 
 
-class HeldSweep:
+class WindowSweep:
     """Corrections of all grid lines, as :class:`~equimesh.sweeps.sweep.Sweep`, in the windows that are held here."""
 
     def __init__(self, problem: Problem, holding: OnChannel) -> None:

@@ -31,8 +31,8 @@ from equimesh.solving.single_domain import require_open
 from equimesh.solving.solution import OnBlocks, Solution
 from equimesh.solving.status import Announcer, Event, Initial, SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
+from equimesh_cluster.parts.checkpoints import Checkpoints, keep, resumed
 from equimesh_cluster.parts.holding import GHOSTS, OnChannel, cuts_of_rows, holder, rows_of
-from equimesh_cluster.parts.kept import Kept, keep, resumed
 from equimesh_cluster.parts.part_solution import PartSolution
 
 
@@ -90,7 +90,7 @@ def iterate_part(
     start: Mapping[int, Mesh],
     reference: Mapping[int, Mesh] | None = None,
     *,
-    kept: Kept | None = None,
+    kept: Checkpoints | None = None,
     observe: Callable[[IterationNumbers], None] | None = None,
 ) -> SchwarzPart:
     """Part ``channel.number`` of the mesh of a Schwarz iteration; every part of ``channel.count`` has to call it.

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from equimesh_cli.options.service import add_database_options, database_settings, refusing_database_errors
-from equimesh_cli.parser import Exit, Parser, Refused
+from equimesh_cli.parser import CommandError, Exit, Parser
 
 pytestmark = pytest.mark.usefixtures("no_variables")
 
@@ -28,7 +28,7 @@ def test_the_options_name_the_database() -> None:
     ],
 )
 def test_an_error_is_refused_without_its_text(error: Exception, kind: str) -> None:
-    with pytest.raises(Refused) as caught, refusing_database_errors():
+    with pytest.raises(CommandError) as caught, refusing_database_errors():
         raise error
     assert caught.value.code is Exit.UNREACHABLE
     assert f"does not answer ({kind})" in str(caught.value)

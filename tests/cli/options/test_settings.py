@@ -7,7 +7,7 @@ import errno
 import pytest
 
 from equimesh_cli.options.service import add_settings, explicit_settings, merged_settings, start_error
-from equimesh_cli.parser import Parser, Refused
+from equimesh_cli.parser import CommandError, Parser
 
 pytestmark = pytest.mark.usefixtures("no_variables")
 
@@ -24,7 +24,7 @@ def test_an_option_wins_over_the_environment(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_bad_value_names_option_and_variable() -> None:
-    with pytest.raises(Refused, match=r"--port \(or EQUIMESH_PORT\) = many: "):
+    with pytest.raises(CommandError, match=r"--port \(or EQUIMESH_PORT\) = many: "):
         merged_settings({"port": "many"})
 
 

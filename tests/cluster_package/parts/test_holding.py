@@ -16,7 +16,7 @@ from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.iteration import iterations_on, schwarz_iterations
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.sweeps.sweep import Sweep, memory_needed
-from equimesh_cluster.parts.holding import HeldSweep, OnChannel, cuts_of_rows, holder, rows_of
+from equimesh_cluster.parts.holding import OnChannel, WindowSweep, cuts_of_rows, holder, rows_of
 from solver.schwarz.bent import bent
 
 CASE = problem("tanh20", 25, 17)
@@ -217,7 +217,7 @@ def test_two_corrections_are_those_of_the_whole_grid(boundary: em.Boundary, doma
 
     def correct(channel: Channel) -> em.Mesh | None:
         holding = OnChannel(channel, decomposition)
-        sweep, mesh = HeldSweep(case, holding), holding.cut(start)
+        sweep, mesh = WindowSweep(case, holding), holding.cut(start)
         held_x, held_y = mesh.x, mesh.y
         for numbers in expected:
             here = sweep.correct(held_x, held_y)

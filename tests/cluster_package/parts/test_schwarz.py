@@ -15,7 +15,7 @@ from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.solving.status import Event
 from equimesh.testing.geometries import obstacle
-from equimesh_cluster.parts.kept import Kept
+from equimesh_cluster.parts.checkpoints import Checkpoints
 from equimesh_cluster.parts.schwarz import (
     BlocksResult,
     SchwarzPart,
@@ -40,7 +40,7 @@ def plan(schwarz: em.Schwarz, *, shows: bool = False) -> SchwarzPlan:
 def run(
     made: SchwarzPlan,
     parts: int,
-    kept: list[Kept] | None = None,
+    kept: list[Checkpoints] | None = None,
     observe: Callable[[int, IterationNumbers], None] | None = None,
 ) -> list[SchwarzPart]:
     def part(channel: Channel) -> SchwarzPart:
@@ -98,7 +98,7 @@ class Killed(Exception):
 @pytest.mark.parametrize("lost", [0, 1, 2])
 def test_after_a_loss_the_iteration_goes_on_from_its_last_iterate(lost: int) -> None:
     """With one part less: the copies of the others have the windows of the lost one."""
-    made, kept, numbers = plan(SLOW), [Kept() for _ in range(3)], list[int]()
+    made, kept, numbers = plan(SLOW), [Checkpoints() for _ in range(3)], list[int]()
 
     def kill(number: int, record: IterationNumbers) -> None:
         if number == lost and record.iteration == 5:
@@ -121,7 +121,7 @@ def test_after_a_loss_the_iteration_goes_on_from_its_last_iterate(lost: int) -> 
 
 def test_without_copies_it_begins_again() -> None:
     schwarz = em.Schwarz(subdomains=(2, 1), tolerance=None, max_iterations=2)
-    found = run(plan(schwarz), 2, [Kept(), Kept()])
+    found = run(plan(schwarz), 2, [Checkpoints(), Checkpoints()])
     assert (found[0].resumed, len(found[0].iterations)) == (None, 3)
     windows = sum(x.nbytes + y.nbytes for x, y in ((m.x, m.y) for m in plan(schwarz).windows(START, 0, 2).values()))
     assert found[0].sent[1]["kept"].bytes == windows

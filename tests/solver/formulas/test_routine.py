@@ -12,7 +12,7 @@ import pytest
 import equimesh as em
 from equimesh.formulas import routine
 from equimesh.formulas import routine as module
-from equimesh.formulas.routine import CODES, Line, Trace, Traced, compact
+from equimesh.formulas.routine import CODES, Line, Trace, TracedRow, compact
 
 TEXTS = [
     "20*(x + y/2 - 0.75) / sqrt(1 + (20*(x + y/2 - 0.75))**2)",
@@ -114,9 +114,9 @@ def test_a_copy_keeps_the_numbers() -> None:
 # Arithmetic that is written down: the lines, those that are needed, and the rows that they share.
 
 
-def coordinates() -> tuple[Trace, Traced, Traced]:
+def coordinates() -> tuple[Trace, TracedRow, TracedRow]:
     trace = Trace()
-    return trace, Traced(trace, routine.X), Traced(trace, routine.Y)
+    return trace, TracedRow(trace, routine.X), TracedRow(trace, routine.Y)
 
 
 def test_every_operation_is_a_line() -> None:

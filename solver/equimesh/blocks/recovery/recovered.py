@@ -51,7 +51,7 @@ def layout_of(blocks: Sequence[IntArray]) -> tuple[Layout, IntArray]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Recovered:
+class RecoveredBlocks:
     """What a domain of blocks is assembled from: its mesh and layout, and for each boundary edge its curve.
 
     ``on_curves`` has, by the number of an edge of the layout, the number of its curve and the parameters of its nodes
@@ -74,7 +74,7 @@ def recover(
     corner_angle: float | None = None,
     names: Mapping[str, str] | None = None,
     blocks_of_file: Sequence[tuple[str, int]] = (),
-) -> Recovered:
+) -> RecoveredBlocks:
     """The blocks of any mesh of quadrilaterals, by lines from its irregular nodes and corners.
 
     The arguments are those of :meth:`equimesh.blocks.blocks.Blocks.of_mesh`, which has the errors, too. The names of
@@ -112,7 +112,7 @@ def recover(
     size = float(np.ptp(places, axis=0).max())
     found = [curve_through(places, line, size) for line in boundary.lines]
     parameters = [t for _, t in found]
-    return Recovered(
+    return RecoveredBlocks(
         mesh=mesh,
         layout=layout,
         curves=tuple(curve for curve, _ in found),

@@ -6,8 +6,8 @@ import numpy as np
 
 import equimesh as em
 from equimesh.numerics.channel import Channel, ThreadChannels
+from equimesh_cluster.parts.checkpoints import Checkpoints, keep, resumed
 from equimesh_cluster.parts.holding import OnChannel
-from equimesh_cluster.parts.kept import Kept, keep, resumed
 
 STRIPS = em.Decomposition(grid=em.Grid(n_xi=20, n_eta=6), subdomains=(5, 1), overlap=2)
 
@@ -17,9 +17,9 @@ def mesh(iteration: int) -> em.Mesh:
     return em.Mesh(uniform.x + iteration, uniform.y - iteration)
 
 
-def kept_by(parts: int, iterations: int) -> list[Kept]:
-    def work(channel: Channel) -> Kept:
-        holding, kept = OnChannel(channel, STRIPS), Kept()
+def kept_by(parts: int, iterations: int) -> list[Checkpoints]:
+    def work(channel: Channel) -> Checkpoints:
+        holding, kept = OnChannel(channel, STRIPS), Checkpoints()
         for iteration in range(1, iterations + 1):
             keep(holding, kept, iteration, holding.cut(mesh(iteration)))
         return kept
@@ -27,7 +27,7 @@ def kept_by(parts: int, iterations: int) -> list[Kept]:
     return ThreadChannels(parts).run(work)
 
 
-def found(kept: list[Kept], most: int = 99) -> int | None:
+def found(kept: list[Checkpoints], most: int = 99) -> int | None:
     """The iteration that is found; every part gets its windows of it."""
 
     def work(channel: Channel) -> int | None:
@@ -63,7 +63,7 @@ def test_partners_that_are_both_lost_take_their_windows_with_them() -> None:
     kept = kept_by(4, 3)
     assert found([kept[0], kept[1]]) == 3
     assert found([kept[0], kept[2]]) is None
-    assert found([Kept(), Kept()]) is None
+    assert found([Checkpoints(), Checkpoints()]) is None
 
 
 def test_an_iterate_that_not_all_have_kept_is_left_for_the_one_before() -> None:

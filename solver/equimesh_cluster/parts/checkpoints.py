@@ -23,7 +23,7 @@ KIND = "kept"
 """The kind of the messages."""
 
 
-class Kept:
+class Checkpoints:
     """The copies of one process, which parts on several threads may share."""
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class Kept:
             return sorted(self._windows)
 
 
-def keep(holding: OnChannel, kept: Kept, iteration: int, mesh: Mesh) -> None:
+def keep(holding: OnChannel, kept: Checkpoints, iteration: int, mesh: Mesh) -> None:
     """Keep the windows of a merged mesh: here, and at the partner of this part."""
     channel = holding.channel
     # Neighbours in the order of the parts may run on the same machine.
@@ -66,7 +66,7 @@ def keep(holding: OnChannel, kept: Kept, iteration: int, mesh: Mesh) -> None:
             kept.put(iteration, k, channel.receive(sender, KIND))
 
 
-def resumed(holding: OnChannel, kept: Kept, most: int) -> tuple[int, Mesh] | None:
+def resumed(holding: OnChannel, kept: Checkpoints, most: int) -> tuple[int, Mesh] | None:
     """The newest iterate, of iteration ``most`` at most, of which all parts together have all windows.
 
     The number of its iteration, and the merged mesh as ``holding`` has it; ``None`` where there is none.
@@ -87,7 +87,7 @@ def resumed(holding: OnChannel, kept: Kept, most: int) -> tuple[int, Mesh] | Non
     return iteration, holding.joined(found)
 
 
-def _sources(channel: Channel, kept: Kept, most: int, subdomains: int) -> Array | None:
+def _sources(channel: Channel, kept: Checkpoints, most: int, subdomains: int) -> Array | None:
     """The newest iteration that is known as a whole, and for every subdomain a part that has its window."""
     known = np.array(kept.known, dtype=np.float64).reshape(-1, 2)
     if channel.number:
