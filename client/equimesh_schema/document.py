@@ -69,10 +69,13 @@ class Answer:
         return {self.JSON_NAMES.get(name, name): _write(getattr(self, name)) for name in _types(type(self))}
 
 
-def _types(cls: type[Any]) -> dict[str, Any]:
-    """The types of the fields of a dataclass."""
+def _hints_of(cls: type[Any]) -> Mapping[str, Any]:
     hints = get_type_hints(cls)
     return {field.name: hints[field.name] for field in fields(cls)}
+
+
+_types: Callable[[type[Any]], Mapping[str, Any]] = lru_cache(_hints_of)  # type: ignore[assignment]
+"""The types of the fields of a dataclass."""
 
 
 def _read(kind: Any, value: Any) -> Any:

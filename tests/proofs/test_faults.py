@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import gc
+import json
 import os
 import signal
 import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import ExitStack, closing, contextmanager
 from datetime import datetime
@@ -260,6 +261,59 @@ def test_a_killed_service_goes_on_where_it_was(served: ServiceProcess) -> None:
         served.start()
         until(lambda: mesh.refresh(deadline=300.0).attempts == 2)  # at once, whatever its lease was
         assert mesh.cancel(deadline=300.0).status == "canceled"
+
+
+UNSTORED = "/v1/meshes?store=false&format=npz"
+
+
+def _answered(http: httpx.Client) -> bool:
+    """Whether the worker, or the one in its place, computes the next mesh."""
+    return http.post(UNSTORED, json=small()).status_code == 200
+
+
+def _meanwhile(http: httpx.Client, spec: dict[str, Any], wait: int, do: Callable[[], None]) -> httpx.Response:
+    """The answer with a mesh that is not kept, whose worker something is done to while it works."""
+    answers: list[httpx.Response] = []
+
+    def ask() -> None:
+        answers.append(http.post(UNSTORED, json=spec, headers={"Prefer": f"wait={wait}"}))
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    do()
+    thread.join()
+    return answers[0]
+
+
+@pytest.mark.parametrize(
+    ("signal_number", "wait", "status", "problem"),
+    [(signal.SIGKILL, 60, 503, "/problems/unavailable"), (signal.SIGSTOP, 5, 409, "/problems/time-limit")],
+)
+def test_a_worker_that_is_lost_over_a_mesh_that_is_not_kept_is_replaced(
+    served: ServiceProcess, signal_number: int, wait: int, status: int, problem: str
+) -> None:
+    _run(served)
+    with httpx.Client(base_url=served.url, timeout=120.0) as http:
+        until(lambda: _answered(http))
+        before, pids = http.get("/v1/meshes").json()["items"], served.worker_pids()
+        answer = _meanwhile(http, SLOW, wait, lambda: os.kill(_busiest(pids), signal_number))
+        assert (answer.status_code, answer.json()["type"]) == (status, problem)
+        until(lambda: not all(map(runs, pids)))  # also the one that the system has stopped
+        until(lambda: _answered(http))
+        assert http.get("/v1/meshes").json()["items"] == before
+
+
+def test_the_work_on_a_mesh_that_is_not_kept_ends_when_its_caller_leaves(served: ServiceProcess) -> None:
+    _run(served)
+    with httpx.Client(base_url=served.url, timeout=120.0) as http:
+        until(lambda: _answered(http))
+        pids, body = served.worker_pids(), json.dumps(DEEP)
+        with socket.create_connection(("127.0.0.1", served.port)) as caller:
+            head = f"POST {UNSTORED} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+            caller.sendall(f"{head}Content-Length: {len(body)}\r\n\r\n{body}".encode())
+            worker = _busiest(pids)
+        until(lambda: not runs(worker))
+        until(lambda: _answered(http))
 
 
 def test_a_stop_answers_everybody_and_hands_back_what_was_computed(served: ServiceProcess) -> None:

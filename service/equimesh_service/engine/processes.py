@@ -300,27 +300,36 @@ class ProcessEngine:
         with self._lock:
             if worker not in self._workers:
                 return
+            task, is_gone, message = worker.task, False, None
             try:
                 message = worker.receive()
             except EOFError:
-                task = worker.task
+                is_gone = True
                 self._drop(worker)
                 self._note_death(worker)
-                message = None
-            else:
-                if message is None:
-                    return
-                task, worker.task, worker.deadline = worker.task, None, float("inf")
-                if worker.is_warm:
-                    self._free.append(worker)
-                    self._hand_out()
+            if message is not None and task is not None:
+                worker.deadline = float("inf")
+        if is_gone and task is not None:
+            task.future.set_exception(WorkerLostError("the worker died"))
         if message is None:
-            if task is not None:
-                task.future.set_exception(WorkerLostError("the worker died"))
-        elif task is not None:
-            _conclude(task.future, message)
-        else:
+            return
+        if task is None:
             self._begin(worker, message)
+            return
+        result, error = _opened(message)
+        with self._lock:
+            if worker.task is not task:
+                return  # it was cancelled at this moment
+            worker.task = None
+            if isinstance(error, MemoryLimitError):
+                self._drop(worker)  # what is left of its memory is in pieces
+            elif worker in self._workers:
+                self._free.append(worker)
+                self._hand_out()
+        if error is None:
+            task.future.set_result(result)
+        else:
+            task.future.set_exception(error)
 
     def _begin(self, worker: _Worker, message: bytes) -> None:
         """Take the first message of a worker: the seconds of its warm-up, or why that failed."""
@@ -411,14 +420,12 @@ class ProcessEngine:
             self._wake()
 
 
-def _conclude(future: Future[Any], message: bytes) -> None:
-    """Set the outcome in a message of a worker."""
+def _opened(message: bytes) -> tuple[Any, Exception | None]:
+    """The result and the exception in a message of a worker."""
     try:
-        result = open_outcome(message)
+        return open_outcome(message), None
     except Exception as error:
-        future.set_exception(error)
-    else:
-        future.set_result(result)
+        return None, error
 
 
 def _context(preload: Sequence[str]) -> Any:
@@ -504,6 +511,8 @@ def _work(
     first = _prepared(prepare, warm_up)
     if memory_limit is not None:
         _limit_memory(memory_limit)
+    gc.collect()
+    gc.freeze()  # what is here stays: to look through it again and again takes as long as a small mesh
     with suppress(OSError):
         _send(channel, first)
         while (message := _receive(channel)) is not None:

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from equimesh_service.engine.processes import ProcessEngine
+from equimesh_service.errors import MemoryLimitError
 from equimesh_service.service import PRELOAD
 from service.conftest import until
-from service.engine.check_engine import check_engine, expect_closed
+from service.engine.check_engine import allocate, check_engine, expect_closed
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
@@ -95,3 +96,15 @@ def test_the_server_of_the_workers_is_replaced_with_them() -> None:
     command = [sys.executable, "-c", SERVER_DIES]
     done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
+def test_a_worker_that_has_reached_its_limit_of_memory_is_replaced() -> None:
+    """What is left of its memory is in pieces, and the next task needs the whole."""
+    engine = ProcessEngine(1, memory_limit=64, preload=PRELOAD)
+    try:
+        first = engine.submit(os.getpid).result(300.0)
+        assert isinstance(engine.submit(allocate, 1000).exception(300.0), MemoryLimitError)
+        assert engine.submit(os.getpid).result(300.0) != first
+    finally:
+        engine.close()
