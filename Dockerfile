@@ -24,23 +24,21 @@ RUN /opt/equimesh/bin/pip install --no-cache-dir --no-deps --no-build-isolation 
     && PYTHON=/opt/equimesh/bin/python PYTHONPATH=/opt/site-tools deploy/site \
     && /opt/equimesh/bin/pip install --no-cache-dir --no-deps --no-build-isolation --force-reinstall . \
     && sh slim.sh /opt/equimesh
+# The loops are compiled for the level of this processor, for x86-64 usually v3: they fit every processor of that level.
+RUN /opt/equimesh/bin/python -m equimesh.warm_up --archive
 
 FROM ${PYTHON_IMAGE}
 COPY --from=build /opt/equimesh /opt/equimesh
 RUN useradd --system --uid 10001 --no-create-home --home-dir /data equimesh \
-    && install --directory --owner=equimesh --mode=0700 /data \
-    && install --directory --owner=equimesh --mode=0755 /opt/numba
+    && install --directory --owner=equimesh --mode=0700 /data
 ENV PATH=/opt/equimesh/bin:/usr/local/bin:/usr/bin:/bin \
     PYTHONUNBUFFERED=1 \
     MPLCONFIGDIR=/tmp/matplotlib \
-    NUMBA_CACHE_DIR=/opt/numba \
+    EQUIMESH_CACHE_DIR=/data/loops \
     EQUIMESH_HOST=0.0.0.0 \
     EQUIMESH_PORT=8000 \
     EQUIMESH_DATA_DIR=/data
 USER 10001
-# The image ships its loops compiled. On a processor that differs from that of the build they are compiled once more.
-# They are only read where they could be written, too: with a read-only root, mount a volume there (compose.yaml).
-RUN python -c "from equimesh_service.worker.warmth import warm_up; warm_up()"
 VOLUME /data
 EXPOSE 8000
 # Healthy when the store, the files, the workers and the dispatcher do their work.

@@ -43,9 +43,9 @@ def pytest_configure(config: pytest.Config) -> None:
 # What the first mesh of blocks needs, which is compiled next to the rest.
 FIRST_BLOCKS = """
 import equimesh as em
-from equimesh_service.worker import warmth
+from equimesh.warm_up import warm_up_blocks
 
-warmth._warm_up_blocks(em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9)), em.Expression("tanh(8*(x + y/2 - 0.75))"))
+warm_up_blocks(em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9)), em.Expression("tanh(8*(x + y/2 - 0.75))"))
 """
 
 
@@ -55,7 +55,7 @@ def _compile_once(paths: list[str]) -> None:
     All processes of the run keep what they compile, also where the environment says otherwise: there are hundreds.
     """
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    warm_up = [sys.executable, "-c", "from equimesh_service.worker.warmth import warm_up; warm_up()"]
+    warm_up = [sys.executable, "-c", "from equimesh.warm_up import warm_up; warm_up()"]
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:cacheprovider", *paths]
     second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$@"', sys.executable, FIRST_BLOCKS, *collect]
     silent = subprocess.DEVNULL

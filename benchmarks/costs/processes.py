@@ -32,7 +32,7 @@ def memory(n: int, smaller: int) -> Iterator[Row]:
 def kernels() -> Iterator[Row]:
     """CPU time of compiling all kernels, and of importing and loading them."""
     with tempfile.TemporaryDirectory() as folder:
-        first, again = (_fresh("use_all_kernels", NUMBA_CACHE_DIR=folder) for _ in range(2))
+        first, again = (_fresh("use_all_kernels", EQUIMESH_CACHE_DIR=folder) for _ in range(2))
     note = f"{first['total']:.1f} s in an empty cache, {again['total']:.1f} s the next time"
     what, value = "compile the kernels, once on a machine", first["total"] - again["total"]
     counts = {"kernels": first["compiled"], "left out": first["kernels"] - first["compiled"]}

@@ -222,7 +222,7 @@ _FIRST_OF_GROUPS = {
 }
 PREFIX = "EQUIMESH_"
 # Variables that clients read: an address and an API key.
-_CLIENT_VARIABLES = ("URL", "KEY", "QUIET")
+_CLIENT_VARIABLES = ("URL", "KEY", "QUIET", "CACHE_DIR")
 
 
 def _parts(value: str) -> list[str]:

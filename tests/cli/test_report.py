@@ -44,7 +44,7 @@ COMMAND = [sys.executable, "-m", "equimesh_cli"]
 @pytest.mark.everything  # it compiles all kernels anew
 def test_solve_says_when_it_has_to_compile(tmp_path: Path) -> None:
     pytest.importorskip("numba")
-    variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    variables = {**os.environ, "EQUIMESH_CACHE_DIR": str(tmp_path)}
     said = []
     for _ in range(2):
         command = [*COMMAND, "solve", "x*y", "-n", "9", "--monitor", "arc-length"]  # fewer kernels than auto

@@ -257,7 +257,7 @@ def test_every_setting_has_a_row_with_its_default_and_a_meaning() -> None:
 
 def test_every_setting_that_any_page_names_exists() -> None:
     known = {f"EQUIMESH_{name.upper()}" for name in Settings.model_fields}
-    known |= {"EQUIMESH_URL", "EQUIMESH_KEY", "EQUIMESH_QUIET", "EQUIMESH_"}
+    known |= {"EQUIMESH_URL", "EQUIMESH_KEY", "EQUIMESH_QUIET", "EQUIMESH_CACHE_DIR", "EQUIMESH_"}
     for name, path in PAGES.items():
         assert set(re.findall(r"EQUIMESH_\w*", path.read_text())) <= known, name
 

@@ -30,7 +30,7 @@ from sqlalchemy import make_url
 
 from equimesh_cli.checks import installation
 from equimesh_cli.checks.installation import Level
-from equimesh_service.settings import SERVICE_MIB, Settings
+from equimesh_service.settings import SERVICE_MIB, Settings, find_unknown
 from generator.places import relinked
 from programs import postgresql_program
 from service.databases import Postgres
@@ -131,10 +131,9 @@ def test_compose_and_image_are_of_one_mind() -> None:
     assert service["healthcheck"]["test"] == ["CMD", *health_command()]
     volumes = dict(reversed(volume.split(":")) for volume in service["volumes"])
     assert set(volumes.values()) <= set(compose()["volumes"])
-    # All folders that are written to: the data, and the compiled loops, which every start would compile otherwise. An
-    # older release's volume of loops would hide those of a new image.
-    assert set(volumes) == {stage.commands["VOLUME"], stage.environment["NUMBA_CACHE_DIR"]}
-    assert volumes[stage.environment["NUMBA_CACHE_DIR"]] == f"kernels-{version()}"
+    # All folders that are written to: the data, and in it the loops of processors for which the image has no archive.
+    assert set(volumes) == {stage.commands["VOLUME"]}
+    assert stage.environment["EQUIMESH_CACHE_DIR"] == f"{stage.commands['VOLUME']}/loops"
     assert stage.commands["VOLUME"] == stage.environment["EQUIMESH_DATA_DIR"]
     assert compose_environment()["EQUIMESH_FILES_URL"] == f"file://{stage.commands['VOLUME']}/files"
     assert stage.environment["MPLCONFIGDIR"].startswith(service["tmpfs"][0].partition(":")[0])
@@ -152,7 +151,8 @@ def test_the_image_is_slim_and_not_run_by_root() -> None:
     assert {name: by_default(value) for name, value in arguments.items()} == {"PYTHON_IMAGE": "python:3.11-slim"}
     assert image().commands["USER"] not in ("root", "0")
     assert f"--uid {image().commands['USER']} " in " ".join(image().runs)
-    _, install, tools, build = stages()[0].runs
+    _, install, tools, build, archive = stages()[0].runs
+    assert archive.endswith("/python -m equimesh.warm_up --archive")
     assert install.endswith("/pip install --no-cache-dir --require-hashes -r locked.txt")
     assert tools.endswith(" --require-hashes --target /opt/site-tools -r locked-site.txt")  # none of it is in the image
     assert build.count("--no-deps --no-build-isolation") == 2  # nothing comes without a hash
@@ -276,8 +276,7 @@ def unit() -> str:
 
 @pytest.mark.needs("systemd-analyze")
 def test_the_unit_of_systemd_is_valid_and_confined(tmp_path: Path) -> None:
-    for name in re.findall(r"EQUIMESH_([A-Z_]+)=", unit()):
-        assert name.lower() in Settings.model_fields
+    assert find_unknown(dict.fromkeys(re.findall(r"(EQUIMESH_[A-Z_]+)=", unit()), "")) == {}
     assert "MemoryDenyWriteExecute=" not in unit()  # the compiler of the loops could not work
     copy = tmp_path / "equimesh.service"
     copy.write_text(unit().replace("/opt/equimesh/bin/", f"{Path(sys.executable).parent}/"))
@@ -294,9 +293,7 @@ def test_the_unit_of_systemd_is_valid_and_confined(tmp_path: Path) -> None:
 
 def test_settings_of_the_image_and_of_compose_exist() -> None:
     for environment in (image().environment, compose_environment()):
-        for name in environment:
-            if name.startswith("EQUIMESH_"):
-                assert name.removeprefix("EQUIMESH_").lower() in Settings.model_fields
+        assert find_unknown(environment) == {}
         assert "EQUIMESH_ALLOW_ANONYMOUS" not in environment  # whoever wants it open says so
 
 
@@ -321,7 +318,7 @@ def test_the_monitoring_profile_finds_its_files_and_runs_known_versions() -> Non
 
 def test_the_documentation_runs_this_release() -> None:
     for page in sorted((ROOT / "docs").glob("*.md")):
-        for name in re.findall(r"\b(?:equimesh:|kernels-)(\d+\.\d+\.\d+)", page.read_text()):
+        for name in re.findall(r"\bequimesh:(\d+\.\d+\.\d+)", page.read_text()):
             assert name == version(), page.name
 
 
@@ -380,7 +377,7 @@ def environment(folder: Path, database: str) -> dict[str, str]:
         "EQUIMESH_FILES_URL": f"file://{folder}/data/files",
         "EQUIMESH_PORT": str(free_port()),
         "MPLCONFIGDIR": str(folder / "matplotlib"),
-        "NUMBA_CACHE_DIR": str(folder / "numba"),
+        "EQUIMESH_CACHE_DIR": str(folder / "loops"),
     }
     return {**merged, **here}
 
@@ -443,10 +440,11 @@ def test_the_commands_of_the_image_run(tmp_path: Path, postgres: Postgres) -> No
             return subprocess.run(words, env=variables, cwd=os.sep, capture_output=True, text=True, timeout=240)
 
         assert not healthy(variables)
-        done = command(*shlex.split(image().runs[-1]))
+        archive = stages()[0].runs[-1].partition("/python ")[2]
+        done = command(sys.executable, *shlex.split(archive), str(tmp_path / "an.archive"))
         assert done.returncode == 0, done.stderr
-        compiled = {path: path.stat().st_mtime_ns for path in (tmp_path / "numba").rglob("*.nb*")}
-        assert len(compiled) > 20, "the image ships no compiled kernels"
+        compiled = {path: path.stat().st_mtime_ns for path in (tmp_path / "loops").rglob("*-*")}
+        assert len(compiled) > 100, "the image ships no compiled loops"
         secret = command(*documented("deploy.md", "equimesh keys create")).stdout.split()[0]
         key = {"Authorization": f"Bearer {secret}"}
         with container(variables):
@@ -469,5 +467,5 @@ def test_the_commands_of_the_image_run(tmp_path: Path, postgres: Postgres) -> No
             assert {checks[name] for name in ("database", "clock", "files", "stored", "port", "exposure")} == {"ok"}
             assert {checks[name] for name in ("ready", "version", "key", "round trip")} == {"ok"}
         assert not (tmp_path / "data" / "equimesh.sqlite3").exists()
-        assert {path: path.stat().st_mtime_ns for path in (tmp_path / "numba").rglob("*.nb*")} == compiled
+        assert {path: path.stat().st_mtime_ns for path in (tmp_path / "loops").rglob("*-*")} == compiled
         assert not healthy(variables)

@@ -60,8 +60,9 @@ def failed(message: str, remedy: str = "") -> Finding:
 
 # The largest q_eq of a single domain in Table 1 of Haynes and Howse, as it is printed.
 TABLE_1 = "1.1979"
-# Measured: 59 s of processor time for all loops.
+# Measured: 68 s of processor time for all loops.
 COMPILING = "about a minute of processor time"
+REMEDY = "set EQUIMESH_CACHE_DIR to a folder that belongs to the user of the service, and that nobody else can write"
 
 
 def variables(settings: Settings) -> Finding:  # noqa: ARG001
@@ -106,26 +107,26 @@ def packages(settings: Settings) -> Finding:
 
 
 def kernels(settings: Settings) -> Finding:  # noqa: ARG001
-    """How many of the loops are compiled, and whether their machine code can be stored."""
-    import equimesh  # noqa: F401  # has all loops
-    from equimesh.numerics.compiled import cache_folder, count_compiled
+    """Where the machine code of the loops comes from, and why no archive is used, or no folder."""
+    import equimesh.warm_up  # noqa: F401  # has all loops
+    from equimesh.numerics.compiled import count_kept
+    from equimesh.numerics.machine_code import find_archive, find_folder
 
-    compiled, of = count_compiled()
-    folder = cache_folder()
-    try:
-        if folder is None:
-            raise OSError("Numba finds no folder")
-        os.makedirs(folder, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError:
-        return warning(
-            f"there is no folder for compiled loops: every start compiles all {of}, {COMPILING}",
-            "set NUMBA_CACHE_DIR to a folder that the service may write",
-        )
-    found = f"{compiled} of {of} numerical loops are compiled, and stored in {folder} and folders like it"
-    return ok(
-        found if compiled == of else f"{found}; the first start compiles the others: all of them take {COMPILING}"
-    )
+    kept, archive, folder = count_kept(), find_archive(), find_folder()
+    counts = f"{sum(kept)} numerical loops: {kept.archive} from the archive, {kept.folder} from the folder of this user"
+    found = f"{counts}, {kept.nowhere} to be compiled"
+    if isinstance(archive, str):
+        found += f"; no archive is used: {archive}"
+    elif kept.archive < sum(kept):
+        found += f"; the archive {archive.path} is of other sources, or of fewer loops"
+    if isinstance(folder, str):
+        lost = f"{folder}; every start compiles what is in no archive, {COMPILING} for all loops"
+        return warning(f"{found}; {lost}", REMEDY) if kept.nowhere else ok(f"{found}; no folder is needed")
+    if kept.nowhere and not os.access(folder.path, os.W_OK):
+        return warning(f"{found}; {folder.path} cannot be written: every start compiles them, {COMPILING}", REMEDY)
+    if kept.nowhere:
+        found += f"; the first start compiles them, {COMPILING} for all loops, and keeps them in {folder.path}"
+    return ok(found)
 
 
 def solve(settings: Settings) -> Finding:  # noqa: ARG001

@@ -1,27 +1,13 @@
 """The warm-up of a process, once: of a worker, or of the process that all workers are forked from."""
 
 import logging
-import os
-import pickle
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from contextlib import suppress
 from typing import Any
 
-import numpy as np
 from numba.core import event
 
-import equimesh
-from equimesh.io.write import write_mesh
-from equimesh.least_error.block_levels import block_levels
-from equimesh.least_error.block_mesh import BlockMesh
-from equimesh.least_error.lifting import Lifting, mended
-from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.compiled import cache_folder, count_compiled
-from equimesh.quality.faces import measure_faces
-from equimesh.rounds.round import adapt_round
+from equimesh.numerics.compiled import count_compiled
+from equimesh.warm_up import warm_up
 from equimesh_service.errors import NotCompiledError
 
 _log = logging.getLogger(__name__)
@@ -39,14 +25,10 @@ class _Refusal(event.Listener):
 
 
 def warm_up_once() -> None:
-    """Warm this process up, unless it is warm, or was forked from one that is.
-
-    Of several processes one compiles, while the others wait; they load the loops afterwards.
-    """
+    """Warm this process up, unless it is warm, or was forked from one that is."""
     global _is_warm
     if not _is_warm:
-        with _turn_to_compile():
-            warm_up()
+        warm_up()
         _is_warm = True
 
 
@@ -54,28 +36,6 @@ def progress() -> dict[str, int]:
     """How many loops are compiled, by whichever process, of how many; both 0 where all are, and are only loaded."""
     compiled, of = count_compiled()
     return {"compiled": compiled, "of": of} if compiled < of else {"compiled": 0, "of": 0}
-
-
-@contextmanager
-def _turn_to_compile() -> Iterator[None]:
-    """Wait while another process compiles, unless all loops are compiled, or no folder can keep them."""
-    with ExitStack() as stack:
-        folder = cache_folder()
-        if folder is not None and _is_compiling_needed():
-            with suppress(ImportError, OSError):  # without locks each process compiles for itself
-                import fcntl
-
-                os.makedirs(folder, exist_ok=True)
-                lock = stack.enter_context(Path(folder, "compiling.lock").open("w"))
-                fcntl.flock(lock, fcntl.LOCK_EX)  # the system releases it however this process ends
-                if not _is_compiling_needed():
-                    stack.close()
-        yield
-
-
-def _is_compiling_needed() -> bool:
-    compiled, of = count_compiled()
-    return compiled < of
 
 
 def warm_up_unless_compiling() -> None:
@@ -89,86 +49,3 @@ def warm_up_unless_compiling() -> None:
             warm_up_once()
     except Exception:  # a worker tries again, and reports it
         _log.exception("the workers are not forked warm")
-
-
-def warm_up() -> None:
-    """Do everything once that is slow or takes permanent memory the first time: all kernels are compiled."""
-    np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
-    u = equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
-    steep = equimesh.Expression("tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))")
-    ring = equimesh.AnnulusSector()
-    plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
-    axis = np.linspace(0.0, 1.0, 9)
-    nodes = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
-    nodal = equimesh.ArcLength(u=equimesh.NodalField(mesh=nodes, values=nodes.x * nodes.y))
-    sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
-    sent = pickle.loads(pickle.dumps(sampled))  # as the service sends it: its arrays are of another kind for Numba
-    fine = np.linspace(0.0, 1.0, 140)  # so many samples are evaluated in another way
-    for samples in (sampled.u, sent.u, equimesh.GridSamples(x=fine, y=fine, values=np.add.outer(fine, fine))):
-        for order in range(3):
-            samples.evaluate(axis, axis, order=order)
-    curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
-    schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
-    paper = replace(schwarz, transmission=equimesh.Classical(), max_iterations=2)
-    cases: tuple[tuple[equimesh.Monitor, int, equimesh.Domain, equimesh.Schwarz | None], ...] = (
-        (plain, 9, equimesh.Rectangle(), paper),
-        (plain, 9, equimesh.Rectangle(), schwarz),
-        (plain, 193, equimesh.Rectangle(), schwarz),  # this many points are swept in strips, the last of them smaller
-        (sampled, 33, equimesh.Rectangle(), None),
-        (sent, 33, equimesh.Rectangle(), None),
-        (nodal, 33, equimesh.Rectangle(), None),
-        (plain, 33, ring, schwarz),
-        (plain, 33, ring, None),
-        (plain, 9, equimesh.AnnulusSector(closed=True), None),
-        (equimesh.Weight(rho=equimesh.Expression("1 + y")), 9, equimesh.Rectangle(periodic="x"), None),
-        (curved, 33, equimesh.Rectangle(), None),
-        (equimesh.Weight(rho=weight.rho, map="gradient"), 33, equimesh.Rectangle(), None),
-        (equimesh.ArcLength(u=steep, a=1.0, b=0.0), 17, equimesh.Rectangle(), None),  # relaxed
-        (equimesh.Auto(u=u), 17, equimesh.Rectangle(), None),
-        *((least, 9, ring, None) for least in _least_errors(u)),
-    )
-    for monitor, points, domain, settings in cases:
-        grid = equimesh.Grid(n_xi=points, n_eta=points)
-        problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
-        solution = equimesh.solve(problem, settings, threads=1, check=False)
-        solution.data(), solution.certificate, solution.quality, solution.against_uniform
-        problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
-    adapt_round(nodes, u.evaluate(nodes.x, nodes.y)[0])
-    fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
-    equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
-    blocks = QuadMesh(points=nodes.points, cells=nodes.cells, sides=nodes.sides)
-    measure_faces(blocks), equimesh.measure(blocks, weight, uniform=blocks)
-    carried = equimesh.MeshValues(np.round(nodes.x + nodes.y), transfer="conservative")
-    averages = equimesh.MeshValues(nodes.x[1:, 1:], transfer="conservative", location="cells")
-    equimesh.transfer(nodes, {"u": carried, "v": averages}, equimesh.Mesh(nodes.x**2, nodes.y))
-    _warm_up_blocks(nodes, u)
-    with TemporaryDirectory() as folder:
-        write_mesh(Path(folder) / "mesh.vtu", solution.data())
-
-
-def _warm_up_blocks(nodes: equimesh.Mesh, u: equimesh.Field) -> None:
-    """Solve on a mesh in blocks, mend a fold, and carry fields between meshes that are no grids."""
-    domain = equimesh.Blocks.of_mesh(nodes.points, nodes.cells, nodes.sides)
-    for least in _least_errors(u):
-        solution = equimesh.solve(equimesh.Problem(monitor=least, domain=domain), threads=1, check=False)
-        solution.data(), solution.certificate, solution.quality, solution.against_uniform
-    fine = equimesh.Mesh.uniform(equimesh.Grid(n_xi=37, n_eta=37))  # so many points that there is a coarser level
-    levels = block_levels(equimesh.Blocks.of_mesh(fine.points, fine.cells, fine.sides).mesh)
-    Lifting(*levels).lifted(np.ones((2, levels[0].points)), cubic=True)
-    adapt_round(domain.mesh, u.evaluate(*domain.mesh.points.T)[0], domain)
-    finest = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
-    valid = finest.first.unknowns
-    mended(finest.chart, finest.cells, valid, valid + 9.0 * finest.chart.free * np.sin(9.0 * valid))
-    first, then = (QuadMesh(points=p, cells=nodes.cells, sides={}) for p in (nodes.points, nodes.points**2))
-    carried = equimesh.MeshValues(np.round(first.x + first.y), transfer="conservative")
-    averages = equimesh.MeshValues(np.arange(64.0), transfer="conservative", location="cells")
-    equimesh.transfer(first, {"u": carried, "v": averages, "w": first.x}, then)
-
-
-def _least_errors(u: equimesh.Field) -> Iterator[equimesh.LeastError]:
-    """Least-error monitors that together need all compiled loops of a descent."""
-    yield equimesh.LeastError(u=u)
-    yield equimesh.LeastError(u=u, orthogonality=40.0)
-    yield equimesh.LeastError(u=u, norm="h1")
-    yield equimesh.LeastError(u=u, cells="triangle")
-    yield equimesh.LeastError(u=u, norm="h1", cells="triangle")

@@ -1,19 +1,57 @@
-"""Compilation of the project's loops to machine code, and how many of them are compiled."""
+"""Compilation of the project's loops to machine code, or loading of what was compiled before."""
 
+import logging
 import pickle
+import re
 from collections.abc import Callable
+from contextlib import nullcontext
+from enum import StrEnum
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
-from numba import njit
+import numba
+from numba.core import caching, compiler, dispatcher, serialize, sigutils
+
+from equimesh.numerics import stamps
+from equimesh.numerics.machine_code import (
+    Archive,
+    DamagedError,
+    Folder,
+    Key,
+    find_archive,
+    find_folder,
+    opened,
+    sealed,
+    stem,
+)
+from equimesh.numerics.processor import TARGET
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
+# Parts of Numba whose types nobody has written down.
+_numba: Any = numba
+_caching: Any = caching
+_compiler: Any = compiler
+_dispatcher: Any = dispatcher
+_serialize: Any = serialize
+_sigutils: Any = sigutils
 
 # Flags that let the compiler use vector instructions. Results still do not change from run to run.
 FAST_MATH = {"contract", "nsz", "arcp", "reassoc", "nnan", "ninf"}
 # Every loop of the modules that were imported; not those that are compiled inside their callers.
 _loops: list[Any] = []
+_log = logging.getLogger(__name__)
+
+
+class Origin(StrEnum):
+    """Where the machine code of a loop came from."""
+
+    ARCHIVE = "archive"
+    FOLDER = "folder"
+    COMPILED = "compiled"
+
+
+origins: dict[Key, Origin] = {}
+"""Where each loop of this process came from."""
 
 
 class Compiled(NamedTuple):
@@ -23,8 +61,16 @@ class Compiled(NamedTuple):
     of: int
 
 
+class Kept(NamedTuple):
+    """How many loops are kept where: in the ``archive``, only in the ``folder`` of the user, ``nowhere``."""
+
+    archive: int
+    folder: int
+    nowhere: int
+
+
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """The function as machine code, cached on disk if a folder can be written; holds no interpreter lock."""
+    """The function as machine code, which is kept for other processes; holds no interpreter lock."""
     return _listed(_compile(function, fastmath=False))
 
 
@@ -40,18 +86,40 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 def count_compiled() -> Compiled:
     """How many of the project's loops are compiled now, also by other processes; takes a few milliseconds."""
-    return Compiled(sum(map(_is_compiled, _loops)), len(_loops))
+    kept = [kept.stems() for kept in (find_archive(), find_folder()) if not isinstance(kept, str)]
+    return Compiled(
+        sum(bool(loop.overloads) or any(_is_kept(loop, stems) for stems in kept) for loop in _loops), len(_loops)
+    )
+
+
+def count_kept() -> Kept:
+    """Where the machine code of the project's loops is kept now."""
+    archive, folder = (set() if isinstance(kept, str) else kept.stems() for kept in (find_archive(), find_folder()))
+    archived = [_is_kept(loop, archive) for loop in _loops]
+    others = [_is_kept(loop, folder) for loop, is_archived in zip(_loops, archived, strict=True) if not is_archived]
+    return Kept(sum(archived), sum(others), len(others) - sum(others))
+
+
+def kept_entries() -> dict[str, bytes]:
+    """What is kept of the project's loops and of those that this process has used, also of loops inside others.
+
+    Raises :class:`RuntimeError` where a loop that was used is not kept.
+    """
+    wanted = {loop._cache.key("").stem for loop in _loops if isinstance(loop._cache, _LoopCache)}
+    entries = dict[str, bytes]()
+    for place in (find_folder(), find_archive()):
+        if not isinstance(place, str):
+            found = {name: place.read(name) for name in place.names() if stem(name) in wanted}
+            entries |= {name: entry for name, entry in found.items() if entry is not None}
+    if lost := sorted({key.loop for key in origins if key.stem in wanted and key.name not in entries}):
+        folder = find_folder()
+        raise RuntimeError(f"{lost[0]} is not kept{f'; {folder}' if isinstance(folder, str) else ''}")
+    return entries
 
 
 def is_loop(machine_code: Any) -> bool:
     """Whether this is one of the project's loops, and no function that a user of the package compiles."""
     return any(machine_code is loop for loop in _loops)
-
-
-def cache_folder() -> str | None:
-    """The folder in which the machine code of the first loop is kept; None where no folder can be written."""
-    folder: str | None = _loops[0]._cache.cache_path if _loops else None
-    return folder
 
 
 def _listed(machine_code: Callable[P, R]) -> Callable[P, R]:
@@ -60,24 +128,90 @@ def _listed(machine_code: Callable[P, R]) -> Callable[P, R]:
     return machine_code
 
 
-def _is_compiled(loop: Any) -> bool:
-    if loop.overloads:
-        return True
-    file = getattr(loop._cache, "_cache_file", None)  # Numba has no public way to it; absent without a folder
-    if file is None:
-        return False
-    try:
-        kept = file._load_index()
-    except (OSError, EOFError, ValueError, pickle.UnpicklingError):  # it cannot be read, and is made anew
-        return False
-    processor = loop.targetctx.codegen().magic_tuple()
-    return any(key[1] == processor for key in kept)
+def _is_kept(loop: Any, stems: set[str]) -> bool:
+    return bool(stems) and isinstance(loop._cache, _LoopCache) and loop._cache.key("").stem in stems
 
 
 def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
-    options |= {"nogil": True, "error_model": "numpy"}
-    try:
-        machine_code: Callable[P, R] = njit(cache=True, **options)(function)
-    except RuntimeError:  # numba finds no folder that it may write to
-        machine_code = njit(**options)(function)
-    return machine_code
+    # Without a wrapper for callers in C, which nothing has, compiling takes less time.
+    machine_code: Any = _numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    if isinstance(machine_code, _dispatcher.Dispatcher):  # not where NUMBA_DISABLE_JIT is set
+        machine_code._cache = _LoopCache(function)
+        machine_code._compiler = _LoopCompiler(machine_code)
+    return machine_code  # type: ignore[no-any-return]
+
+
+class _LoopCache(_caching._Cache):  # type: ignore[misc]
+    """What Numba asks for the machine code of one loop: the archive, then the folder of the user."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        stamps.note(function)
+        self._function = function
+        self._name = re.sub(r"[^\w.]+", "_", f"{function.__module__}.{function.__qualname__}")
+
+    def key(self, types: Any) -> Key:
+        return Key(self._name, stamps.stamp_of(self._function), str(types))
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        target_context.refresh()
+        types = tuple(_sigutils.normalize_signature(sig)[0])
+        return self._loaded(find_archive(), types, Origin.ARCHIVE) or self._loaded(find_folder(), types, Origin.FOLDER)
+
+    def compiled(self, types: Any, compile_it: Callable[[], Any]) -> Any:
+        """Compile the loop, unless another process does it now: then wait, and load what it kept."""
+        folder, key = find_folder(), self.key(types)
+        with nullcontext() if isinstance(folder, str) else folder.turn(key.name):
+            result = self._loaded(folder, types, Origin.FOLDER)
+            if result is not None:
+                context = TARGET.target_context
+                context.insert_user_function(result.entry_point, result.fndesc, [result.library])
+                return result
+            result = compile_it()
+            origins[key] = Origin.COMPILED
+            # Code with addresses of this process is of no use to others.
+            if not isinstance(folder, str) and not result.lifted and not result.library.has_dynamic_globals:
+                folder.write(key.name, sealed(_serialize.dumps((key, types, result._reduce()))))
+        return result
+
+    def _loaded(self, kept: Archive | Folder | str, types: Any, origin: Origin) -> Any:
+        key = self.key(types)
+        entry = None if isinstance(kept, str) else kept.read(key.name)
+        if entry is None:
+            return None
+        try:
+            found, its_types, content = pickle.loads(opened(entry))
+            if (found, its_types) != (key, types):
+                return None
+            result = _compiler.CompileResult._rebuild(TARGET.target_context, *content)
+        except DamagedError:
+            _log.warning("the compiled loop %s in the %s is damaged; it is compiled anew", key.loop, origin)
+            return None
+        except Exception:  # whatever Numba finds wrong with it: the loop can be compiled
+            _log.warning("the compiled loop %s in the %s cannot be loaded", key.loop, origin, exc_info=True)
+            return None
+        origins[key] = origin
+        return result
+
+    @property
+    def cache_path(self) -> str | None:
+        folder = find_folder()
+        return None if isinstance(folder, str) else str(folder.path)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Nothing: the loop was kept when it was compiled, before other processes had their turn."""
+
+    def enable(self) -> None: ...
+    def disable(self) -> None: ...
+    def flush(self) -> None: ...
+
+
+class _LoopCompiler(_dispatcher._FunctionCompiler):  # type: ignore[misc]
+    """Compiles a loop for the level of the processor, one process at a time."""
+
+    def __init__(self, loop: Any) -> None:
+        pipeline = loop._compiler.pipeline_class
+        super().__init__(loop.py_func, TARGET, loop.targetoptions, loop.locals, pipeline)
+        self._kept = loop._cache
+
+    def compile(self, args: Any, return_type: Any) -> Any:
+        return self._kept.compiled(tuple(args), lambda: super(_LoopCompiler, self).compile(args, return_type))

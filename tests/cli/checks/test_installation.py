@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import platform
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 import equimesh
 from cli.conftest import look
-from equimesh.numerics import compiled
+from equimesh.numerics import compiled, machine_code
 from equimesh_cli.checks import installation
 from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
@@ -49,21 +53,49 @@ def test_a_misspelled_variable(here: Settings, monkeypatch: pytest.MonkeyPatch) 
     assert "did you mean EQUIMESH_DATA_DIR?" in found.message
 
 
-def test_no_folder_for_compiled_loops(here: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled, "cache_folder", lambda: None)
+@pytest.fixture
+def loops(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """Sets where loops are kept: how many, in which archive, in which folder."""
+
+    def keep(kept: tuple[int, int, int], *, archive: Any = "none came with it", folder: Any = None) -> None:
+        monkeypatch.setattr(compiled, "count_kept", lambda: compiled.Kept(*kept))
+        monkeypatch.setattr(machine_code, "find_archive", lambda: archive)
+        monkeypatch.setattr(machine_code, "find_folder", lambda: folder or machine_code.Folder(tmp_path))
+
+    return keep
+
+
+def test_no_folder_for_compiled_loops(here: Settings, loops: Any) -> None:
+    loops((100, 0, 53), folder="it belongs to another user")
     found = look(installation.kernels, here)
     assert found.level is WARNING
-    assert "NUMBA_CACHE_DIR" in found.remedy
+    assert "EQUIMESH_CACHE_DIR" in found.remedy
+    assert "it belongs to another user" in found.message
     assert "about a minute" in found.message
+    loops((153, 0, 0), folder="it belongs to another user")
+    assert look(installation.kernels, here).level is OK, "all are in the archive"
 
 
-@pytest.mark.parametrize("count", [37, 153])
-def test_how_many_loops_are_compiled(here: Settings, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    monkeypatch.setattr(compiled, "count_compiled", lambda: compiled.Compiled(count, 153))
+def test_a_folder_for_compiled_loops_that_cannot_be_written(
+    here: Settings, loops: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    loops((0, 100, 53))
+    found = look(installation.kernels, here)
+    assert (found.level, "cannot be written" in found.message) == (WARNING, True)
+    loops((0, 153, 0))
+    assert look(installation.kernels, here).level is OK
+
+
+def test_where_the_loops_come_from(here: Settings, loops: Any) -> None:
+    loops((0, 100, 53))
     found = look(installation.kernels, here)
     assert found.level is OK
-    assert found.message.startswith(f"{count} of 153 numerical loops are compiled")
-    assert ("the first start compiles the others" in found.message) == (count < 153)
+    assert "0 from the archive, 100 from the folder of this user, 53 to be compiled" in found.message
+    assert "no archive is used: none came with it; the first start compiles them" in found.message
+    loops((150, 3, 0), archive=SimpleNamespace(path="a.loops"))
+    found = look(installation.kernels, here)
+    assert found.message.endswith("0 to be compiled; the archive a.loops is of other sources, or of fewer loops")
 
 
 def test_a_solver_that_makes_another_mesh(here: Settings, monkeypatch: pytest.MonkeyPatch) -> None:

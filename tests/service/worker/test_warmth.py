@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
@@ -33,7 +32,7 @@ import numpy as np
 import equimesh as em
 from equimesh.numerics import compiled
 from equimesh.testing.geometries import disc
-from equimesh_service.worker.warmth import warm_up
+from equimesh.warm_up import warm_up
 
 warm_up()
 print(compiled.count_compiled())
@@ -86,37 +85,6 @@ def test_a_process_warms_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert calls == [1]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="there are no locks of this kind")
-def test_one_process_compiles_and_the_others_wait(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    count, order, holds, goes_on = [Compiled(0, 2)], list[str](), threading.Event(), threading.Event()
-
-    def first() -> None:
-        with warmth._turn_to_compile():
-            holds.set()
-            assert goes_on.wait(60.0)
-            order.append("compiled")
-            count[0] = Compiled(2, 2)
-
-    def second() -> None:
-        with warmth._turn_to_compile():
-            order.append("loads")
-
-    monkeypatch.setattr(warmth, "cache_folder", lambda: str(tmp_path / "new"))
-    monkeypatch.setattr(warmth, "count_compiled", lambda: count[0])
-    threads = [threading.Thread(target=each) for each in (first, second)]
-    threads[0].start()
-    assert holds.wait(60.0)
-    threads[1].start()
-    threads[1].join(0.2)
-    assert order == []
-    goes_on.set()
-    for thread in threads:
-        thread.join(60.0)
-    assert order == ["compiled", "loads"]
-    with warmth._turn_to_compile(), warmth._turn_to_compile():
-        pass  # nothing is locked where nothing has to be compiled
-
-
 @pytest.mark.parametrize(("count", "expected"), [((37, 153), (37, 153)), ((153, 153), (0, 0))])
 def test_the_progress_is_that_of_all_processes(
     monkeypatch: pytest.MonkeyPatch, count: tuple[int, int], expected: tuple[int, int]
@@ -133,7 +101,7 @@ def test_processes_that_are_forked_from_a_warm_one_are_warm() -> None:
 
 def test_the_process_that_workers_are_forked_from_does_not_compile(tmp_path: Path) -> None:
     code = "from equimesh_service.worker import warm_fork, warmth; raise SystemExit(7 + warmth._is_warm)"
-    done = run(code, NUMBA_CACHE_DIR=str(tmp_path))
+    done = run(code, EQUIMESH_CACHE_DIR=str(tmp_path))
     assert (done.returncode, done.stderr) == (7, "")
 
 
