@@ -128,11 +128,11 @@ def _without_secret(name: str, value: Any) -> tuple[str | int | float | bool, bo
 
 def _database(url: str) -> str:
     """The address of a database without its password, which may be in two places."""
+    if not url:
+        return ""
     from sqlalchemy.engine import make_url
     from sqlalchemy.exc import ArgumentError
 
-    if not url:
-        return ""
     try:
         address = make_url(url)
     except (ArgumentError, ValueError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -101,3 +102,13 @@ def test_a_bad_value_is_refused_as_by_serve(capsys: pytest.CaptureFixture[str]) 
         said.append(capsys.readouterr().err)
     assert said[0].startswith("equimesh: --port (or EQUIMESH_PORT) = many: ")
     assert len(set(said)) == 1
+
+
+def test_settings_without_a_database_address_load_no_large_package() -> None:
+    large = ("numpy", "scipy", "numba", "equimesh", "fastapi", "sqlalchemy", "httpx", "matplotlib")
+    code = (
+        "import sys; from equimesh_cli import main; main(['config', '--json']);"
+        f"print([name for name in {large} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stderr == "[]\n"
