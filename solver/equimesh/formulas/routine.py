@@ -48,8 +48,9 @@ def calculate(
         size, shift = min(BLOCK, x.size - start), start
         if results.shape[0] > 0:
             shift = 0
-            memory[X, :size] = x[start : start + size]
-            memory[Y, :size] = y[start : start + size]
+            for j in range(size):  # assigned slices take the compiler seconds, for the words of an error
+                memory[X, j] = x[start + j]
+                memory[Y, j] = y[start + j]
         for k in range(instructions.shape[0]):
             code = instructions[k, 0]
             target = memory[instructions[k, 1], shift : shift + size]
@@ -87,7 +88,8 @@ def calculate(
                 for j in range(size):
                     target[j] = one[j]
         for c in range(results.shape[0]):
-            results[c, start : start + size] = memory[sources[c], :size]
+            for j in range(size):
+                results[c, start + j] = memory[sources[c], j]
 
 
 @compiled

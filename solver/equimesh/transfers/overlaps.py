@@ -179,7 +179,8 @@ def corners_from(
 def longer(values: Numbers, size: int) -> Numbers:
     """The values at the beginning of a longer array."""
     more = np.empty(size, dtype=values.dtype)
-    more[: values.size] = values
+    for k in range(values.size):  # an assigned slice takes the compiler seconds, for the words of an error
+        more[k] = values[k]
     return more
 
 
