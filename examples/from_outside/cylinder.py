@@ -4,7 +4,7 @@
     python cylinder.py
 
 The program cylinder.edp next to this one computes some steps of time on a mesh of triangles. After every few steps an
-equimesh.BlockSequence moves the nodes to the velocity along the channel, and FreeFEM interpolates the flow to the new
+equimesh.Sequence moves the nodes to the velocity along the channel, and FreeFEM interpolates the flow to the new
 mesh. All meshes begin with the same flow, that of the fine mesh, and compute one period of the wake.
 """
 
@@ -87,7 +87,7 @@ class Flows:
         """What FreeFEM prints on meshes that follow the flow from ``begin`` on, and the last of them."""
         self.run("moved", domain.mesh, "begin")
         monitor = em.LeastError(u=self.velocity("moved", domain.mesh), distortion=4, smoothness=4)
-        sequence = em.BlockSequence(em.Problem(monitor=monitor, domain=domain), mesh=domain.mesh, check=False)
+        sequence = em.Sequence(em.Problem(monitor=monitor, domain=domain), mesh=domain.mesh, check=False)
         said, before, name = "", "begin", "moved"  # the first mesh takes the flow of the fine mesh itself
         for number in range(EVERY, period + 1, EVERY):
             mesh = sequence.step(self.velocity(name, sequence.mesh)).mesh

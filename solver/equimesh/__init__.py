@@ -53,9 +53,8 @@ from equimesh.schwarz.decomposition import Decomposition, Ordering
 from equimesh.schwarz.iteration import schwarz_iterations as iterate
 from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
-from equimesh.sequences.block_sequence import BlockSequence
 from equimesh.sequences.pursuit import Earlier
-from equimesh.sequences.sequence import BlockStep, Sequence, SequenceStep
+from equimesh.sequences.sequence import Sequence, SequenceStep
 from equimesh.single_domain.level import Mode, Step
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.solution import Solution, SolveError
@@ -71,7 +70,13 @@ from equimesh_coupling.recovery import CellAverages, ErrorIndicator
 from equimesh_schema import Aim, Candidate, Relaxed
 
 _compiling.watch()
-_RENAMED = {"BlockProblem": "Problem", "BlockSolution": "Solution", "BlockSchwarz": "Schwarz"}
+_RENAMED = {
+    "BlockProblem": "Problem",
+    "BlockSolution": "Solution",
+    "BlockSchwarz": "Schwarz",
+    "BlockSequence": "Sequence",
+    "BlockStep": "SequenceStep",
+}
 
 
 def __getattr__(name: str) -> NoReturn:
@@ -140,8 +145,6 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     # Meshes that follow a solution in time
     "Sequence",
     "SequenceStep",
-    "BlockSequence",
-    "BlockStep",
     "Earlier",
     # Records of a running solve
     "Event",

@@ -17,12 +17,10 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import equimesh
-from equimesh.equations.problem import in_blocks
 from equimesh.errors import InputError
 from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.sequences.sequence import BlockStep
 from equimesh.solving.status import SolveArguments
 from equimesh.specs import build_field
 from equimesh.specs.spec import BuiltSpec
@@ -116,7 +114,7 @@ def _run_now(seal: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
 VELOCITIES = ("velocity", "mesh_velocity")
 # The settings of a step that a sequence takes.
 MOTION = ("smoothing", "max_move", "outrun")
-AnySequenceStep: TypeAlias = equimesh.SequenceStep | BlockStep
+AnySequenceStep: TypeAlias = equimesh.SequenceStep[Any]
 """A step on a grid, or on blocks."""
 
 
@@ -150,17 +148,8 @@ class StepStart:
     def take(self, spec: BuiltSpec, options: SolveArguments) -> AnySequenceStep:
         """The step to the problem of ``spec``; raises :class:`~equimesh.errors.InputError` where it is refused."""
         fields = {name: field.mesh_values() for name, field in self.fields.items()}
-        if in_blocks(spec.problem):
-            if isinstance(self.mesh, equimesh.Mesh):
-                raise TypeError("a step on blocks follows a mesh of blocks")
-            on_blocks = equimesh.BlockSequence(
-                spec.problem, mesh=self.mesh, solution=self.earlier, **self.motion, **options
-            )
-            return on_blocks.step(spec.problem.monitor, fields)
-        if isinstance(self.mesh, QuadMesh):
-            raise TypeError("a step on a grid follows a mesh of a grid")
-        settings: SolveArguments = {**options, "mode": spec.mode, "allow_relaxed": spec.allow_relaxed}
-        sequence = equimesh.Sequence(
+        settings: SolveArguments = {**spec.ending, **options}
+        sequence = equimesh.Sequence[Any](
             spec.problem,
             spec.grid_schwarz,
             mesh=self.mesh,

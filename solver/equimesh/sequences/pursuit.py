@@ -8,30 +8,31 @@ is tried, and substeps with u interpolated in time, and the smallest error decid
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any, Generic, TypeGuard, TypeVar
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from equimesh.blocks.blocks import Blocks
+from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_field
 from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.curvature import Curvature
-from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
+from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Intersection
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
-from equimesh.solving.solution import AnySolution, OnBlocks, Solution
+from equimesh.solving.solution import AnySolution
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Initial, SolveArguments
 
@@ -177,6 +178,21 @@ class Between:
         return tuple((1.0 - self.share) * one + self.share * other for one, other in pairs)
 
 
+def smoothed(solution: AnySolution, before: Any, share: float) -> tuple[Any, Any]:
+    """The mesh of a ``solution`` with a ``share`` of the mesh ``before``, and the same on the reference square.
+
+    Where cells would fold, less of it, or the mesh of the solution itself.
+    """
+    domain = solution.problem.domain
+    if isinstance(domain, Blocks):
+        on_blocks = blocks_between(domain, before, solution.mesh, share)
+        return on_blocks, on_blocks
+    reference = mesh_between(before, solution.reference, share)
+    mesh = map_mesh(reference, domain)
+    is_same = reference is solution.reference or mesh.is_folded
+    return (solution.mesh, solution.reference) if is_same else (mesh, reference)
+
+
 def mesh_between(before: Mesh, new: Mesh, share: float) -> Mesh:
     """The ``new`` mesh of the reference square, with a ``share`` of the positions in the mesh ``before``.
 
@@ -208,15 +224,23 @@ def blocks_between(domain: Blocks, before: QuadMesh, new: QuadMesh, share: float
 SMOOTHING = 0.02
 
 
-def monitor_for(template: Monitor, given: Any, mesh: Mesh) -> Monitor:
+SEVERAL = (
+    "u has several parts, and a mesh of blocks minimises the error of one function: give one of them, or one that"
+    " has the features of all, such as a weighted sum"
+)
+"""Why several u are refused on blocks."""
+
+
+def monitor_for(template: Monitor, given: Any, mesh: Mesh | QuadMesh) -> Monitor:
     """The monitor of a step, with the settings of ``template``.
 
-    ``given`` is a monitor, which is returned as it is; u as an array of shape ``(n_xi, n_eta)`` at the nodes of
+    ``given`` is a monitor, which is returned as it is; u as an array of the shape ``mesh.node_shape`` at the nodes of
     ``mesh``, as a field or as a text; or several of these in a mapping or a sequence. Of several u a monitor each is
     made, and these are intersected: cells are as small as any of them requests. In an intersection
     the smoothed curvature stands for least error and auto, which have no metric of their own.
 
-    Raises :class:`~equimesh.errors.InputError` for a template without u, and for values that cannot be used.
+    Raises :class:`~equimesh.errors.InputError` for a template without u, for values that cannot be used, and for
+    several u on blocks.
     """
     if isinstance(given, type):
         raise InputError(f"u is the class {given.__name__}: give a monitor, such as LeastError(u=...)", field="u")
@@ -225,16 +249,16 @@ def monitor_for(template: Monitor, given: Any, mesh: Mesh) -> Monitor:
         return monitor
     if isinstance(given, Mapping):
         return _several(template, [(f"u.{name}", part) for name, part in given.items()], mesh)
-    if isinstance(given, Sequence) and not isinstance(given, str) and any(_is_whole(part) for part in given):
+    if isinstance(given, Sequence) and not isinstance(given, str) and any(_is_whole(part, mesh) for part in given):
         return _several(template, [(f"u.{number}", part) for number, part in enumerate(given)], mesh)
     return with_u(template, field_of(given, mesh, "u"))
 
 
-def field_of(given: Any, mesh: Mesh, name: str) -> Field:
+def field_of(given: Any, mesh: Mesh | QuadMesh, name: str) -> Field:
     """A function of x and y: ``given`` itself, the expression of a text, or nodal values as a field."""
     if isinstance(given, str) or callable(getattr(given, "evaluate", None)):
         return require_field(given, name)
-    return NodalField(mesh=mesh, values=given)
+    return QuadField(mesh=mesh, values=given) if isinstance(mesh, QuadMesh) else NodalField(mesh=mesh, values=given)
 
 
 def with_u(monitor: Monitor, u: Field) -> Monitor:
@@ -254,9 +278,11 @@ def with_u(monitor: Monitor, u: Field) -> Monitor:
     )
 
 
-def _several(template: Monitor, given: Sequence[tuple[str, Any]], mesh: Mesh) -> Monitor:
+def _several(template: Monitor, given: Sequence[tuple[str, Any]], mesh: Mesh | QuadMesh) -> Monitor:
     if len(given) == 1:
         return monitor_for(template, given[0][1], mesh)
+    if isinstance(mesh, QuadMesh):
+        raise InputError(SEVERAL, field="u")
     monitors = [
         part if callable(getattr(part, "metric", None)) else with_u(_metric(template), field_of(part, mesh, name))
         for name, part in given
@@ -271,12 +297,12 @@ def _metric(template: Monitor) -> Monitor:
     return template
 
 
-def _is_whole(part: Any) -> bool:
+def _is_whole(part: Any, mesh: Mesh | QuadMesh) -> bool:
     """Whether this is a u or a monitor by itself, and no row of an array."""
     return (
         isinstance(part, str)
         or any(callable(getattr(part, n, None)) for n in ("metric", "evaluate"))
-        or (np.ndim(part) == 2)
+        or (np.ndim(part) == len(mesh.node_shape))
     )
 
 
@@ -297,16 +323,11 @@ MIN_GAIN_SHARE_WITHOUT_SUBSTEPS = 0.5
 MAX_SUBSTEPS = 8
 
 
-S = TypeVar("S", Solution, OnBlocks)
-P = TypeVar("P", Problem, Problem[Blocks])
-M = TypeVar("M", Mesh, QuadMesh)
-
-
 @dataclass(frozen=True, kw_only=True)
-class Found(Generic[S]):
+class Found:
     """The solution of a step, and the number of meshes on the way to it."""
 
-    solution: S
+    solution: AnySolution
     substeps: int = 1
 
     @property
@@ -324,18 +345,19 @@ class Earlier:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnyPursuit(ABC, Generic[P, S, M]):
+class Pursuit:
     """Finds the mesh of the next step after ``before``, whose u was ``u``; ``None`` where it is not known."""
 
     options: SolveArguments
-    before: M
+    before: Mesh | QuadMesh
     """The mesh before, on the reference square and the grid of the step; of blocks the mesh itself."""
     u: Field | None
     gain: float
     """The gain of the mesh before for its u; NaN where it is not known."""
     max_move: float
+    schwarz: Schwarz | None = None
 
-    def solve(self, problem: P) -> Found[S]:
+    def solve(self, problem: Problem[Any]) -> Found:
         """The solution with the smallest measured error of those that were needed."""
         found = Found(solution=self._from(problem, self.before))
         if isinstance(problem.monitor, Auto) and problem.monitor.purpose is not None:
@@ -344,13 +366,13 @@ class AnyPursuit(ABC, Generic[P, S, M]):
         is_followed = not math.isnan(self.gain) or self._moved(found) <= self.max_move
         if is_followed and not self._has_lost(found, MIN_GAIN_SHARE):
             return found
-        if isinstance(problem.monitor, LeastError | Auto) and self._may_start_anew:
+        if isinstance(problem.monitor, LeastError | Auto) and self.schwarz is None:
             found = _better(found, Found(solution=self._from(problem, Initial.NESTED)))
         if self._has_lost(found, MIN_GAIN_SHARE_WITHOUT_SUBSTEPS) and self._moved(found) > self.max_move:
             found = _better(found, self._in_substeps(problem, self._moved(found)))
         return found
 
-    def _in_substeps(self, problem: P, moved: float) -> Found[S] | None:
+    def _in_substeps(self, problem: Problem[Any], moved: float) -> Found | None:
         """The solution by several meshes, each from the one before it; ``None`` where u is not known at both times."""
         later = problem.monitor.u
         if self.u is None or later is None or isinstance(problem.monitor, Intersection):
@@ -360,81 +382,26 @@ class AnyPursuit(ABC, Generic[P, S, M]):
         for number in range(1, count):
             u = Between(earlier=self.u, later=later, share=number / count)
             try:
-                between = self._with(problem, u)
+                between = replace(problem, monitor=with_u(problem.monitor, u))
             except InputError:
                 return None
             solution = self._from(between, mesh)
             if not solution.status.succeeded:
                 return None
-            mesh = self._place(solution)
+            mesh = solution.reference
         return Found(solution=self._from(problem, mesh), substeps=count)
 
-    @property
-    def _may_start_anew(self) -> bool:
-        """Whether a nested start is tried."""
-        return True
-
-    @abstractmethod
-    def _from(self, problem: P, start: M | Initial) -> S:
+    def _from(self, problem: Problem[Any], start: Mesh | QuadMesh | Initial) -> AnySolution:
         """The solution from a start."""
+        options: SolveArguments = {**self.options, "initial": start, "check": False}
+        found: AnySolution = solve(problem, self.schwarz, **options)
+        return found
 
-    @abstractmethod
-    def _with(self, problem: P, u: Field) -> P:
-        """The problem with another u; raises :class:`~equimesh.errors.InputError` where it follows none."""
-
-    @abstractmethod
-    def _place(self, solution: S) -> M:
-        """The mesh of a solution, as :attr:`before`."""
-
-    def _has_lost(self, found: Found[S], share: float) -> bool:
+    def _has_lost(self, found: Found, share: float) -> bool:
         return not found.solution.status.succeeded or found.gain < share * self.gain
 
-    def _moved(self, found: Found[S]) -> float:
-        return cells_moved(self.before, self._place(found.solution))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pursuit(AnyPursuit[Problem, Solution, Mesh]):
-    """On a grid."""
-
-    schwarz: Schwarz | None
-
-    @property
-    def _may_start_anew(self) -> bool:
-        return self.schwarz is None
-
-    def _from(self, problem: Problem, start: Mesh | Initial) -> Solution:
-        options: SolveArguments = {**self.options, "initial": start, "check": False}
-        return solve(problem, self.schwarz, **options)
-
-    def _with(self, problem: Problem, u: Field) -> Problem:
-        return replace(problem, monitor=with_u(problem.monitor, u))
-
-    def _place(self, solution: Solution) -> Mesh:
-        return solution.reference
-
-
-@dataclass(frozen=True, kw_only=True)
-class BlockPursuit(AnyPursuit[Problem[Blocks], OnBlocks, QuadMesh]):
-    """On blocks."""
-
-    def _from(self, problem: Problem[Blocks], start: QuadMesh | Initial) -> OnBlocks:
-        options: SolveArguments = {**self.options, "initial": start, "check": False}
-        return solve(problem, **options)
-
-    def _with(self, problem: Problem[Blocks], u: Field) -> Problem[Blocks]:
-        return problem_with(problem, u)
-
-    def _place(self, solution: OnBlocks) -> QuadMesh:
-        return solution.mesh
-
-
-def problem_with(problem: Problem[Blocks], u: Field) -> Problem[Blocks]:
-    """A problem on blocks with another u; raises :class:`~equimesh.errors.InputError` for a monitor of values."""
-    monitor: Any = problem.monitor
-    if isinstance(monitor, NodalSolution):
-        raise InputError("a NodalSolution follows no function u: take LeastError or Auto", field="u")
-    return replace(problem, monitor=replace(monitor, u=u))
+    def _moved(self, found: Found) -> float:
+        return cells_moved(self.before, found.solution.reference)
 
 
 def gain_of(solution: AnySolution) -> float:
@@ -443,7 +410,7 @@ def gain_of(solution: AnySolution) -> float:
     return math.nan if errors is None else errors.estimated_gain(getattr(solution.problem.monitor, "norm", "l2"))
 
 
-def _better(one: Found[S], other: Found[S] | None) -> Found[S]:
+def _better(one: Found, other: Found | None) -> Found:
     """The one with the larger gain, of those that succeeded."""
     if other is None or not other.solution.status.succeeded:
         return one

@@ -6,15 +6,17 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any, Generic, Literal, Self, TypeVar, Unpack
+from typing import Any, Generic, Literal, Self, TypeAlias, Unpack
 
 import numpy as np
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain, closed_of, map_mesh
-from equimesh.equations.problem import Problem, in_blocks
+from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.mesh_map import reference_of
 from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import describe_value
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import prolong
@@ -30,18 +32,21 @@ from equimesh.sequences.pursuit import (
     displacement,
     gain_of,
     largest_jump,
-    mesh_between,
     monitor_for,
     outrun_by,
+    smoothed,
 )
+from equimesh.solving.blocks import check_start
 from equimesh.solving.certificate import Certificate
-from equimesh.solving.solution import OnBlocks, Solution, SolveError
+from equimesh.solving.solution import AnySolution, M, Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import SolveArguments, Status
 from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.one_domain import MAX_ROUNDING, require_one_domain, require_valid
 from equimesh.transfers.transfer import carry_closed, named
+
+AnyMesh: TypeAlias = Mesh | QuadMesh
 
 # What a step says of the integrals of the fields that it carried.
 
@@ -90,23 +95,27 @@ def check_settings(smoothing: Any, max_move: Any, outrun: Any) -> None:
         raise InputError(f"outrun = {outrun!r}: choose 'substeps' or 'refuse'", field="outrun")
 
 
-def first_mesh(begin: Solution | Mesh | None, domain: Domain) -> tuple[Mesh, Mesh]:
+def first_mesh(begin: AnySolution | AnyMesh | None, domain: Domain | Blocks) -> tuple[Any, Any]:
     """The mesh of the domain that a sequence begins with, and the same mesh on the reference square.
 
     Raises :class:`~equimesh.errors.InputError` for what is no mesh and no solution, for a folded mesh, and for one of
     another domain.
     """
-    if isinstance(begin, Solution):
-        mesh, reference = begin.mesh, begin.reference
-    elif isinstance(begin, Mesh):
-        require_valid(begin)
-        mesh, reference = begin, reference_of(begin, domain)
-    else:
+    mesh = begin.mesh if isinstance(begin, Solution) else begin
+    if isinstance(domain, Blocks) and isinstance(mesh, QuadMesh):
+        check_start(domain, mesh)
+        return mesh, mesh
+    if isinstance(domain, Blocks) or not isinstance(mesh, Mesh):
         raise InputError(
-            f"a sequence cannot begin with {describe_value(begin)}: give mesh= an em.Mesh, or solution= the result of"
-            " em.solve",
+            f"a sequence cannot begin with {describe_value(begin)}: give mesh= an em.Mesh, on blocks a QuadMesh of the"
+            " domain, or solution= the result of em.solve",
             field="mesh",
         )
+    if isinstance(begin, Solution):
+        reference = begin.reference
+    else:
+        require_valid(mesh)
+        reference = reference_of(mesh, domain)
     if not _is_of(domain, mesh, reference):
         raise InputError("the first mesh of a sequence must be one of the problem's domain", field="mesh")
     return mesh, reference
@@ -130,13 +139,10 @@ def _is_number(value: object) -> bool:
 
 # One step of a sequence: its mesh, the fields on it, and how the nodes have moved.
 
-M = TypeVar("M", Mesh, QuadMesh)
-S = TypeVar("S", Solution, OnBlocks)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class AnyStep(Generic[M, S]):
-    """The members that steps on grids and on blocks share."""
+class SequenceStep(Generic[M]):
+    """The result of :meth:`~equimesh.sequences.sequence.Sequence.step`."""
 
     number: int
     """1 for the first step."""
@@ -145,7 +151,7 @@ class AnyStep(Generic[M, S]):
 
     The next step begins with it: write into copies of its arrays only.
     """
-    solution: S
+    solution: Solution[Any, M]
     """The solve of this step, also a failed one."""
     fields: Mapping[str, Array]
     """The fields on the mesh, by their names."""
@@ -163,7 +169,7 @@ class AnyStep(Generic[M, S]):
     """Sentences about this step alone: moves, and integrals that bounds did not allow to keep."""
 
     @classmethod
-    def kept(cls, number: int, mesh: M, solution: S, given: Mapping[str, MeshValues]) -> Self:
+    def kept(cls, number: int, mesh: M, solution: Solution[Any, M], given: Mapping[str, MeshValues]) -> Self:
         """The step of a solve that failed: it keeps the mesh and the fields as they were."""
         return cls(
             number=number,
@@ -175,6 +181,10 @@ class AnyStep(Generic[M, S]):
             substeps=1,
             notes=("The solve failed: the mesh before and its fields are kept.",),
         )
+
+    def __repr__(self) -> str:
+        size = self.solution.problem.points if isinstance(self.mesh, QuadMesh) else self.mesh.grid
+        return f"<SequenceStep {self.number}: {size} points, {self.status}>"
 
     @property
     def status(self) -> Status:
@@ -192,32 +202,16 @@ class AnyStep(Generic[M, S]):
         return (*self.notes, *self.certificate.warnings)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SequenceStep(AnyStep[Mesh, Solution]):
-    """The result of :meth:`~equimesh.sequences.sequence.Sequence.step`."""
-
-    def __repr__(self) -> str:
-        return f"<SequenceStep {self.number}: {self.mesh.grid} points, {self.status}>"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class BlockStep(AnyStep[QuadMesh, OnBlocks]):
-    """The result of :meth:`~equimesh.sequences.block_sequence.BlockSequence.step`."""
-
-    def __repr__(self) -> str:
-        return f"<BlockStep {self.number}: {len(self.mesh.points)} points, {self.status}>"
-
-
 # The begin of the note of such a mesh.
 SMOOTHED = "The mesh keeps a share of the mesh before it"
-ON_BLOCKS = "a Sequence follows u on a grid: take BlockSequence(problem) for a domain in blocks"
 
 
-class Sequence:
-    """Meshes of one domain that follow a solution in time.
+class Sequence(Generic[M]):
+    """Meshes of one domain, with four sides or in blocks, that follow a solution in time.
 
     ``problem`` gives domain, grid and the monitor, whose settings hold for all steps. The first mesh is that of
-    ``solution``, or ``mesh``, a valid mesh of the domain; without both, the problem is solved. ``schwarz`` and
+    ``solution``, or ``mesh``, a valid mesh of the domain, with its cells on blocks; without both, the problem is
+    solved. ``schwarz`` and
     ``options`` are those of :func:`equimesh.solve`: ``mode``, ``allow_relaxed``, ``threads`` (here 1), ``observe`` and
     ``check``.
 
@@ -240,17 +234,18 @@ class Sequence:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: Problem[Any],
         schwarz: Schwarz | None = None,
         *,
-        solution: Solution | Earlier | None = None,
-        mesh: Mesh | None = None,
+        solution: Solution[Any, M] | Earlier | None = None,
+        mesh: M | None = None,
         smoothing: float = 0.0,
         max_move: float = 1.0,
         outrun: Literal["substeps", "refuse"] = "substeps",
         **options: Unpack[SolveArguments],
     ) -> None:
-        _require_grid(problem)
+        if not isinstance(problem, Problem):
+            raise InputError(f"problem is {describe_value(problem)}: give a Problem", field="problem")
         check_settings(smoothing, max_move, outrun)
         if isinstance(solution, Solution) and mesh is not None:
             raise InputError("a solution has a mesh: give solution= or mesh=, and not both", field="mesh")
@@ -261,14 +256,15 @@ class Sequence:
         self._options: SolveArguments = {**defaults, **options}
         self._check = options.get("check", True)
         earlier = solution if isinstance(solution, Earlier) else None
-        solution = None if isinstance(solution, Earlier) else solution
-        if solution is None and mesh is None:
-            solution = solve(problem, schwarz, **self._options)
-        self.solution = solution
+        found: AnySolution | None = None if isinstance(solution, Earlier) else solution
+        if found is None and mesh is None:
+            found = solve(problem, schwarz, **self._options)
+        self.solution = found
         self._earlier = earlier
-        self.mesh: Mesh
-        self.mesh, self._reference = first_mesh(mesh if solution is None else solution, problem.domain)
-        self._nodes = self.mesh.points
+        self.mesh: M
+        self._reference: M
+        self.mesh, self._reference = first_mesh(mesh if found is None else found, problem.domain)
+        self._nodes = self.mesh.points.copy()
         self.number = 0
 
     def step(
@@ -277,13 +273,14 @@ class Sequence:
         fields: Mapping[str, Any] | None = None,
         *,
         grid: Grid | None = None,
-    ) -> SequenceStep:
+    ) -> SequenceStep[M]:
         """The next mesh, adapted to ``u``, with the ``fields`` of the mesh before on it.
 
-        ``u`` is an array of shape ``(n_xi, n_eta)`` at the nodes of :attr:`mesh`; a field, or the text of an
-        expression; a monitor of any kind, whose settings hold from now on; or several of these, in a mapping or a
-        tuple, which are intersected. A field is an array at the nodes, carried by splines, or a
-        :class:`~equimesh.transfers.mesh_values.MeshValues`. ``grid`` changes the number of points.
+        ``u`` is an array at the nodes of :attr:`mesh`, shape ``(n_xi, n_eta)``, on blocks ``(n,)``; a field, or the
+        text of an expression; a monitor that the domain can have, whose settings hold from now on; or on a grid several
+        of these, in a mapping or a tuple, which are intersected. A field is an array at the nodes, carried by splines,
+        on blocks by cubics, or a :class:`~equimesh.transfers.mesh_values.MeshValues`. ``grid`` changes the number of
+        points, which blocks do not take.
 
         A solve that fails, and a refused step, leave the sequence as it was: the mesh before is kept. Raises
         :class:`~equimesh.solving.solution.SolveError` then, unless ``check`` is false, and
@@ -302,32 +299,36 @@ class Sequence:
         if not found.solution.status.succeeded:
             return self._failed(found.solution, given)
         solution = self._smoothed(found.solution, before)
-        same = problem.grid == self.mesh.grid
-        moved = cells_moved(self.mesh, solution.mesh) if same else None
+        old: Any = self.mesh
+        same = old.node_shape == solution.mesh.node_shape
+        moved = cells_moved(old, solution.mesh) if same else None
         self._refuse_outrun(moved)
-        carried = carry_closed(self.mesh, given, solution.mesh, closed_of(problem.domain))
+        carried = carry_closed(old, given, solution.mesh, closed_of(problem.domain))
+        notes = list(self._about_moves(solution, moved))
+        notes += about_integrals((old, solution.mesh), given, carried)
         step = SequenceStep(
             number=self.number + 1,
             mesh=solution.mesh,
             solution=solution,
             fields=carried,
-            velocity=displacement(self.mesh, solution.mesh) if same else None,
+            velocity=displacement(old, solution.mesh) if same else None,
             moved=moved,
             substeps=found.substeps,
-            notes=(*self._about_moves(solution, moved), *about_integrals((self.mesh, solution.mesh), given, carried)),
+            notes=tuple(notes),
         )
         kept = problem.monitor if is_monitor else self.problem.monitor
         self.problem = replace(problem, monitor=kept)
         self.solution, self.mesh, self._reference = solution, solution.mesh, solution.reference
-        self._nodes = solution.mesh.points
+        self._nodes = solution.mesh.points.copy()
         self.number += 1
         return step
 
-    def _on_grid(self, grid: Grid) -> Mesh:
+    def _on_grid(self, grid: Grid) -> Mesh | QuadMesh:
         """The reference mesh before, on the grid of the step."""
-        return self._reference if grid == self._reference.grid else prolong(self._reference, grid)
+        before = self._reference
+        return before if isinstance(before, QuadMesh) or grid == before.grid else prolong(before, grid)
 
-    def _pursue(self, problem: Problem, before: Mesh) -> Found[Solution]:
+    def _pursue(self, problem: Problem[Any], before: Mesh | QuadMesh) -> Found:
         """The solution of a step."""
         earlier = self._earlier
         if self.solution is not None:
@@ -342,13 +343,12 @@ class Sequence:
         )
         return pursuit.solve(problem)
 
-    def _smoothed(self, solution: Solution, before: Mesh) -> Solution:
+    def _smoothed(self, solution: AnySolution, before: Mesh | QuadMesh) -> AnySolution:
         """The solution with a share of the mesh before."""
         if self.smoothing == 0.0:
             return solution
-        reference = mesh_between(before, solution.reference, self.smoothing)
-        mesh = map_mesh(reference, solution.problem.domain)
-        if reference is solution.reference or mesh.is_folded:
+        mesh, reference = smoothed(solution, before, self.smoothing)
+        if mesh is solution.mesh:
             return solution
         return replace(
             solution,
@@ -371,13 +371,13 @@ class Sequence:
         if self.outrun == "refuse" and not self._is_first and moved is not None and moved > self.max_move:
             raise outrun_by(moved, self.max_move)
 
-    def _failed(self, solution: Solution, given: Mapping[str, MeshValues]) -> SequenceStep:
+    def _failed(self, solution: AnySolution, given: Mapping[str, MeshValues]) -> SequenceStep[M]:
         """A step that keeps the mesh and the fields as they were."""
         if self._check:
             raise SolveError(solution.message, solution)
         return SequenceStep.kept(self.number + 1, self.mesh, solution, given)
 
-    def _about_moves(self, solution: Solution, moved: float | None) -> Iterator[str]:
+    def _about_moves(self, solution: AnySolution, moved: float | None) -> Iterator[str]:
         """Sentences about the move of the nodes."""
         if moved is None:
             return
@@ -387,13 +387,10 @@ class Sequence:
                 " step from a given mesh is not refused. Later ones are."
             )
         u = solution.problem.monitor.u
-        jump = largest_jump(u.values) if isinstance(u, NodalField) and _is_same(u.mesh, self.mesh) else 0.0
+        jump = 0.0
+        if isinstance(u, NodalField | QuadField) and _is_same(u.mesh, self.mesh):
+            jump = largest_jump(u.values, u.mesh.cells if isinstance(u, QuadField) else None)
         yield from about_moves(self.mesh, solution.mesh, jump, moved, self.max_move)
-
-
-def _require_grid(problem: object) -> None:
-    if isinstance(problem, Problem) and in_blocks(problem):
-        raise InputError(ON_BLOCKS, field="problem")
 
 
 def require_untouched(points: Array, before: Array) -> None:
@@ -406,5 +403,7 @@ def require_untouched(points: Array, before: Array) -> None:
         )
 
 
-def _is_same(one: Mesh, other: Mesh) -> bool:
+def _is_same(one: AnyMesh, other: AnyMesh) -> bool:
+    if isinstance(one, QuadMesh) or isinstance(other, QuadMesh):
+        return one is other
     return one is other or (one.grid == other.grid and one.distance(other) == 0.0)

@@ -53,7 +53,7 @@ def solve_block_problem(problem: Problem[Blocks], schwarz: Schwarz | None, optio
         if name in options:
             raise InputError(f"{name} belongs to equidistribution, which blocks do not have: leave it out", field=name)
     arguments = complete_arguments(options)
-    initial = check_start(problem, arguments["initial"])
+    initial = check_start(problem.domain, arguments["initial"])
     checked = SolveOptions(
         mode=arguments["mode"],
         allow_relaxed=True,
@@ -158,7 +158,7 @@ def is_no_worse(solution: OnBlocks) -> bool:
     return all(errors.estimated_gain(one) >= 1.0 for one in {"l2", _norm(solution.problem)})
 
 
-def check_start(problem: Problem[Blocks], initial: Initial | Mesh | QuadMesh) -> Initial | QuadMesh:
+def check_start(domain: Blocks, initial: Initial | Mesh | QuadMesh) -> Initial | QuadMesh:
     """The start of a solve.
 
     Raises :class:`~equimesh.errors.InputError` for a mesh of another domain, and for a folded one.
@@ -167,7 +167,7 @@ def check_start(problem: Problem[Blocks], initial: Initial | Mesh | QuadMesh) ->
         raise InputError("initial is the mesh of a grid: give a QuadMesh of the domain in blocks", field="initial")
     if not isinstance(initial, QuadMesh):
         return choice(Initial, initial, "initial")
-    own = problem.domain.mesh
+    own = domain.mesh
     if initial.points.shape != own.points.shape or not np.array_equal(initial.cells, own.cells):
         raise InputError(
             f"the mesh to start from has {len(initial.points)} points, the domain {len(own.points)}: give a mesh with"

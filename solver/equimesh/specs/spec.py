@@ -228,6 +228,11 @@ class BuiltSpec:
         """The Schwarz iteration on a grid; None for a single domain, and on blocks."""
         return None if in_blocks(self.problem) else self.schwarz
 
+    @property
+    def ending(self) -> SolveArguments:
+        """The options that only equidistribution has: when a solve ends, and what it accepts. None on blocks."""
+        return {} if in_blocks(self.problem) else {"mode": self.mode, "allow_relaxed": self.allow_relaxed}
+
     def solve(
         self,
         *,
@@ -240,13 +245,9 @@ class BuiltSpec:
         ``options`` are added to those of the document. ``start`` is a mesh of the reference square in place of
         ``initial``. ``began`` is called with every grid of a target before it is solved.
         """
-        settings: SolveArguments = {"initial": self.initial, "mode": self.mode, "allow_relaxed": self.allow_relaxed}
-        settings |= options
+        settings: SolveArguments = {"initial": self.initial, **self.ending, **options}
         if start is not None:
             settings["initial"] = start
-        if in_blocks(self.problem):
-            on_blocks: SolveArguments = {"initial": self.initial}
-            return solve(self.problem, self.schwarz, **on_blocks | options)
         problem = self.problem
         if self.target is None:
             return solve(problem, self.schwarz, **settings)

@@ -56,9 +56,17 @@ def test_blocks_have_no_grid_and_domains_with_four_sides_need_one() -> None:
     assert caught.value.field == "grid"
 
 
-@pytest.mark.parametrize("now", ["Problem", "Solution", "Schwarz"])
-def test_names_before_say_the_name_now(now: str) -> None:
-    name = f"Block{now}"
+@pytest.mark.parametrize(
+    ("name", "now"),
+    [
+        ("BlockProblem", "Problem"),
+        ("BlockSolution", "Solution"),
+        ("BlockSchwarz", "Schwarz"),
+        ("BlockSequence", "Sequence"),
+        ("BlockStep", "SequenceStep"),
+    ],
+)
+def test_names_before_say_the_name_now(name: str, now: str) -> None:
     with pytest.raises(AttributeError, match=f"equimesh.{name} is equimesh.{now} now"):
         getattr(em, name)
     assert name not in em.__all__

@@ -27,9 +27,9 @@ def first() -> em.Solution[em.Blocks, em.QuadMesh]:
     return em.solve(em.Problem(monitor=em.LeastError(u=front(0.0)), domain=DOMAIN), threads=1)
 
 
-def sequence(**settings: Any) -> em.BlockSequence:
+def sequence(**settings: Any) -> em.Sequence[em.QuadMesh]:
     """A sequence that begins there."""
-    return em.BlockSequence(first().problem, solution=first(), **settings)
+    return em.Sequence(first().problem, solution=first(), **settings)
 
 
 def test_meshes_follow_a_front_and_keep_integrals() -> None:
@@ -68,7 +68,7 @@ def test_copies_stay_one_period_apart_where_the_seam_moves() -> None:
     around["blocks"] = [{"corners": ["a", "b", "c", "d"], "cells": [12, 12]}]
     domain = em.Blocks.of({**around, "joins": [{"from": ["a", "d"], "to": ["b", "c"]}]})
     wave = "tanh(6*sin(2*pi*(x - t + 0.1*sin(2*pi*y))))"
-    moving = em.BlockSequence(em.Problem(monitor=em.LeastError(u=em.Expression(wave, t=0.0)), domain=domain))
+    moving = em.Sequence(em.Problem(monitor=em.LeastError(u=em.Expression(wave, t=0.0)), domain=domain))
     for k in (1, 2, 3):
         u = em.Expression(wave, t=0.1 * k).evaluate(moving.mesh.x, moving.mesh.y)[0]
         mesh, whole = moving.mesh, em.integral(moving.mesh, u)
@@ -89,7 +89,7 @@ def test_a_monitor_gives_its_settings_to_later_steps() -> None:
 def test_a_share_of_the_mesh_before_stays_on_the_curves() -> None:
     domain = disc(400)
     problem = em.Problem(monitor=em.LeastError(u=em.Expression("tanh(9*x)")), domain=domain)
-    ways = [em.BlockSequence(problem, mesh=domain.mesh, smoothing=share) for share in (0.0, 0.5)]
+    ways = [em.Sequence(problem, mesh=domain.mesh, smoothing=share) for share in (0.0, 0.5)]
     plain, smooth = (way.step("tanh(9*(x - 0.1*y))").mesh for way in ways)
     free = domain.node_curve < 0
     middle = 0.5 * (plain.points + domain.mesh.points)
@@ -109,16 +109,18 @@ def test_a_large_move_is_refused_where_this_is_requested() -> None:
 
 def test_what_cannot_be_used_is_refused() -> None:
     problem, moving = first().problem, sequence()
-    with pytest.raises(em.InputError, match="take BlockSequence"):
-        em.Sequence(problem)
-    with pytest.raises(em.InputError, match="give one whose domain has blocks"):
-        em.BlockSequence(None)
-    with pytest.raises(em.InputError, match="give a mesh with the cells of the domain"):
-        em.BlockSequence(problem, mesh=disc(300).mesh)
+    with pytest.raises(em.InputError, match="give a Problem"):
+        em.Sequence(None)  # type: ignore[arg-type]
     with pytest.raises(em.InputError, match="cannot begin with"):
-        em.BlockSequence(problem, mesh=3)
+        em.Sequence(problem, mesh=em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5)))
+    with pytest.raises(em.InputError, match="leave the grid out"):
+        moving.step(front(0.1), grid=em.Grid(n_xi=5, n_eta=5))
+    with pytest.raises(em.InputError, match="give a mesh with the cells of the domain"):
+        em.Sequence(problem, mesh=disc(300).mesh)
+    with pytest.raises(em.InputError, match="cannot begin with"):
+        em.Sequence(problem, mesh=3)
     with pytest.raises(em.InputError, match="not both"):
-        em.BlockSequence(problem, mesh=DOMAIN.mesh, solution=first())
+        em.Sequence(problem, mesh=DOMAIN.mesh, solution=first())
     for several in ({"u": front(0.0), "v": front(0.1)}, (front(0.0), front(0.1))):
         with pytest.raises(em.InputError, match="several parts"):
             moving.step(several)
@@ -127,10 +129,10 @@ def test_what_cannot_be_used_is_refused() -> None:
     with pytest.raises(em.SamplesError, match="rho has shape"):
         moving.step(front(0.1), {"rho": np.zeros(7)})
     nodal = em.NodalSolution(u=em.QuadField(mesh=DOMAIN.mesh, values=DOMAIN.mesh.x))
-    of_values = em.BlockSequence(em.Problem(monitor=nodal, domain=DOMAIN), mesh=DOMAIN.mesh)
-    with pytest.raises(em.InputError, match="follows no function u"):
+    of_values = em.Sequence(em.Problem(monitor=nodal, domain=DOMAIN), mesh=DOMAIN.mesh)
+    with pytest.raises(em.InputError, match="values of a solver at the nodes"):
         of_values.step(front(0.0))
-    own = em.BlockSequence(problem, mesh=DOMAIN.mesh.moved(DOMAIN.mesh.points.copy()))
+    own = em.Sequence(problem, mesh=DOMAIN.mesh.moved(DOMAIN.mesh.points.copy()))
     own.mesh.points[7] += 1e-3
     with pytest.raises(em.InputError, match="was written into"):
         own.step(front(0.1))
