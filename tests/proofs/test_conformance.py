@@ -7,6 +7,7 @@ import inspect
 import io
 import json
 import math
+import signal
 import socket
 import sys
 import threading
@@ -676,6 +677,7 @@ def test_every_public_name_of_the_twins_works(
 
 
 def test_a_taken_port_is_a_sentence_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    handler = signal.getsignal(signal.SIGTERM)  # `serve` sets its own
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         for words, code in (
@@ -687,6 +689,7 @@ def test_a_taken_port_is_a_sentence_and_leaves_nothing(tmp_path: Path, capsys: p
             assert "in use" in said
             assert said.startswith("equimesh: ")
             assert list(tmp_path.iterdir()) == []
+    signal.signal(signal.SIGTERM, handler)
 
 
 def test_a_certificate_reads_the_same_after_its_way_through_json() -> None:
