@@ -1,15 +1,17 @@
-"""One service without keys for all pages, and a browser for the tests of a module."""
+"""One service without keys, and one browser of each kind, for all pages."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser
 
+from browser.browsers import BROWSERS
 from equimesh_service import Settings, running
-from programs import browser as browser_program
 
+FOLDER = Path(__file__).parent
 # WebGL2 in software, for what is marked `webgl`: no test depends on the graphics of a machine.
 WEBGL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 # Neither WebGL nor a compositor that uses it: the workbench then draws with its other renderer. This is a third of the
@@ -31,11 +33,15 @@ def page_url(page_settings: Settings) -> Iterator[str]:
         yield url
 
 
-# While it is there, its event loop runs in this thread, and tests of other modules could run no loop of theirs.
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> Iterator[None]:
+    """While Playwright is there, its event loop runs in this thread: tests of other folders run loops of theirs."""
+    yield
+    if nextitem is None or FOLDER not in nextitem.path.parents:
+        BROWSERS.close()
+
+
 @pytest.fixture(scope="module")
-def chromium(request: pytest.FixtureRequest) -> Iterator[Browser]:
-    flags = WEBGL if request.node.get_closest_marker("webgl") else PLAIN
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=browser_program(), args=flags)
-        yield opened
-        opened.close()
+def chromium(request: pytest.FixtureRequest) -> Browser:
+    """A browser; with WebGL where the module is marked so."""
+    return BROWSERS.opened(WEBGL if request.node.get_closest_marker("webgl") else PLAIN)

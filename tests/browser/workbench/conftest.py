@@ -7,7 +7,9 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect
+from playwright.sync_api import Browser, Page, expect
+
+from browser.browsers import BROWSERS
 
 LAPTOP = {"width": 1366, "height": 768}
 # The workbench with a small mesh that is solved in a moment.
@@ -40,26 +42,29 @@ expect.set_options(timeout=PATIENCE)
 @contextmanager
 def visits(chromium: Browser, url: str) -> Iterator[Callable[..., Page]]:
     """Opens pages, and closes them at the end; none of them may have complained then."""
-    contexts: list[BrowserContext] = []
     pages: list[Page] = []
 
     def open_page(path: str = "/", **options: Any) -> Page:
-        context = chromium.new_context(**{"viewport": LAPTOP, **options})
-        contexts.append(context)
-        context.set_default_timeout(PATIENCE)
-        page = context.new_page()
-        pages.append(page)
-        complaints = Complaints()
-        page.complaints = complaints  # type: ignore[attr-defined]
-        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.goto(url + path)
-        return page
+        pages.append(new_page(chromium, **options))
+        pages[-1].goto(url + path)
+        return pages[-1]
 
     yield open_page
-    for context in contexts:
-        context.close()
+    for page in pages:
+        page.context.close()
     check_complaints(*pages)
+
+
+def new_page(chromium: Browser, **options: Any) -> Page:
+    """A page of its own context, which lists its complaints."""
+    context = chromium.new_context(**{"viewport": LAPTOP, **options})
+    context.set_default_timeout(PATIENCE)
+    page = context.new_page()
+    complaints = Complaints()
+    page.complaints = complaints  # type: ignore[attr-defined]
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    return page
 
 
 def check_complaints(*pages: Page) -> None:
@@ -81,10 +86,9 @@ def empty(page: Page, blank: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def one_page(chromium: Browser, page_url: str) -> Iterator[Page]:
-    """A page that is emptied before each test of a module: a new one costs five times as much."""
-    with visits(chromium, page_url) as open_page:
-        yield open_page(BLANK)
+def one_page(chromium: Browser) -> Page:
+    """A page that is emptied before each test: a new one costs twice as much."""
+    return BROWSERS.page("one test", chromium, lambda: new_page(chromium))
 
 
 @pytest.fixture
@@ -112,8 +116,11 @@ def visit(chromium: Browser, page_url: str, one_page: Page) -> Iterator[Callable
 @pytest.fixture(scope="module")
 def lasting_page(chromium: Browser, page_url: str) -> Iterator[Page]:
     """One page for all tests of a module, each of which brings it to a state of its own."""
-    with visits(chromium, page_url) as open_page:
-        yield open_page(SMALL)
+    page = BROWSERS.page("one module", chromium, lambda: new_page(chromium))
+    empty(page, page_url + BLANK)
+    page.goto(page_url + SMALL)
+    yield page
+    check_complaints(page)
 
 
 @pytest.fixture
