@@ -1,5 +1,6 @@
 """The spec of a mesh: its monitor, domain, grid or target, and how it is solved."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, TypeAlias
 
@@ -21,6 +22,21 @@ MODES = Words(
 BOUNDARIES = Words("trace", "equidistributed_1d", "orthogonal")
 INITIALS = Words("nested", "uniform")
 CELLS = Words("quad", "triangle")
+SUFFIXES: Mapping[str, str] = {
+    ".vtu": "vtu",
+    ".vtk": "vtk",
+    ".vts": "vts",
+    ".vtm.zip": "vtm",
+    ".xdmf": "xdmf",
+    ".xdmf.zip": "xdmf",
+    ".msh": "msh",
+    ".mesh": "medit",
+    ".su2": "su2",
+    ".p3d.zip": "p3d",
+    ".foam.zip": "foam",
+    ".npz": "npz",
+}
+"""Formats of mesh files by the suffixes of their names."""
 NumberOfParts: TypeAlias = Annotated[
     Annotated[int, Limits(ge=1, le=MAX_PARTS)] | Literal["auto"] | None,
     Either(f"a whole number from 1 to {MAX_PARTS}, 'auto' or null"),

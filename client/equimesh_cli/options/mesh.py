@@ -21,7 +21,7 @@ from equimesh_cli.options.monitors import (
 )
 from equimesh_cli.parser import CommandError
 from equimesh_schema.document import types_of
-from equimesh_schema.mesh import Grid, MeshSpec, Target
+from equimesh_schema.mesh import SUFFIXES, Grid, MeshSpec, Target
 from equimesh_schema.schwarz import TRANSMISSIONS, Schwarz
 
 CONDITIONS = {
@@ -29,10 +29,7 @@ CONDITIONS = {
 }
 OF_CONDITIONS = tuple(dict.fromkeys(name for names in CONDITIONS.values() for name in names))
 SETTINGS = tuple(name for name in types_of(Schwarz) if name not in ("subdomains", "transmission"))
-MESH_SUFFIXES = (
-    ".vtu", ".vtk", ".vts", ".vtm.zip", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".p3d.zip", ".foam.zip", ".npz",
-)  # fmt: skip
-OUTPUT = ".vtu .vtk .vts .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case"
+MESH_SUFFIXES = tuple(SUFFIXES)
 PART_SUFFIXES = (".pvtu", ".vtkhdf")
 PLOT_SUFFIXES = (".png", ".svg")
 PLOT_KINDS = ("mesh", "quality", "convergence", "comparison")
@@ -93,7 +90,9 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     )
     _add_schwarz_options(parser)
     results = parser.add_argument_group("results")
-    results.add_argument("-o", "--output", metavar="FILE", type=Path, help=f"the mesh: {OUTPUT}")
+    results.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, help=f"the mesh: {' '.join(SUFFIXES)}, or a case of OpenFOAM"
+    )
     results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
     results.add_argument(
         "--plot-kind", choices=PLOT_KINDS, help="what it shows (mesh; with --open and a u: comparison)"

@@ -19,17 +19,9 @@ from equimesh_client.spec.sources import Upload
 from equimesh_client.wire.settings import retry_after_of
 from equimesh_client.wire.stream import StreamPosition
 from equimesh_schema import Certificate
+from equimesh_schema.mesh import SUFFIXES as MESH_SUFFIXES
 
-FORMATS = ("vtu", "vtk", "vts", "xdmf", "msh", "su2", "npz")  # whose suffix is their name
-SUFFIXES: Mapping[str, str] = {
-    ".xdmf.zip": "xdmf",
-    ".foam.zip": "foam",
-    ".vtm.zip": "vtm",
-    ".p3d.zip": "p3d",
-    ".zip": "xdmf",
-    ".mesh": "medit",
-    **{f".{name}": name for name in FORMATS},
-}
+SUFFIXES: Mapping[str, str] = {**MESH_SUFFIXES, ".zip": "xdmf"}
 PART_SUFFIXES: Mapping[str, str] = {".pvtu": "pvtu", ".vtkhdf": "vtkhdf"}  # heads of meshes in parts
 NPZ = "application/x-npz"
 # Seconds for which a service may compute a mesh that it does not keep, by its default.

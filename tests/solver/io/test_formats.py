@@ -8,6 +8,7 @@ import pytest
 
 import equimesh.io
 from equimesh.io.formats import FORMATS
+from equimesh_schema.mesh import SUFFIXES
 
 
 def test_each_format_is_described() -> None:
@@ -18,6 +19,11 @@ def test_each_format_is_described() -> None:
         assert re.fullmatch(r"[a-z]+/[a-z0-9.+-]+", known.media_type)
         assert len(known.description) > 20
     assert len({known.media_type for known in FORMATS.values()}) == len(FORMATS)
+
+
+def test_clients_know_each_format_by_its_suffix() -> None:
+    assert {known.suffix: name for name, known in FORMATS.items()}.items() <= SUFFIXES.items()
+    assert {*SUFFIXES.values()} == {*FORMATS}
 
 
 def test_names_of_files_in_parts_say_where_they_are() -> None:
