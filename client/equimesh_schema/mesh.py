@@ -15,8 +15,8 @@ WITHOUT_NUL = r"^[^\x00]*$"
 """The pattern of texts that databases store: PostgreSQL refuses U+0000."""
 UNIT_SQUARE = Rectangle()
 MODES = Words(
-    discretization="Meshes to compute on: iterates until the error of the solution on the grid is small beside that of "
-    "the grid itself.",
+    discretization="Meshes to compute on: iterates until the error of the solution on the grid is small compared with "
+    "that of the grid itself.",
     tight="Studies that compare meshes digit by digit: solves the equations to rounding.",
 )
 BOUNDARIES = Words("trace", "equidistributed_1d", "orthogonal")

@@ -96,7 +96,7 @@ class MeshResource(BaseModel):
 
 
 class UnstoredMesh(BaseModel):
-    """What a mesh says of itself of which the service keeps nothing, without its points."""
+    """The state of a mesh that the service does not keep, without its points."""
 
     model_config = ConfigDict(extra="allow")
 

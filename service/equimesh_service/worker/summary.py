@@ -158,7 +158,7 @@ ERRORS = {"l2": "The error", "h1": "The error of the gradient"}
 class Sentence(TypedDict):
     """One sentence.
 
-    Its tone is ``good`` or ``bad`` for the worth of the mesh, ``warning`` for what to know before the mesh is used, and
+    Its tone is ``good`` or ``bad`` for how good the mesh is, ``warning`` for what to know before the mesh is used, and
     ``note`` for everything else.
     """
 

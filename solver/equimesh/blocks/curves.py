@@ -217,7 +217,7 @@ GAUSS = np.polynomial.legendre.leggauss(5)
 
 
 def span(curve: BoundaryCurve, first: float, last: float, *, via: Point | None, name: str, field: str) -> Array:
-    """The t at the begin and at the end of an edge between the places ``first`` and ``last``, shape ``(2,)``.
+    """The t at the start and at the end of an edge between the places ``first`` and ``last``, shape ``(2,)``.
 
     On a closed curve t may leave the ends of the curve. There the edge takes the way through the point ``via``, or else
     the shorter one; an edge from a place to itself is the whole curve, with t rising. Raises

@@ -19,7 +19,7 @@ NO_GROWTH = 1e-12
 Section: TypeAlias = tuple[float, float, float]
 """The share of the length, the share of the cells, and the ratio of the last cell to the first one."""
 Grading: TypeAlias = tuple[Section, ...]
-"""Sections from the begin of an edge to its end; their shares need not add up to 1."""
+"""Sections from the start of an edge to its end; their shares need not add up to 1."""
 
 EVEN: Grading = ((1.0, 1.0, 1.0),)
 

@@ -148,7 +148,7 @@ class Lines:
         return Lines(self.x[kept], self.y[kept], self.along_x[kept], self.along_y[kept])
 
     def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """``x, y, x_t, y_t`` at the distance t of every node from the begin of its line."""
+        """``x, y, x_t, y_t`` at the distance t of every node from the start of its line."""
         return self.x + self.along_x * t, self.y + self.along_y * t, self.along_x, self.along_y
 
 

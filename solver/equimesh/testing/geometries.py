@@ -256,7 +256,7 @@ NACA0012_C: dict[str, Any] = {
     },
 }
 
-# Cells are small beside the shear layer that leaves the step.
+# Cells are small next to the shear layer that leaves the step.
 _ABOVE = [[1, 2, 4], [1, 1, 0.5]]
 _BELOW = [[2, 1, 1], [1, 1, 0.25]]
 

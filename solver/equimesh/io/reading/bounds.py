@@ -55,7 +55,7 @@ def refusing(name: str) -> Iterator[None]:
 
 
 def _shown(text: str, most: int) -> str:
-    """The begin of a text, in characters that every answer can hold."""
+    """The start of a text, in characters that every answer can hold."""
     cut = text if len(text) <= most else f"{text[: most - 4]} ..."
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in cut)
 

@@ -310,7 +310,7 @@ def read_vtm(head: bytes, read: Callable[[str], bytes], most: int = MAX_EXPANDED
         file = entry.get("file", "")
         place = PurePosixPath(file)
         if not file or place.is_absolute() or ".." in place.parts:
-            message = f"block {number} of the vtm file is in {file[:80]!r}: its file must be beside the vtm file"
+            message = f"block {number} of the vtm file is in {file[:80]!r}: its file must be next to the vtm file"
             raise InputError(message, field="file")
         if file in files:
             raise InputError(f"two blocks of the vtm file are in {file[:80]!r}: name each file once", field="file")
