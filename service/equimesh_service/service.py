@@ -216,6 +216,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
                     mesh_input,
                     settings.scheduler,
                     problems.take(claim.mesh_id),
+                    hands_over=settings.engine != "dask",
                 ),
             ),
         ),

@@ -12,11 +12,31 @@ from typing import Any
 
 from equimesh_service.dispatch.worker_line import WorkerLine
 from equimesh_service.engine.port import Engine
-from equimesh_service.errors import MemoryLimitError, SchedulerLostError, TimeLimitError, WorkerLostError
+from equimesh_service.errors import (
+    EngineError,
+    KeyReusedError,
+    MemoryLimitError,
+    SamplesGoneError,
+    SchedulerLostError,
+    TimeLimitError,
+    WorkerLostError,
+)
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_problem
-from equimesh_service.store.rows import FAILED, Claim, Ending, Lease, MeshInput, Outcome, Refused, Repeated
+from equimesh_service.store.rows import (
+    FAILED,
+    Claim,
+    Draft,
+    Ending,
+    Finished,
+    Lease,
+    MeshInput,
+    Outcome,
+    Refused,
+    Repeated,
+)
 from equimesh_service.store.store import Store
+from equimesh_service.store.writer import Writer, store_finished
 from equimesh_service.telemetry import log_context
 from equimesh_service.upkeep.metrics import Metrics
 from equimesh_service.worker.job import log_context_of
@@ -45,14 +65,16 @@ class Dispatcher:
     It claims as many meshes as the engine has workers, renews the leases of its claims while they run, and takes back
     the claims of silent owners. The states of a claim::
 
-        queued ── claim ──> running ── the worker writes its result ──> succeeded or failed
+        queued ── claim ──> running ── its result is written into the store ──> succeeded or failed
            ^                   ├── a limit is reached, or the worker raises ──> failed
            │                   ├── canceled, deleted or taken over ──> its task is cancelled
            ├───────────────────┤ its worker died or its owner is silent (failed after ``max_attempts``)
            └───────────────────┘ no worker has it, its scheduler is lost, or the service stops
 
-    ``run`` gives the function and the arguments that a worker calls for a claim; the worker writes its results into
-    the store itself. ``notify`` is called with the id of every mesh whose status may have changed.
+    ``run`` gives the function and the arguments that a worker calls for a claim. A worker returns a :class:`Finished`,
+    which a :class:`~equimesh_service.store.writer.Writer` stores; or it writes its results into the store itself: on
+    another machine, and where files are large. ``notify`` is called with the id of every mesh whose status may have
+    changed.
 
     A mesh whose request waits can skip the queue: reserve a worker in the :attr:`line`, put the mesh into the store as
     claimed by :attr:`lease`, and :meth:`begin` it, or release the worker. A draft is begun before it is in the store.
@@ -78,8 +100,10 @@ class Dispatcher:
         self.lease = Lease(owner=owner, seconds=rules.lease)
         self._wake = threading.Event()
         self.line = WorkerLine(engine, lambda: (claim.key_id for claim in self._running), self._wake.set)
-        self._lock = self.line.lock  # guards the next two
+        self._writer = Writer(store.database)
+        self._lock = self.line.lock  # guards the next three
         self._running: dict[Claim, Future[Any]] = {}
+        self._storing: set[Claim] = set()  # claims that workers have finished, and that are not in the store yet
         self._woken = False  # since the current check of the queue began
         self._strays: set[Claim] = set()  # claims of this service that no worker has
         self._drafts: set[str] = set()  # the meshes that workers have and the store does not know yet
@@ -102,13 +126,13 @@ class Dispatcher:
         self._wake.set()
 
     def begin(self, claim: Claim, mesh_input: MeshInput) -> Future[Any]:
-        """Give a claimed mesh to the reserved worker; the future ends when the worker does."""
+        """Give a claimed mesh to the reserved worker; the future ends when the mesh is in the store."""
         with self._lock:
             if mesh_input.draft is not None:
                 self._drafts.add(claim.mesh_id)
-            task = self._submit(claim, mesh_input)
+            _, ended = self._submit(claim, mesh_input)
             self.line.use()
-            return task
+            return ended
 
     def note_entered(self, mesh_id: str) -> None:
         """Note that a draft is in the store now."""
@@ -133,6 +157,7 @@ class Dispatcher:
         self.line.close()
         self._wake.set()
         self._thread.join()
+        self._writer.close()
         running = self._tasks()
         try:
             # Also the claims that have no worker yet.
@@ -199,7 +224,7 @@ class Dispatcher:
             self.line.use()
             if claim is None:
                 return False
-            task = self._submit(claim, None)
+            task, _ = self._submit(claim, None)
             self.line.call_next()  # now that the claim has its worker
         row = self._store.meshes.get(claim.mesh_id)
         if row is None or row.finished:
@@ -211,17 +236,29 @@ class Dispatcher:
         with self._lock:
             return list(self._running.items())
 
-    def _submit(self, claim: Claim, mesh_input: MeshInput | None) -> Future[Any]:
+    def _submit(self, claim: Claim, mesh_input: MeshInput | None) -> tuple[Future[Any], Future[Any]]:
+        """Give a claim to a worker; returns the future of the worker, and that of the mesh."""
         self._metrics.count_attempt(claim.waited)
         with log_context.enter(log_context_of(claim)):
             _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
         function, arguments = self._run(claim, mesh_input)
         task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
         self._running[claim] = task
-        task.add_done_callback(partial(self._end, claim))
-        return task
+        ended = Future[Any]()
+        draft = None if mesh_input is None else mesh_input.draft
+        task.add_done_callback(partial(self._end, claim, draft, ended))
+        return task, ended
 
-    def _end(self, claim: Claim, task: Future[Any]) -> None:
+    def _end(self, claim: Claim, draft: Draft | None, ended: Future[Any], task: Future[Any]) -> None:
+        finished = None if task.cancelled() or task.exception() is not None else task.result()
+        if isinstance(finished, Finished):
+            with self._lock:
+                self._storing.add(claim)
+            self._free_worker(claim)  # which solves the next mesh meanwhile
+            if not self.line.queue_is_empty:
+                self._wake.set()
+            self._write(claim, draft, finished, ended)
+            return
         if _is_over(task):
             self._free_worker(claim)  # at once, in this thread: the worker has already written its result
             if isinstance(task.result(), Ending):
@@ -231,6 +268,43 @@ class Dispatcher:
         else:
             self._ended.put((claim, task))
             self._wake.set()
+        _pass_on(task, ended)
+        self._notify(claim.mesh_id)
+
+    def _write(self, claim: Claim, draft: Draft | None, finished: Finished, ended: Future[Any]) -> None:
+        """Put a finished mesh into the store, with others that wait for it."""
+        try:
+            stored = self._writer.commit(partial(store_finished, self._store, claim, draft, finished))
+        except EngineError as error:  # the service stops, and the mesh is back in the queue
+            ended.set_exception(error)
+            return
+        began = time.perf_counter()
+
+        def note(stored: Future[str | None]) -> None:
+            laps = {**finished.ending.laps, "commit": time.perf_counter() - began}
+            self._note_stored(claim, replace(finished.ending, laps=laps), stored, ended)
+
+        stored.add_done_callback(note)
+
+    def _note_stored(self, claim: Claim, ending: Ending, stored: Future[str | None], ended: Future[Any]) -> None:
+        error = stored.exception()
+        if error is None:
+            mesh_id = stored.result()
+            if mesh_id == claim.mesh_id:
+                self._metrics.count_end(ending)
+                with log_context.enter(log_context_of(claim)):
+                    _log.info("mesh %s %s, solved in %.3f s", mesh_id, ending.status, ending.solve_seconds)
+            ended.set_result(ending if mesh_id == claim.mesh_id else mesh_id and Repeated(mesh_id))
+        elif isinstance(error, KeyReusedError | SamplesGoneError):
+            ended.set_result(Refused(error))
+        else:
+            ended.set_exception(storage_problem(error) or error)
+            self._ended.put((claim, ended))
+            self._wake.set()
+            self._notify(claim.mesh_id)
+            return
+        with self._lock:
+            self._storing.discard(claim)
         self._notify(claim.mesh_id)
 
     def _free_worker(self, claim: Claim) -> None:
@@ -249,6 +323,8 @@ class Dispatcher:
             except Exception:
                 self._ended.put((claim, task))  # the store failed: try again later
                 raise
+            with self._lock:
+                self._storing.discard(claim)
             self._free_worker(claim)
             self._notify(claim.mesh_id)
 
@@ -303,7 +379,8 @@ class Dispatcher:
             self._notify(claim.mesh_id)
 
     def _renew_leases(self) -> None:
-        running = {claim for claim, _ in self._tasks()}
+        with self._lock:
+            running = self._storing | self._running.keys()
         strays = self._store.queue.renew(self._owner, self._rules.lease) - running
         for claim in strays & self._strays:  # at two checks in a row, so it is not just on its way to a worker
             if self._store.queue.requeue(claim, "it had not reached a worker"):
@@ -325,3 +402,13 @@ class Dispatcher:
 def _is_over(task: Future[Any]) -> bool:
     """Whether a worker has finished its mesh in the store, or a draft that is no mesh."""
     return not task.cancelled() and task.exception() is None and isinstance(task.result(), Ending | Repeated | Refused)
+
+
+def _pass_on(task: Future[Any], ended: Future[Any]) -> None:
+    """Let a future end as another one has."""
+    if task.cancelled():
+        ended.cancel()
+    elif (error := task.exception()) is not None:
+        ended.set_exception(error)
+    else:
+        ended.set_result(task.result())

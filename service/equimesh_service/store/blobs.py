@@ -32,6 +32,13 @@ _LIST = (
 )
 
 
+def insert_blob(database: Database, sha256: str, content: bytes) -> None:
+    """Insert the bytes of a small file, unless they are there; in the transaction that first names it."""
+    with database.write() as connection:
+        row = {"sha256": sha256, "size": len(content), "created_at": database.clock(), "content": content}
+        insert_new(connection, blobs, row)
+
+
 @dataclass(frozen=True)
 class BlobFiles:
     """Files up to 1 MiB in rows, others in ``larger``; see :class:`~equimesh_service.files.port.Files`.
@@ -62,15 +69,9 @@ class BlobFiles:
     def publish(self, path: Path, file: StoredFile, removed: Removed) -> None:
         """Insert a small file; give a larger one its name."""
         if file.size <= MAX_ROW_BYTES:
-            self.insert(file.sha256, path.read_bytes())
+            insert_blob(self.database, file.sha256, path.read_bytes())
         else:
             self.larger.publish(path, file, removed)
-
-    def insert(self, sha256: str, content: bytes) -> None:
-        """Insert the bytes of a small file, unless they are there; in the transaction that first names it."""
-        with self.database.write() as connection:
-            row = {"sha256": sha256, "size": len(content), "created_at": self.database.clock(), "content": content}
-            insert_new(connection, blobs, row)
 
     def holds(self, file: StoredFile) -> bool:
         """Whether a published file is there, with all its bytes."""

@@ -293,6 +293,21 @@ class Ending:
         return next(found, None) if self.status == SUCCEEDED else None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Finished:
+    """A mesh that a worker has finished after ``seconds`` of work, for the service to put into the store.
+
+    ``contents`` are the bytes of its files by their SHA-256, ``ending`` its end once it is stored. A draft was
+    ``entered`` if it was in the store when the worker last looked.
+    """
+
+    outcome: Outcome
+    contents: Mapping[str, bytes]
+    ending: Ending
+    seconds: float
+    entered: bool
+
+
 @dataclass(frozen=True)
 class Repeated:
     """The end of a draft whose idempotency key belongs to another mesh."""

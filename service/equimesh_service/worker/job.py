@@ -48,6 +48,7 @@ class Job:
     mesh_input: MeshInput | None = None  # None: the worker reads it from the store
     scheduler: str = ""
     packed: bytes | None = None  # the problem, where the check has built it
+    hands_over: bool = False  # small files go back to the service, which puts the mesh into the store
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,13 @@ from equimesh_service.errors import AttemptLostError, KeyReusedError, SamplesGon
 from equimesh_service.files.port import Files, Publish, Removed, StoredFile, publish_nothing
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
+from equimesh_service.store.blobs import MAX_ROW_BYTES
 from equimesh_service.store.rows import (
     SUCCEEDED,
     Artifact,
     Claim,
     Ending,
+    Finished,
     MeshInput,
     NewSamples,
     Outcome,
@@ -49,9 +51,6 @@ from equimesh_service.worker.in_parts import solve_in_parts
 from equimesh_service.worker.job import CONVERGENCE, MESH, Job, attempt, file_name, log_context_of
 from equimesh_service.worker.reporter import Reporter
 from equimesh_service.worker.summary import AnySolution, problem_of, summary_of
-
-# Larger files are read from the storage for the answer, piece by piece.
-MAX_CONTENT_BYTES = 1024 * 1024
 
 
 class Output:
@@ -92,12 +91,10 @@ class Output:
         files = [sealed() for _, sealed in self._sealed]
         return [Artifact(name, file.sha256, file.size) for name, file in zip(self._names, files, strict=True)]
 
-    def small_content(self, name: str) -> bytes | None:
-        """The bytes of a written file when they are few; None for a large file, and for one that was not written."""
-        for written, (path, sealed) in zip(self._names, self._sealed, strict=True):
-            if written == name and sealed().size <= MAX_CONTENT_BYTES:
-                return path.read_bytes()
-        return None
+    def small_contents(self) -> dict[str, bytes]:
+        """The bytes of all small files, by their SHA-256."""
+        files = [(path, sealed()) for path, sealed in self._sealed]
+        return {file.sha256: path.read_bytes() for path, file in files if file.size <= MAX_ROW_BYTES}
 
     def publish(self, removed: Removed) -> None:
         """Publish all files."""
@@ -223,9 +220,10 @@ _log = logging.getLogger(__name__)
 MIN_POINTS_FOR_THREADS = 100_000
 
 
-def solve_mesh(job: Job) -> Ending | Repeated | Refused | None:
+def solve_mesh(job: Job) -> Finished | Ending | Repeated | Refused | None:
     """How the mesh of ``job`` ended: computed and finished in the store; None when the attempt was lost meanwhile.
 
+    A :class:`Finished` is not in the store yet: whoever gave the job puts it there.
     A draft may belong to an earlier mesh of the same idempotency key, or be refused by the store.
     """
     with log_context.enter(log_context_of(job.claim)), attempt(job.claim):
@@ -263,7 +261,7 @@ class _Work:
     start: StepStart | None
 
 
-def _solve(job: Job) -> Ending | Repeated | None:
+def _solve(job: Job) -> Finished | Ending | Repeated | None:
     began, stopwatch = time.perf_counter(), Stopwatch()
     store, files = job.storage.store(), job.storage.files()
     work = _build(job, store, files)
@@ -290,9 +288,25 @@ def _solve(job: Job) -> Ending | Repeated | None:
             partial=failure is not None and not solution.mesh.is_folded,
             publish=output.publish,
         )
-        requested = None if job.mesh_input is None else job.mesh_input.format  # a request waits for it
-        content = None if requested is None else output.small_content(file_name(requested, work.spec.cells))
+        contents = output.small_contents()
+        ending = Ending(
+            status=outcome.status,
+            reason="" if failure is None else failure.name,
+            points=solution.mesh.x.size,
+            solve_seconds=solved - began,
+            files=tuple(artifacts),
+            content=_requested(job, artifacts, contents, work.spec.cells),
+            laps=stopwatch.laps,
+        )
         stopwatch.lap("file")
+        if job.hands_over and len(contents) == len({file.sha256 for file in artifacts}) and _brings_little(job):
+            return Finished(
+                outcome=replace(outcome, publish=publish_nothing),
+                contents=contents,
+                ending=ending,
+                seconds=time.perf_counter() - began,
+                entered=presence.known,
+            )
         kept = _keep(job, outcome, files, seconds=time.perf_counter() - began, entered=presence.known)
         stopwatch.lap("commit")
     if kept is None:
@@ -300,15 +314,22 @@ def _solve(job: Job) -> Ending | Repeated | None:
     if kept != job.claim.mesh_id:
         return Repeated(kept)
     _log.info("mesh %s %s, solved in %.3f s", kept, outcome.status, solved - began)
-    return Ending(
-        status=outcome.status,
-        reason="" if failure is None else failure.name,
-        points=solution.mesh.x.size,
-        solve_seconds=solved - began,
-        files=tuple(artifacts),
-        content=content,
-        laps=stopwatch.laps,
-    )
+    return ending
+
+
+def _requested(job: Job, artifacts: list[Artifact], contents: Mapping[str, bytes], cells: str) -> bytes | None:
+    """The bytes of the file that a request waits for; None for a large one, which it reads piece by piece."""
+    requested = None if job.mesh_input is None else job.mesh_input.format
+    if requested is None:
+        return None
+    name = file_name(requested, cells)
+    return next((contents.get(file.sha256) for file in artifacts if file.name == name), None)
+
+
+def _brings_little(job: Job) -> bool:
+    """Whether the samples that came with a draft are a small file, too."""
+    draft = None if job.mesh_input is None else job.mesh_input.draft
+    return draft is None or draft.samples is None or len(draft.samples.archive) <= MAX_ROW_BYTES
 
 
 def _keep(job: Job, outcome: Outcome, files: Files, *, seconds: float, entered: bool) -> str | None:

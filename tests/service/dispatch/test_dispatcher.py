@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import sqlite3
 import threading
 import time
 from collections.abc import Iterator
@@ -12,12 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy.exc import OperationalError
 
 from equimesh_service.dispatch import dispatcher as dispatcher_module
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError, SchedulerLostError, WorkerLostError
-from equimesh_service.store.rows import Claim, Draft, Ending, KeysInQueue, MeshInput, NewMesh
+from equimesh_service.problems.problem import Problem
+from equimesh_service.store.rows import Claim, Draft, Ending, Finished, KeysInQueue, MeshInput, NewMesh, Outcome
 from equimesh_service.store.store import Store
 from service.conftest import until
 from service.store.stores import add_backlog, status
@@ -195,7 +199,8 @@ def test_a_draft_is_not_gone_before_it_is_entered(store: Store, engine: Patient)
     dispatcher.note_entered("a")  # from now on it is a mesh like every other, and this one is not in the store
     for _ in range(2):
         dispatcher._cancel_gone()
-    assert engine.canceled == [task]
+    assert len(engine.canceled) == 1
+    assert not task.done()
 
 
 def test_a_dispatcher_that_is_stuck_is_not_alive(
@@ -361,3 +366,87 @@ def test_a_task_that_is_no_mesh_has_its_worker_until_it_ends(dispatcher: Dispatc
     for _ in waiting:
         line.release()
     until(line.reserve)
+
+
+FINISHED = Finished(
+    outcome=Outcome(result={}), contents={}, ending=Ending(status="succeeded"), seconds=1.0, entered=False
+)
+
+
+def _begin(dispatcher: Dispatcher, store: Store) -> Future[Any]:
+    """A mesh of a reserved worker."""
+    until(dispatcher.line.reserve)
+    store.meshes.add(NewMesh(id="a", spec=SPEC), lease=dispatcher.lease)
+    return dispatcher.begin(Claim("a", 1), MESH_INPUT)
+
+
+def test_a_worker_is_free_while_its_mesh_is_written_and_nobody_takes_the_mesh(
+    dispatcher: Dispatcher, store: Store, engine: Patient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on, keep = threading.Event(), dispatcher_module.store_finished
+
+    def late(*arguments: Any) -> str | None:
+        assert go_on.wait(60.0)
+        return keep(*arguments)
+
+    monkeypatch.setattr(dispatcher_module, "store_finished", late)
+    ended = _begin(dispatcher, store)
+    engine.tasks[0].set_result(FINISHED)
+    until(dispatcher.line.reserve)
+    until(dispatcher.line.reserve)
+    for _ in range(3):
+        dispatcher._renew_leases()
+    assert not ended.done()
+    assert status(store, "a") == "running"
+    go_on.set()
+    ending = ended.result(60.0)
+    assert (ending.status, [*ending.laps]) == ("succeeded", ["commit"])
+    assert status(store, "a") == "succeeded"
+    assert dispatcher._storing == set()
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "end"),
+    [
+        (OSError(errno.ENOSPC, "full"), "storage-full", "failed"),
+        (
+            OperationalError("", {}, sqlite3.OperationalError("gone"), connection_invalidated=True),
+            "unavailable",
+            "again",
+        ),
+    ],
+)
+def test_a_mesh_that_cannot_be_written_says_so_and_does_not_run_for_ever(
+    dispatcher: Dispatcher,
+    store: Store,
+    engine: Patient,
+    monkeypatch: pytest.MonkeyPatch,
+    fault: Exception,
+    name: str,
+    end: str,
+) -> None:
+    def fail(*_: Any) -> None:
+        raise fault
+
+    monkeypatch.setattr(dispatcher_module, "store_finished", fail)
+    ended = _begin(dispatcher, store)
+    engine.tasks[0].set_result(FINISHED)
+    problem = ended.exception(60.0)
+    assert isinstance(problem, Problem)
+    assert problem.name == name
+    if end == "failed":
+        row = until(lambda: (row := store.meshes.get("a")) and row.finished and row)
+        assert row.error["type"] == "/problems/storage-full"
+    else:
+        until(lambda: len(engine.tasks) == 2)  # another attempt
+    until(lambda: dispatcher._storing == set())
+
+
+def test_what_is_finished_as_the_service_stops_waits_again(store: Store, engine: Patient) -> None:
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
+    dispatcher.start(alone=True)
+    ended = _begin(dispatcher, store)
+    dispatcher.stop()
+    engine.tasks[0].set_result(FINISHED)
+    assert isinstance(ended.exception(0), EngineError)
+    assert status(store, "a") == "queued"

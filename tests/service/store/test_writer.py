@@ -1,0 +1,174 @@
+"""The writer commits what waits in groups, and each change has its own result or error."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from typing import Any
+
+import pytest
+from sqlalchemy import Connection, event, text
+from sqlalchemy.exc import SQLAlchemyError
+
+from equimesh_service.errors import EngineError, KeyReusedError
+from equimesh_service.store.rows import (
+    Artifact,
+    Claim,
+    Draft,
+    Ending,
+    Finished,
+    NewMesh,
+    NewSamples,
+    Outcome,
+    SamplesRow,
+)
+from equimesh_service.store.store import Store
+from equimesh_service.store.writer import MAX_WAITING, Writer, store_finished
+from service.store.stores import SPEC, add, claimed, status
+
+CONTENTS = {"0" * 64: b"a mesh"}
+FINISHED = Finished(
+    outcome=Outcome(result={}, files=[Artifact("mesh", "0" * 64, 6)]),
+    contents=CONTENTS,
+    ending=Ending(status="succeeded"),
+    seconds=1.0,
+    entered=False,
+)
+
+
+@pytest.fixture
+def writer(store: Store) -> Iterator[Writer]:
+    writer = Writer(store.database)
+    yield writer
+    writer.close()
+
+
+@pytest.fixture
+def commits(store: Store) -> list[Connection]:
+    """The commits from now on."""
+    seen: list[Connection] = []
+    engine: Any = store.database._engine
+    event.listen(engine, "commit", seen.append)
+    return seen
+
+
+def draft(mesh_id: str, key: str | None = None, fingerprint: str = "f") -> Draft:
+    return Draft(new=NewMesh(id=mesh_id, spec=SPEC), built=None, key=key, fingerprint=fingerprint)
+
+
+def together(writer: Writer, changes: list[Callable[[], Any]]) -> list[Future[Any]]:
+    """The futures of changes that wait at the same moment."""
+    begun, go = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        begun.set()
+        assert go.wait(30.0)
+
+    first = writer.commit(hold)
+    assert begun.wait(30.0)
+    futures = [writer.commit(change) for change in changes]
+    go.set()
+    first.result(30.0)
+    for future in futures:
+        future.exception(30.0)
+    return futures
+
+
+def finish(store: Store, made: Draft) -> Callable[[], str | None]:
+    return lambda: store_finished(store, Claim(made.new.id, 1), made, FINISHED)
+
+
+def test_what_waits_is_committed_at_once(store: Store, writer: Writer, commits: list[Connection]) -> None:
+    futures = together(writer, [finish(store, draft(f"m-{number}")) for number in range(16)])
+    assert [future.result() for future in futures] == [f"m-{number}" for number in range(16)]
+    assert len(commits) == 1
+    assert {status(store, f"m-{number}") for number in range(16)} == {"succeeded"}
+
+
+def test_more_than_one_group_are_several(store: Store, writer: Writer, commits: list[Connection]) -> None:
+    changes = [finish(store, draft(f"m-{number}")) for number in range(MAX_WAITING)]
+    together(writer, changes)
+    more = [writer.commit(finish(store, draft(f"n-{number}"))) for number in range(2 * MAX_WAITING)]
+    assert [future.result(60.0) for future in more] == [f"n-{number}" for number in range(2 * MAX_WAITING)]
+    assert len(store.meshes.page(limit=1000)) == 3 * MAX_WAITING
+    assert len(commits) >= 3
+
+
+def test_the_bytes_of_files_and_samples_come_with_the_mesh(store: Store, writer: Writer) -> None:
+    sent = NewSamples(SamplesRow("s-1", "5" * 64, 3, {}, 1.0), b"npz")
+    made = Draft(new=NewMesh(id="a", spec=SPEC, samples=("s-1",)), built=None, samples=sent)
+    assert writer.commit(finish(store, made)).result(30.0) == "a"
+    with store.database.read() as connection:
+        rows = connection.execute(text("SELECT sha256, content FROM blobs ORDER BY sha256")).all()
+    assert [(sha256, bytes(content)) for sha256, content in rows] == [("0" * 64, b"a mesh"), ("5" * 64, b"npz")]
+
+
+def test_a_refused_change_is_undone_alone(store: Store, writer: Writer, commits: list[Connection]) -> None:
+    made = [draft("a", "key", "f"), draft("b", "key", "other"), draft("c", "key", "f"), draft("d")]
+    a, b, c, d = together(writer, [finish(store, one) for one in made])
+    assert (a.result(), c.result(), d.result()) == ("a", "a", "d")
+    assert isinstance(b.exception(), KeyReusedError)
+    assert sorted(row.id for row in store.meshes.page()) == ["a", "d"]
+    assert len(commits) == 1
+
+
+def test_where_the_group_fails_each_is_made_alone(store: Store, writer: Writer) -> None:
+    def broken() -> None:
+        with store.database.write() as connection:
+            connection.execute(text("INSERT INTO nowhere VALUES (1)"))
+
+    a, b, c = together(writer, [finish(store, draft("a")), broken, finish(store, draft("c"))])
+    assert (a.result(), c.result()) == ("a", "c")
+    assert isinstance(b.exception(), SQLAlchemyError)
+    assert sorted(row.id for row in store.meshes.page()) == ["a", "c"]
+
+
+def test_a_mesh_of_the_queue_ends_once(store: Store, writer: Writer) -> None:
+    add(store, "a")
+    claim = claimed(store)
+    one, two = together(writer, [lambda: store_finished(store, claim, None, FINISHED)] * 2)
+    assert (one.result(), two.result()) == ("a", None)
+    assert [event.kind for event in store.meshes.events("a")].count("done") == 1
+
+
+def test_a_closed_writer_has_committed_what_waited_and_takes_no_more(store: Store) -> None:
+    writer = Writer(store.database)
+    futures = [writer.commit(finish(store, draft(f"m-{number}"))) for number in range(8)]
+    writer.close()
+    assert [future.done() for future in futures] == [True] * 8
+    with pytest.raises(EngineError, match="stopping"):
+        writer.commit(lambda: None)
+    writer.close()
+
+
+# Prints what is committed, and dies in the middle of a group.
+DYING = """
+import os, signal, sys, threading
+from service.store.test_writer import draft, finish, together
+from equimesh_service.store.store import Store
+from equimesh_service.store.writer import Writer
+
+store = Store(sys.argv[1])
+writer = Writer(store.database)
+for future in together(writer, [finish(store, draft(f"m-{number}")) for number in range(5)]):
+    print(future.result(), flush=True)
+die = lambda: os.kill(os.getpid(), signal.SIGKILL)
+together(writer, [finish(store, draft("n-0")), finish(store, draft("n-1")), die, finish(store, draft("n-2"))])
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
+def test_a_process_that_is_killed_in_a_group_has_what_it_told_and_nothing_of_the_group(
+    store: Store, address: str
+) -> None:
+    folders = [entry for entry in sys.path if entry]
+    program = f"import sys; sys.path[:0] = {folders!r}\n{DYING}"
+    done = subprocess.run([sys.executable, "-c", program, address], capture_output=True, text=True, timeout=120)
+    assert done.returncode == -9, done.stderr
+    told = done.stdout.split()
+    assert told == [f"m-{number}" for number in range(5)]
+    assert sorted(row.id for row in store.meshes.page()) == told
+    assert Writer(store.database).commit(finish(store, draft("n-0"))).result(30.0) == "n-0"
