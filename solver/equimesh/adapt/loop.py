@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import Any, Generic, Protocol, TypeAlias, TypedDict, TypeVar, Unpack, overload
+from typing import Any, Generic, TypeAlias, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.tensor import Weight
 from equimesh.numerics.channel import thread_count
 from equimesh.numerics.types import Array
-from equimesh.rounds.recovery import KEPT, moved_cells, moved_lengths
-from equimesh.rounds.round import BlockKnowledge, Knowledge
+from equimesh.rounds.recovery import KEPT, Knowledge, moved_cells, on_domain
+from equimesh.rounds.round import next_mesh
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
@@ -82,108 +82,62 @@ EVEN = "even cells"
 """The name of the descent for averages over the cells of blocks."""
 
 
-class Rounds(Protocol[M]):
-    """The meshes of one kind."""
+@dataclass(frozen=True, kw_only=True)
+class Rounds:
+    """Meshes of a ``domain``, with the points of ``grid``, which is ``None`` on blocks."""
 
-    def first(self) -> tuple[M, float, str]:
-        """The first mesh, as a :data:`Following`."""
-        ...
+    domain: Domain | Blocks
+    grid: Grid | None = None
+    norm: Norm
+    threads: int
+
+    def first(self) -> tuple[Any, float, str]:
+        """The uniform mesh, of blocks the initial one."""
+        if isinstance(self.domain, Blocks):
+            return self.domain.mesh, 0.0, "given"
+        if self.grid is None:
+            raise TypeError("a domain with four sides needs a grid")
+        return map_mesh(Mesh.uniform(self.grid), self.domain), 0.0, "given"
 
     def copied(self, mesh: M) -> M:
         """The mesh with arrays of its own."""
-        ...
+        return mesh.moved(mesh.points.copy()) if isinstance(mesh, QuadMesh) else Mesh(mesh.x.copy(), mesh.y.copy())
 
     def known(self, mesh: M, values: Array) -> Looked[M]:
         """The record of nodal values, and the way to the next mesh."""
-        ...
-
-    def averaged(self, mesh: M, values: Array) -> Looked[M]:
-        """See :meth:`known`, of nodal values that were recovered from averages over the cells."""
-        ...
-
-    def indicated(self, mesh: M, values: Array) -> Looked[M]:
-        """The record of an error indicator, and the way to the next mesh."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class GridRounds:
-    """Meshes of a grid on a ``domain``."""
-
-    grid: Grid
-    domain: Domain
-    norm: Norm
-    threads: int
-
-    def first(self) -> tuple[Mesh, float, str]:
-        """The uniform mesh."""
-        return map_mesh(Mesh.uniform(self.grid), self.domain), 0.0, "given"
-
-    def copied(self, mesh: Mesh) -> Mesh:
-        """The mesh with arrays of its own."""
-        return Mesh(mesh.x.copy(), mesh.y.copy())
-
-    def known(self, mesh: Mesh, values: Array) -> Looked[Mesh]:
-        """The record of nodal values, and the way to the next mesh."""
         known = Knowledge.of(mesh, values, self.domain, self.threads)
 
-        def following() -> tuple[Mesh, float, str]:
-            found = known.next_mesh(self.norm, self.threads)
-            return map_mesh(found.reference, self.domain), found.moved_cells, found.chosen
+        def following() -> tuple[M, float, str]:
+            found = next_mesh(known, self.norm, self.threads)
+            return on_domain(found.reference, self.domain), found.moved_cells, found.chosen
 
         return record_of(known, mesh, values), following
 
-    averaged = known
+    def averaged(self, mesh: M, values: Array) -> Looked[M]:
+        """As :meth:`known`, of values that were recovered from averages over the cells; on blocks cells stay even."""
+        domain = self.domain
+        if not isinstance(domain, Blocks):
+            return self.known(mesh, values)
+        known = Knowledge.of(mesh, values, domain, self.threads)
 
-    def indicated(self, mesh: Mesh, values: Array) -> Looked[Mesh]:
-        """The record of an error indicator, and the way to the next mesh."""
+        def following() -> tuple[Any, float, str]:
+            u: Any = known.recovery.u
+            found: Any = mesh if known.is_exact else averaged_mesh(u, domain, self.norm, self.threads)
+            return found, moved_cells(mesh, found), KEPT if mesh.distance(found) == 0.0 else EVEN
 
-        def following() -> tuple[Mesh, float, str]:
-            found = indicated_mesh(mesh, values, self.domain, self.norm, self.threads)
-            return found, moved_cells(reference_on(mesh, self.domain), reference_on(found, self.domain)), "weight"
+        return record_of(known, mesh, values), following
+
+    def indicated(self, mesh: Any, values: Array) -> Looked[Any]:
+        """The record of an error indicator, and the way to the next mesh; refused on blocks."""
+        domain = self.domain
+        if isinstance(domain, Blocks):
+            raise InputError(NO_INDICATOR, field="solve")
+
+        def following() -> tuple[Any, float, str]:
+            found = indicated_mesh(mesh, values, domain, self.norm, self.threads)
+            return found, moved_cells(reference_on(mesh, domain), reference_on(found, domain)), "weight"
 
         return AdaptRound(number=0, mesh=mesh, values=values, estimate=float(np.linalg.norm(values))), following
-
-
-@dataclass(frozen=True, kw_only=True)
-class BlockRounds:
-    """Meshes of a ``domain`` in blocks."""
-
-    domain: Blocks
-    norm: Norm
-    threads: int
-
-    def first(self) -> tuple[QuadMesh, float, str]:
-        """The initial mesh of the domain."""
-        return self.domain.mesh, 0.0, "given"
-
-    def copied(self, mesh: QuadMesh) -> QuadMesh:
-        """The mesh with points of its own."""
-        return mesh.moved(mesh.points.copy())
-
-    def known(self, mesh: QuadMesh, values: Array) -> Looked[QuadMesh]:
-        """The record of nodal values, and the way to the next mesh."""
-        known = BlockKnowledge.of(mesh, values, self.domain, self.threads)
-
-        def following() -> tuple[QuadMesh, float, str]:
-            found = known.next_mesh(self.norm, self.threads)
-            return found.reference, found.moved_cells, found.chosen
-
-        return record_of(known, mesh, values), following
-
-    def averaged(self, mesh: QuadMesh, values: Array) -> Looked[QuadMesh]:
-        """The record of recovered values, and the way to a next mesh of even cells."""
-        known = BlockKnowledge.of(mesh, values, self.domain, self.threads)
-
-        def following() -> tuple[QuadMesh, float, str]:
-            found = mesh if known.is_exact else averaged_mesh(known.recovery.u, self.domain, self.norm, self.threads)
-            return found, moved_lengths(mesh, found), KEPT if mesh.distance(found) == 0.0 else EVEN
-
-        return record_of(known, mesh, values), following
-
-    def indicated(self, mesh: QuadMesh, values: Array) -> Looked[QuadMesh]:  # noqa: ARG002
-        """Refused: see :data:`NO_INDICATOR`."""
-        raise InputError(NO_INDICATOR, field="solve")
 
 
 NO_INDICATOR = (
@@ -193,7 +147,7 @@ NO_INDICATOR = (
 """Why an error indicator is refused on blocks."""
 
 
-def record_of(known: Knowledge | BlockKnowledge, mesh: M, values: Array) -> AdaptRound[M]:
+def record_of(known: Knowledge, mesh: M, values: Array) -> AdaptRound[M]:
     """The record of nodal values."""
     return AdaptRound(
         number=0,
@@ -267,18 +221,18 @@ def adapt(
             raise InputError(f"n = {str(n)[:40]!r}: {OWN_POINTS}", field="n")
         _check(solve, rounds, norm)
         _check_observer(observe)
-        on_blocks = BlockRounds(domain=domain, norm=norm, threads=thread_count(threads))
+        on_blocks = Rounds(domain=domain, norm=norm, threads=thread_count(threads))
         return _loop(solve, on_blocks, rounds, norm, observe)
     grid, threads = _grid(n), thread_count(threads)
     _check(solve, rounds, norm)
     _check_domain(domain)
     _check_observer(observe)
-    return _loop(solve, GridRounds(grid=grid, domain=domain, norm=norm, threads=threads), rounds, norm, observe)
+    return _loop(solve, Rounds(grid=grid, domain=domain, norm=norm, threads=threads), rounds, norm, observe)
 
 
 def _loop(
     solve: Callable[[Any], Any],
-    by: Rounds[M],
+    by: Rounds,
     rounds: int,
     norm: Norm,
     observe: Callable[[AdaptRound[M]], None] | None,
@@ -304,7 +258,7 @@ def _loop(
             return ended(done, rounds, norm)
 
 
-def _looked_at(returned: Any, mesh: M, by: Rounds[M]) -> Looked[M]:
+def _looked_at(returned: Any, mesh: M, by: Rounds) -> Looked[M]:
     """The record of what a solver returned, and the way to the next mesh."""
     if isinstance(returned, ErrorIndicator):
         return by.indicated(mesh, cell_values(returned, mesh))

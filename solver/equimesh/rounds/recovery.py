@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Generic, Self, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,8 +24,18 @@ from equimesh.least_error.starts import coordinates_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
-from equimesh.quality.cells import BilinearCells, CellPoints, MeshCells, QuadCells
+from equimesh.quality.cells import CellPoints, MeshCells, cells_of
 
+TWO_KINDS = (
+    "the mesh is one of a grid and the domain one of blocks, or the other way round: a mesh in blocks needs its domain"
+    " in blocks"
+)
+"""Why a mesh and a domain of two kinds are refused."""
+OTHER_CELLS = (
+    "the mesh has other cells than the domain: give values on a mesh of this domain, such as domain.mesh or the mesh of"
+    " a solution"
+)
+"""Why a mesh of another domain in blocks is refused."""
 ESTIMATE_POINTS = 3
 """Gauss points a direction and cell for estimates."""
 
@@ -35,28 +45,36 @@ class Recovery:
     """u as a function of x and y, from nodal values of a solver that does not know more."""
 
     u: Field
-    domain: Domain
-    mesh: Mesh
-    """The mesh of the values, on the reference square."""
+    domain: Domain | Blocks
+    mesh: Mesh | QuadMesh
+    """The mesh of the values, on the reference square; of blocks the mesh itself."""
     values: Array
-    """The values at the nodes, shape ``(n_xi, n_eta)``."""
+    """The values at the nodes, shape ``(n_xi, n_eta)``, on blocks ``(n,)``."""
     rounding: float
     """The estimated L2 error that is nothing but rounding of the values."""
 
     @classmethod
-    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain) -> Recovery:
-        """From ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, a mesh of ``domain``.
+    def of(cls, mesh: Mesh | QuadMesh, values: npt.ArrayLike, domain: Domain | Blocks) -> Recovery:
+        """From ``values`` of the shape ``mesh.node_shape`` at the nodes of ``mesh``, a mesh of ``domain``.
 
-        Raises as :func:`~equimesh.fields.on_domain.recover`.
+        Raises as :func:`~equimesh.fields.on_domain.recover`, on blocks as
+        :class:`~equimesh.fields.quad_field.QuadField`; :class:`~equimesh.errors.InputError` for a mesh with other cells
+        than the domain, too, and for a mesh and a domain of two kinds.
         """
-        found = recover(mesh, values, domain)
-        return cls(
-            u=found.u,
-            domain=domain,
-            mesh=found.reference,
-            values=found.values,
-            rounding=ROUNDING_SHARE * float(np.abs(found.values).max()) * math.sqrt(domain.area),
-        )
+        u: Field
+        reference: Mesh | QuadMesh
+        if isinstance(mesh, QuadMesh) and isinstance(domain, Blocks):
+            if not np.array_equal(mesh.cells, domain.mesh.cells):
+                raise InputError(OTHER_CELLS, field="mesh")
+            field = QuadField(mesh=mesh, values=values)
+            u, reference, known = field, mesh, field.values
+        elif isinstance(mesh, QuadMesh) or isinstance(domain, Blocks):
+            raise InputError(TWO_KINDS, field="mesh")
+        else:
+            found = recover(mesh, values, domain)
+            u, reference, known = found.u, found.reference, found.values
+        rounding = ROUNDING_SHARE * float(np.abs(known).max()) * math.sqrt(domain.area)
+        return cls(u=u, domain=domain, mesh=reference, values=known, rounding=rounding)
 
     def estimate(self, norm: Norm, threads: int = 1) -> float:
         """The norm of u minus its bilinear interpolant on the mesh of the values: an estimate of the solver's error.
@@ -68,7 +86,12 @@ class Recovery:
 
     def gradient_norm(self) -> float:
         """The norm of the gradient of the bilinear interpolant of the values on their mesh, in the units of u."""
-        return gradient_norm(BilinearCells(map_mesh(self.mesh, self.domain)), self.values)
+        return gradient_norm(cells_of(on_domain(self.mesh, self.domain)), self.values)
+
+
+def on_domain(reference: Mesh | QuadMesh, domain: Domain | Blocks) -> Any:
+    """The mesh of the domain whose ``reference`` is known: a mesh of its class, of blocks the mesh itself."""
+    return reference if isinstance(reference, QuadMesh) or isinstance(domain, Blocks) else map_mesh(reference, domain)
 
 
 def gradient_norm(cells: MeshCells, values: Array) -> float:
@@ -82,92 +105,48 @@ def gradient_norm(cells: MeshCells, values: Array) -> float:
     return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
 
 
-def measured(u: Field, domain: Domain, mesh: Mesh, rule: Rule, threads: int = 1) -> float:
-    """The norm of the error of the bilinear interpolant of u on a ``mesh`` of the reference square."""
-    uniform = coordinates_of(Mesh.uniform(mesh.grid))
+def measured(u: Field, domain: Domain | Blocks, mesh: Mesh | QuadMesh, rule: Rule, threads: int = 1) -> float:
+    """The norm of the error of the bilinear interpolant of u on a ``mesh`` of the reference square, or of blocks."""
     weights = Weights(distortion=0.0, smoothness=0.0)
-    objective = Objective(u, DomainChart(domain), cells_of_grid(mesh.grid.shape), uniform, weights, rule, threads)
+    if isinstance(mesh, QuadMesh):
+        points = np.ascontiguousarray(mesh.points.T)
+        count, area = points.shape[1], float(mesh.cell_areas().sum())
+        curves = CurveChart([], np.full(count, FREE), np.zeros(count), area)
+        quads = cells_of_mesh(mesh.cells, curves.free, mesh.ties)
+        return Objective(u, curves, quads, points, weights, rule, threads).error(points)
+    sides: Any = domain
+    uniform = coordinates_of(Mesh.uniform(mesh.grid))
+    objective = Objective(u, DomainChart(sides), cells_of_grid(mesh.grid.shape), uniform, weights, rule, threads)
     return objective.error(np.ascontiguousarray(coordinates_of(mesh)))
 
 
-def moved_cells(before: Mesh, after: Mesh) -> float:
-    """The root mean square of the moves of the nodes, in spacings of the uniform mesh of the square."""
+def moved_cells(before: Mesh | QuadMesh, after: Mesh | QuadMesh) -> float:
+    """The root mean square of the moves of the nodes, in spacings of the uniform mesh of the square.
+
+    On blocks in sides of a square with the area of the mean cell.
+    """
+    if isinstance(before, QuadMesh):
+        size = float(np.mean(before.cell_areas()))
+        moves = np.sum((after.points - before.points) ** 2, axis=1)
+        return math.sqrt(float(np.mean(moves)) / size)
     spacing: Array = np.array([n - 1 for n in before.grid.shape], dtype=float)
     moves = np.stack([after.x - before.x, after.y - before.y], axis=-1) * spacing
     return float(np.sqrt(np.mean(np.sum(moves**2, axis=-1))))
-
-
-# The solution that is recovered from values at the nodes of a mesh in blocks, and the estimate of their error.
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlockRecovery:
-    """u as a function of x and y, from values at the nodes of a ``mesh`` of ``domain``."""
-
-    u: QuadField
-    domain: Blocks
-    mesh: QuadMesh
-    values: Array
-    """The values at the nodes, shape ``(n,)``."""
-    rounding: float
-    """The estimated L2 error that is nothing but rounding of the values."""
-
-    @classmethod
-    def of(cls, mesh: QuadMesh, values: npt.ArrayLike, domain: Blocks) -> BlockRecovery:
-        """From ``values`` of shape ``(n,)``; raises as :class:`~equimesh.fields.quad_field.QuadField`.
-
-        Raises :class:`~equimesh.errors.InputError` for a mesh with other cells than that of the domain, too.
-        """
-        if not np.array_equal(mesh.cells, domain.mesh.cells):
-            raise InputError(
-                "the mesh has other cells than the domain: give values on a mesh of this domain, such as"
-                " domain.mesh or the mesh of a solution",
-                field="mesh",
-            )
-        u = QuadField(mesh=mesh, values=values)
-        rounding = ROUNDING_SHARE * float(np.abs(u.values).max()) * math.sqrt(domain.area)
-        return cls(u=u, domain=domain, mesh=mesh, values=u.values, rounding=rounding)
-
-    def estimate(self, norm: Norm, threads: int = 1) -> float:
-        """As :meth:`equimesh.rounds.recovery.Recovery.estimate`."""
-        return measured_on_blocks(self.u, self.mesh, Rule(norm=norm, points=ESTIMATE_POINTS), threads)
-
-    def gradient_norm(self) -> float:
-        """The norm of the gradient of the bilinear interpolant of the values on their mesh, in the units of u."""
-        return gradient_norm(QuadCells(self.mesh), self.values)
-
-
-def measured_on_blocks(u: Field, mesh: QuadMesh, rule: Rule, threads: int = 1) -> float:
-    """The norm of the error of the bilinear interpolant of u on ``mesh``."""
-    count = len(mesh.points)
-    area = float(mesh.cell_areas().sum())
-    chart = CurveChart([], np.full(count, FREE), np.zeros(count), area)
-    points = np.ascontiguousarray(mesh.points.T)
-    cells = cells_of_mesh(mesh.cells, chart.free, mesh.ties)
-    return Objective(u, chart, cells, points, Weights(distortion=0.0, smoothness=0.0), rule, threads).error(points)
-
-
-def moved_lengths(before: QuadMesh, after: QuadMesh) -> float:
-    """The root mean square of the moves of the nodes, in sides of a square with the area of the mean cell."""
-    size = float(np.mean(before.cell_areas()))
-    moves = np.sum((after.points - before.points) ** 2, axis=1)
-    return math.sqrt(float(np.mean(moves)) / size)
 
 
 # The mesh for the next solve, with what is known of it.
 
 AnyMesh = TypeVar("AnyMesh", Mesh, QuadMesh)
 """The class of the meshes: those of grids, or of blocks."""
-R = TypeVar("R", Recovery, BlockRecovery)
 KEPT = "kept"
 """The name of the mesh before, where no candidate is valid or the values are those of a linear function."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AnyKnowledge(Generic[R]):
+class Knowledge:
     """What the values of a solver say of the mesh that they are on."""
 
-    recovery: R
+    recovery: Recovery
     """u, recovered from the values."""
     estimate: float
     """The estimated L2 error of the values on their own mesh, in the units of u times a length."""
@@ -177,8 +156,13 @@ class AnyKnowledge(Generic[R]):
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
 
     @classmethod
-    def from_recovery(cls, recovery: R, threads: int) -> Self:
-        """With the estimates of a recovered u."""
+    def of(cls, mesh: Mesh | QuadMesh, values: npt.ArrayLike, domain: Domain | Blocks, threads: int = 1) -> Knowledge:
+        """From ``values`` of the shape ``mesh.node_shape`` at the nodes of ``mesh``, a mesh of ``domain``.
+
+        Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
+        :class:`~equimesh.errors.InputError` for a folded mesh, and one of another domain.
+        """
+        recovery = Recovery.of(mesh, values, domain)
         slopes, size = recovery.estimate("h1", threads), recovery.gradient_norm()
         return cls(
             recovery=recovery,

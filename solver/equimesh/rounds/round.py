@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from typing import TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
+from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.errors import InputError
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import MORE_SLOPE_POINTS, DescentEnd, LeastErrorSolve
@@ -22,20 +22,9 @@ from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.channel import thread_count
 from equimesh.rounds.candidates import MEASURED_POINTS, PARTS, SHARP, SMOOTH, Search
-from equimesh.rounds.recovery import (
-    KEPT,
-    AnyKnowledge,
-    AnyMesh,
-    BlockRecovery,
-    NextMesh,
-    Recovery,
-    Round,
-    measured_on_blocks,
-    moved_cells,
-    moved_lengths,
-)
+from equimesh.rounds.recovery import KEPT, Knowledge, NextMesh, Recovery, Round, measured, moved_cells, on_domain
 
-# One round on a domain in blocks: from the nodal values of a solver on a mesh to the next mesh.
+# The candidates for the next mesh of a domain in blocks.
 
 T = TypeVar("T")
 
@@ -53,61 +42,28 @@ WHOLE = "whole"
 """The name of the descent from the initial mesh of the domain."""
 
 
-class BlockKnowledge(AnyKnowledge[BlockRecovery]):
-    """As :class:`~equimesh.rounds.round.Knowledge`, of values on a mesh in blocks."""
-
-    @classmethod
-    def of(cls, mesh: QuadMesh, values: npt.ArrayLike, domain: Blocks, threads: int = 1) -> BlockKnowledge:
-        """From ``values`` of shape ``(n,)`` at the nodes of ``mesh``, a mesh of ``domain``.
-
-        Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
-        :class:`~equimesh.errors.InputError` for a folded mesh, and one of another domain.
-        """
-        return cls.from_recovery(BlockRecovery.of(mesh, values, domain), threads)
-
-    def next_mesh(self, norm: Norm, threads: int = 1) -> NextMesh[QuadMesh]:
-        """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly.
-
-        Candidates are descents from the initial mesh of the domain, and from the mesh of the values.
-        """
-        before, u = self.recovery.mesh, self.recovery.u
-        rule = Rule(norm=norm, points=MEASURED_POINTS + (MORE_SLOPE_POINTS if norm == "h1" else 0))
-        found = {} if self.is_exact else dict(self._candidates(norm, threads))
-        errors = {name: measured_on_blocks(u, mesh, rule, threads) for name, mesh in found.items()}
-        errors = {name: error for name, error in errors.items() if np.isfinite(error)}
-        if not errors:
-            return NextMesh(reference=before, chosen=KEPT, candidates={}, gain=1.0, moved_cells=0.0)
-        chosen = min(errors, key=lambda name: errors[name])
-        least, mesh = errors[chosen], found[chosen]
-        return NextMesh(
-            reference=mesh,
-            chosen=chosen,
-            candidates=errors,
-            gain=measured_on_blocks(u, before, rule, threads) / least if least > 0.0 else 1.0,
-            moved_cells=moved_lengths(before, mesh),
-        )
-
-    def _candidates(self, norm: Norm, threads: int) -> Iterator[tuple[str, QuadMesh]]:
-        """Meshes that are not folded, by their names, for the better one of two pairs of weights."""
-        known, tried = self.recovery, []
-        for distortion, smoothness in (SMOOTH, SHARP):
-            monitor = LeastError(u=known.u, norm=norm, distortion=distortion, smoothness=smoothness).on(known.domain)
-            brief = BriefSolve(monitor=monitor, domain=known.domain, threads=threads)
-            reached = _end_of(brief.coarse(coarse_level(brief.levels)))
-            tried.append((brief.lifted_error(reached), monitor, reached))
-        _, monitor, reached = min(tried, key=lambda one: one[0])
-        solve = LeastErrorSolve(monitor=monitor, domain=known.domain, threads=threads)
-        is_first = known.mesh.distance(known.domain.mesh) == 0.0
-        starts: list[tuple[str, QuadMesh | None, DescentEnd | None]] = [(WHOLE, None, reached)]
-        if not is_first:
-            starts.append((PARTS, known.mesh, None))
-        for name, start, coarse in starts:
-            last: Descent | None = None
-            for record in solve.steps(start, coarse=coarse):
-                last = record
-            mesh = coarse.record.mesh if last is None and coarse is not None else None if last is None else last.mesh
-            if isinstance(mesh, QuadMesh) and not mesh.is_folded_on(threads):
-                yield name, mesh
+def descents(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> Iterator[tuple[str, QuadMesh]]:
+    """Meshes that are not folded, by their names, for the better one of two pairs of weights."""
+    tried = []
+    before: Any = known.mesh
+    for distortion, smoothness in (SMOOTH, SHARP):
+        monitor = LeastError(u=known.u, norm=norm, distortion=distortion, smoothness=smoothness).on(domain)
+        brief = BriefSolve(monitor=monitor, domain=domain, threads=threads)
+        reached = _end_of(brief.coarse(coarse_level(brief.levels)))
+        tried.append((brief.lifted_error(reached), monitor, reached))
+    _, monitor, reached = min(tried, key=lambda one: one[0])
+    solve = LeastErrorSolve(monitor=monitor, domain=domain, threads=threads)
+    is_first = before.distance(domain.mesh) == 0.0
+    starts: list[tuple[str, QuadMesh | None, DescentEnd | None]] = [(WHOLE, None, reached)]
+    if not is_first:
+        starts.append((PARTS, before, None))
+    for name, start, coarse in starts:
+        last: Descent | None = None
+        for record in solve.steps(start, coarse=coarse):
+            last = record
+        mesh = coarse.record.mesh if last is None and coarse is not None else None if last is None else last.mesh
+        if isinstance(mesh, QuadMesh) and not mesh.is_folded_on(threads):
+            yield name, mesh
 
 
 def _end_of(steps: Generator[object, None, T]) -> T:
@@ -120,42 +76,56 @@ def _end_of(steps: Generator[object, None, T]) -> T:
             return found
 
 
-TWO_KINDS = (
-    "the mesh is one of a grid and the domain one of blocks, or the other way round: a mesh in blocks needs its domain"
-    " in blocks"
-)
-"""Why a mesh and a domain of two kinds are refused."""
+def next_mesh(known: Knowledge, norm: Norm, threads: int = 1) -> NextMesh[Any]:
+    """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly.
+
+    Candidates are descents from the mesh of the values, on a grid also meshes of straight lines, on blocks descents
+    from the initial mesh of the domain.
+    """
+    before, domain = known.recovery.mesh, known.recovery.domain
+    kept = NextMesh[Any](reference=before, chosen=KEPT, candidates={}, gain=1.0, moved_cells=0.0)
+    if known.is_exact:
+        return kept
+    if isinstance(domain, Blocks):
+        return _best_of_blocks(known.recovery, domain, norm, threads) or kept
+    return _best_of_grid(known.recovery, norm, threads) or kept
 
 
-class Knowledge(AnyKnowledge[Recovery]):
-    """What the values of a solver say of the mesh of a grid that they are on."""
+def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> NextMesh[Any] | None:
+    rule = Rule(norm=norm, points=MEASURED_POINTS + (MORE_SLOPE_POINTS if norm == "h1" else 0))
+    found = dict(descents(known, domain, norm, threads))
+    errors = {name: measured(known.u, domain, mesh, rule, threads) for name, mesh in found.items()}
+    errors = {name: error for name, error in errors.items() if np.isfinite(error)}
+    if not errors:
+        return None
+    chosen = min(errors, key=lambda name: errors[name])
+    least, mesh = errors[chosen], found[chosen]
+    return NextMesh(
+        reference=mesh,
+        chosen=chosen,
+        candidates=errors,
+        gain=measured(known.u, domain, known.mesh, rule, threads) / least if least > 0.0 else 1.0,
+        moved_cells=moved_cells(known.mesh, mesh),
+    )
 
-    @classmethod
-    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain, threads: int = 1) -> Knowledge:
-        """From ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, a mesh of ``domain``.
 
-        Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
-        :class:`~equimesh.errors.InputError` for a folded mesh.
-        """
-        return cls.from_recovery(Recovery.of(mesh, values, domain), threads)
-
-    def next_mesh(self, norm: Norm, threads: int = 1) -> NextMesh[Mesh]:
-        """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly."""
-        before = self.recovery.mesh
-        search = Search(u=self.recovery.u, domain=self.recovery.domain, before=before, norm=norm, threads=threads)
-        found = [] if self.is_exact else list(search.candidates())
-        if not found:
-            return NextMesh(reference=before, chosen=KEPT, candidates={}, gain=1.0, moved_cells=0.0)
-        best = search.finished(min(found, key=lambda one: one.error))
-        square = mesh_of(best.mesh, before.grid)
-        reference = Mesh.of_unit_square(square.x, square.y)
-        return NextMesh(
-            reference=reference,
-            chosen=best.name,
-            candidates={one.name: one.error for one in found},
-            gain=search.error_on(before) / best.error if best.error > 0.0 else 1.0,
-            moved_cells=moved_cells(before, reference),
-        )
+def _best_of_grid(known: Recovery, norm: Norm, threads: int) -> NextMesh[Any] | None:
+    before: Any = known.mesh
+    domain: Any = known.domain
+    search = Search(u=known.u, domain=domain, before=before, norm=norm, threads=threads)
+    found = list(search.candidates())
+    if not found:
+        return None
+    best = search.finished(min(found, key=lambda one: one.error))
+    square = mesh_of(best.mesh, before.grid)
+    reference = Mesh.of_unit_square(square.x, square.y)
+    return NextMesh(
+        reference=reference,
+        chosen=best.name,
+        candidates={one.name: one.error for one in found},
+        gain=search.error_on(before) / best.error if best.error > 0.0 else 1.0,
+        moved_cells=moved_cells(before, reference),
+    )
 
 
 @overload
@@ -190,21 +160,10 @@ def adapt_round(
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
     threads = thread_count(threads)
-    if isinstance(mesh, QuadMesh) and isinstance(domain, Blocks):
-        of_blocks = BlockKnowledge.of(mesh, values, domain, threads)
-        following = of_blocks.next_mesh(norm, threads)
-        return _round(of_blocks, following, following.reference)
-    if isinstance(mesh, QuadMesh) or isinstance(domain, Blocks):
-        raise InputError(TWO_KINDS, field="mesh")
     known = Knowledge.of(mesh, values, domain, threads)
-    found = known.next_mesh(norm, threads)
-    is_kept = found.reference is known.recovery.mesh
-    return _round(known, found, mesh if is_kept else map_mesh(found.reference, domain))
-
-
-def _round(known: Knowledge | BlockKnowledge, found: NextMesh[AnyMesh], mesh: AnyMesh) -> Round[AnyMesh]:
+    found = next_mesh(known, norm, threads)
     return Round(
-        mesh=mesh,
+        mesh=mesh if found.reference is known.recovery.mesh else on_domain(found.reference, domain),
         reference=found.reference,
         estimate=0.0 if known.is_exact else known.estimate,
         estimate_h1=known.estimate_h1,

@@ -21,7 +21,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import MAX_WEIGHT, Auto, LeastError, NodalSolution
 from equimesh.numerics.channel import thread_count
 from equimesh.schwarz.settings import Schwarz
-from equimesh.solving.least_error import other_ways, solve_block_round
+from equimesh.solving.least_error import other_ways, solve_round
 from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks
 from equimesh.solving.solution import OnBlocks, Solution, SolveError
 from equimesh.solving.status import (
@@ -83,7 +83,7 @@ def solve_blocks(
     """
     monitor = problem.monitor
     if isinstance(monitor, NodalSolution):
-        return solve_block_round(problem, options.threads)
+        return solve_round(problem, options.threads)
     start = initial if isinstance(initial, QuadMesh) else None
     if isinstance(monitor, Auto) and start is None:
         found = _chosen(problem, monitor, options, subdomains)

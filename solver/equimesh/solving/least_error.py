@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
-from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.problem import Problem
-from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import last_compared, nested_levels
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
-from equimesh.rounds.recovery import KEPT, AnyMesh, Round
+from equimesh.rounds.recovery import KEPT, Round
 from equimesh.rounds.round import adapt_round
-from equimesh.solving.solution import OnBlocks, Solution, status_unless_folded
+from equimesh.solving.solution import AnySolution, Solution, status_unless_folded
 from equimesh.solving.status import Descending, Initial, SolveOptions, Status
 from equimesh_schema import Candidate, Estimate
 
@@ -125,42 +124,17 @@ def _finish(problem: Problem, steps: Iterable[Descent], options: SolveOptions, r
 NOT_BETTER = "No other mesh is better for these values: this is the mesh that they were given on."
 
 
-def solve_round(problem: Problem, threads: int) -> Solution:
+def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
     """The solution with the next mesh, and with the estimated error of the values on their own mesh.
 
-    Raises :class:`~equimesh.errors.InputError` where the grid is not that of the values.
+    Raises :class:`~equimesh.errors.InputError` where the grid, or the cells of blocks, are not those of the values.
     """
     monitor = problem.monitor
     if not isinstance(monitor, NodalSolution):
         raise TypeError("a round needs an NodalSolution monitor")
-    monitor.require_grid(problem.grid)
-    nodal = monitor.nodal
-    if isinstance(nodal, QuadField):
-        raise TypeError("a round on a grid needs values on a mesh of a grid")
-    found = adapt_round(nodal.mesh, nodal.values, problem.domain, monitor.norm, threads)
-    return Solution(
-        problem=problem,
-        schwarz=None,
-        mesh=found.mesh,
-        reference=found.reference,
-        status=status_unless_folded(Status.COMPLETED, folded=found.mesh.is_folded),
-        newton_steps=0,
-        residual=math.nan,
-        note=NOT_BETTER if found.chosen == KEPT else "",
-        comparison=_comparison(found, monitor.norm),
-        estimate=_estimate(found),
-    )
-
-
-def solve_block_round(problem: Problem[Blocks], threads: int) -> OnBlocks:
-    """One round on a domain in blocks.
-
-    Raises :class:`~equimesh.errors.InputError` for values on a mesh with other cells.
-    """
-    monitor = problem.monitor
-    nodal = monitor.nodal if isinstance(monitor, NodalSolution) else None
-    if not isinstance(monitor, NodalSolution) or not isinstance(nodal, QuadField):
-        raise TypeError("a round on blocks needs a NodalSolution monitor with values on a mesh of blocks")
+    if problem.grid is not None:
+        monitor.require_grid(problem.grid)
+    nodal: Any = monitor.nodal
     found = adapt_round(nodal.mesh, nodal.values, problem.domain, monitor.norm, threads)
     return Solution(
         problem=problem,
@@ -174,7 +148,7 @@ def solve_block_round(problem: Problem[Blocks], threads: int) -> OnBlocks:
     )
 
 
-def _estimate(found: Round[AnyMesh]) -> Estimate:
+def _estimate(found: Round[Any]) -> Estimate:
     return Estimate(
         l2=found.estimate,
         h1=found.estimate_h1,
@@ -183,7 +157,7 @@ def _estimate(found: Round[AnyMesh]) -> Estimate:
     )
 
 
-def _comparison(found: Round[AnyMesh], norm: str) -> tuple[Candidate, ...]:
+def _comparison(found: Round[Any], norm: str) -> tuple[Candidate, ...]:
     """The candidates, the best one first: how many times smaller their errors are than the estimate."""
     before = found.estimate if norm == "l2" else found.estimate_h1
     return tuple(

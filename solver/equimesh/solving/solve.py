@@ -159,7 +159,7 @@ def _solve_once(
 ) -> Solution:
     """The solution by the way that belongs to the monitor and the settings."""
     if isinstance(problem.monitor, NodalSolution):
-        return replace(solve_round(problem, options.threads), threads=options.threads)
+        return solve_round(problem, options.threads)
     if isinstance(problem.monitor, LeastError):
         return replace(solve_least_error(problem, initial, options, coarse), threads=options.threads)
     starts = map_of(problem.monitor) == "lines"  # a gradient map has no use for a mesh to start from

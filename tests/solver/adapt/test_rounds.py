@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.adapt.loop import BlockRounds, GridRounds, record_of
-from equimesh.rounds.round import BlockKnowledge
+from equimesh.adapt.loop import Rounds, record_of
+from equimesh.rounds.recovery import Knowledge
 from equimesh.testing.geometries import l_shape
 
 DOMAIN = l_shape(300)
 
 
 def test_meshes_for_a_solver_have_arrays_of_their_own() -> None:
-    grid = GridRounds(grid=em.Grid(n_xi=5, n_eta=4), domain=em.Rectangle(), norm="l2", threads=1)
-    blocks = BlockRounds(domain=DOMAIN, norm="l2", threads=1)
+    grid = Rounds(grid=em.Grid(n_xi=5, n_eta=4), domain=em.Rectangle(), norm="l2", threads=1)
+    blocks = Rounds(domain=DOMAIN, norm="l2", threads=1)
     first, moved, start = grid.first()
     assert (first.x.shape, moved, start) == ((5, 4), 0.0, "given")
     copy = grid.copied(first)
@@ -29,8 +29,8 @@ def test_meshes_for_a_solver_have_arrays_of_their_own() -> None:
 def test_the_record_of_values_on_blocks_has_their_estimates() -> None:
     mesh = DOMAIN.mesh
     values = np.sin(4 * mesh.x)
-    record, following = BlockRounds(domain=DOMAIN, norm="l2", threads=1).known(mesh, values)
-    known = BlockKnowledge.of(mesh, values, DOMAIN)
+    record, following = Rounds(domain=DOMAIN, norm="l2", threads=1).known(mesh, values)
+    known = Knowledge.of(mesh, values, DOMAIN)
     assert (record.estimate, record.unresolved) == (known.estimate, known.unresolved)
     assert record_of(known, mesh, values).estimate_h1 == record.estimate_h1
     found, moved, start = following()

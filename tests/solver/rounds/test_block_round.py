@@ -8,8 +8,8 @@ import pytest
 import equimesh as em
 from equimesh.least_error.kernels import Rule
 from equimesh.rounds.candidates import PARTS
-from equimesh.rounds.recovery import KEPT, measured_on_blocks
-from equimesh.rounds.round import WHOLE, BlockKnowledge
+from equimesh.rounds.recovery import KEPT, Knowledge, measured
+from equimesh.rounds.round import WHOLE
 from equimesh.testing.geometries import disc, l_shape
 
 DOMAIN = l_shape(500)
@@ -23,13 +23,13 @@ def values_on(mesh: em.QuadMesh) -> np.ndarray:
 
 def test_two_rounds_lower_the_error_and_begin_from_both_meshes() -> None:
     mesh = DOMAIN.mesh
-    errors = [measured_on_blocks(FRONT, mesh, Rule(norm="l2", points=3))]
+    errors = [measured(FRONT, DOMAIN, mesh, Rule(norm="l2", points=3))]
     names = []
     for _ in range(2):
         found = em.adapt_round(mesh, values_on(mesh), DOMAIN)
         mesh = found.mesh
         names.append({*found.candidates})
-        errors.append(measured_on_blocks(FRONT, mesh, Rule(norm="l2", points=3)))
+        errors.append(measured(FRONT, DOMAIN, mesh, Rule(norm="l2", points=3)))
         assert not mesh.is_folded
         assert np.array_equal(mesh.cells, DOMAIN.mesh.cells)
         assert found.candidates[found.chosen] == min(found.candidates.values())
@@ -61,8 +61,8 @@ def test_a_linear_function_keeps_its_mesh() -> None:
 
 def test_a_thin_front_is_not_resolved_and_a_smooth_function_is() -> None:
     mesh = DOMAIN.mesh
-    thin = BlockKnowledge.of(mesh, np.tanh(200 * (mesh.x + mesh.y - 1)), DOMAIN)
-    smooth = BlockKnowledge.of(mesh, np.sin(mesh.x + mesh.y), DOMAIN)
+    thin = Knowledge.of(mesh, np.tanh(200 * (mesh.x + mesh.y - 1)), DOMAIN)
+    smooth = Knowledge.of(mesh, np.sin(mesh.x + mesh.y), DOMAIN)
     assert thin.unresolved > 0.15 > 0.05 > smooth.unresolved
     assert not thin.is_exact
 

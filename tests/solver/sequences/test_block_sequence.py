@@ -10,7 +10,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.kernels import Rule
-from equimesh.rounds.recovery import measured_on_blocks
+from equimesh.rounds.recovery import measured
 from equimesh.testing.geometries import disc, l_shape
 
 DOMAIN = l_shape(500)
@@ -58,7 +58,7 @@ def test_values_at_the_nodes_are_followed_as_formulas_are() -> None:
     by_formula = one.step(front(t))
     by_values = other.step(front(t).evaluate(other.mesh.x, other.mesh.y)[0])
     by_text = sequence().step("tanh(12*(x + y - 0.83))")
-    errors = [measured_on_blocks(front(t), step.mesh, Rule(norm="l2", points=3)) for step in (by_values, by_formula)]
+    errors = [measured(front(t), DOMAIN, step.mesh, Rule(norm="l2", points=3)) for step in (by_values, by_formula)]
     assert errors[0] < 1.5 * errors[1]
     assert by_text.mesh.distance(by_formula.mesh) < 1e-6
 
