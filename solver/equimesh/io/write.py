@@ -6,7 +6,6 @@ import math
 import os
 import zipfile
 from collections.abc import Mapping
-from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -18,7 +17,7 @@ import numpy.typing as npt
 from equimesh.errors import InputError
 from equimesh.io import solver_files
 from equimesh.io.formats import CELLS, FORMATS, Cells, MeshFormat
-from equimesh.io.npz import mesh_arrays
+from equimesh.io.npz import mesh_arrays, npz_bytes
 from equimesh.io.solver_files import gmsh_text, medit_text, neutral_map, plot3d_text, su2_text, with_time
 from equimesh.io.vtk import vtm_text, write_vts, write_vtu
 from equimesh.meshes.cell_edges import Join, joins_of
@@ -235,10 +234,8 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
                 _pack(file, _write_foam(Path(folder), data, kind), f"{solver_files.FOLDER}/")
         case _:
             arrays = mesh_arrays(data, corners_of(data, kind), per_quad(kind))
-            if data.mesh.x.size <= MAX_POINTS_IN_MEMORY:  # NumPy writes in small pieces, which takes longer in a file
-                buffer = BytesIO()
-                np.savez(buffer, **arrays)
-                file.write_bytes(buffer.getbuffer())
+            if data.mesh.x.size <= MAX_POINTS_IN_MEMORY:
+                file.write_bytes(npz_bytes(arrays))
                 return
             with file.open("wb") as stream:
                 np.savez(stream, **arrays)

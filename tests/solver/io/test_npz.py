@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from equimesh.errors import InputError
-from equimesh.io.npz import load_npz
+from equimesh.io import npz
+from equimesh.io.npz import load_npz, npz_bytes
 from equimesh.io.write import Cells, write_mesh
 from equimesh.meshes.mesh import SIDES
 from solver.io.files import DATA, KINDS, check_cells, check_edges, per_cell, written
@@ -63,3 +66,55 @@ def test_files_that_are_no_result(tmp_path: Path) -> None:
         load_npz(path)
     with pytest.raises(FileNotFoundError):
         load_npz(tmp_path / "missing.npz")
+
+
+TABLE = np.arange(12.0).reshape(3, 4)
+ARRAYS = {
+    "x": TABLE,
+    "turned": TABLE.T,
+    "every second": TABLE[:, ::2].astype(np.float32),
+    "sides/gr\u00fcn": np.zeros((0, 2), np.int64),
+    "flags": TABLE > 3,
+    "one": np.array(3.0),
+    "bytes": np.frombuffer(b"abc", np.uint8),
+    "text": np.array("h\u00e9"),
+}
+
+
+def test_bytes_made_in_memory_are_read_by_others() -> None:
+    data = npz_bytes(ARRAYS)
+    with zipfile.ZipFile(BytesIO(data)) as archive:
+        assert archive.testzip() is None
+        assert archive.namelist() == [f"{name}.npy" for name in ARRAYS]
+        assert {member.date_time for member in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+    with np.load(BytesIO(data), allow_pickle=False) as found:
+        assert list(found) == list(ARRAYS)
+        for name, values in ARRAYS.items():
+            assert found[name].dtype == np.asarray(values).dtype
+            assert found[name].shape == np.shape(values)
+            np.testing.assert_array_equal(found[name], values)
+
+
+def test_equal_arrays_have_equal_bytes() -> None:
+    others = {name: np.array(values, order="F") for name, values in ARRAYS.items()}
+    assert npz_bytes(others) == npz_bytes(ARRAYS)
+    assert npz_bytes({**ARRAYS, "one": np.array(4.0)}) != npz_bytes(ARRAYS)
+
+
+def test_small_and_large_files_have_the_same_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small = dict(np.load(write_mesh(tmp_path / "small.npz", DATA)[0]))
+    monkeypatch.setattr("equimesh.io.write.MAX_POINTS_IN_MEMORY", 0)
+    large = dict(np.load(write_mesh(tmp_path / "large.npz", DATA)[0]))
+    assert list(small) == list(large)
+    for name, values in small.items():
+        assert values.dtype == large[name].dtype
+        np.testing.assert_array_equal(values, large[name])
+
+
+def test_what_the_format_cannot_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match="cannot hold object"):
+        npz_bytes({"x": np.array([{}], dtype=object)})
+    monkeypatch.setattr(npz, "MAX_BYTES", 200)
+    assert npz_bytes({"x": np.zeros(9)})
+    with pytest.raises(ValueError, match=r"more than 200 bytes.*savez"):
+        npz_bytes({"x": np.zeros(10)})

@@ -169,35 +169,103 @@ _BROKEN = (
 )
 
 
+_CENTRAL: Final = struct.Struct("<4s6H3L5H2L")
+_LOCAL: Final = struct.Struct("<4s5H3L2H")
+_END: Final = struct.Struct("<4s4H2LH")
+_UTF_8, _VERSION = 0x800, 45  # the flag of names in UTF-8; a later version of the format may mean something else
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """The plainest zip file, as :func:`numpy.savez` writes it: begin, size and checksum of each member by its name."""
+
+    data: bytes
+    places: dict[str, tuple[int, int, int]]
+
+    @classmethod
+    def of(cls, data: bytes) -> _Stored | None:
+        """The members of a file without anything that :mod:`zipfile` would have to look at; ``None`` for others."""
+        listed = len(data) - _END.size
+        if listed < 0:
+            return None
+        mark, *disks, here, count, size, at, comment = _END.unpack_from(data, listed)
+        if mark != b"PK\x05\x06" or any(disks) or comment or here != count or at + size != listed:
+            return None
+        places, free = dict[str, tuple[int, int, int]](), 0
+        for _ in range(count):
+            found = _entry(data, at, listed, free)
+            if found is None or found[0] in places:
+                return None
+            name, place, at = found
+            places[name], free = place, place[0] + place[1]
+        return cls(data, places) if at == listed and free <= listed - size else None
+
+    def read(self, name: str) -> bytes:
+        """The bytes of a member; raises :class:`zipfile.BadZipFile` where they are not those that were written."""
+        begin, size, check = self.places[name]
+        found = self.data[begin : begin + size]
+        if zlib.crc32(found) != check:
+            raise zipfile.BadZipFile(f"Bad CRC-32 for file {name!r}")
+        return found
+
+
+def _entry(data: bytes, at: int, end: int, free: int) -> tuple[str, tuple[int, int, int], int] | None:
+    """The name and the place of the member that is listed at byte ``at``, and where the next one is listed.
+
+    ``None`` unless it is stored as it is, with a plain name, and begins at byte ``free`` or later.
+    """
+    if at + _CENTRAL.size > end:
+        return None
+    entry = _CENTRAL.unpack_from(data, at)
+    mark, _, version, flags, method, _, _, check, packed, size, length, extra, comment, _, _, _, start = entry
+    listed = at + _CENTRAL.size + length
+    text = data[at + _CENTRAL.size : listed]
+    unusual = method or extra or comment or flags & ~_UTF_8 or version > _VERSION or packed != size
+    if mark != _ENTRY or unusual or not text.isascii() or b"\0" in text or not free <= start <= end - _LOCAL.size:
+        return None
+    mark, _, local_flags, _, _, _, _, _, _, length, extra = _LOCAL.unpack_from(data, start)
+    name, begin = start + _LOCAL.size, start + _LOCAL.size + length + extra
+    if mark != b"PK\x03\x04" or local_flags != flags or data[name : name + length] != text or begin + size > end:
+        return None
+    return text.decode("ascii"), (begin, size, check), listed
+
+
 @dataclass
 class Members:
     """The names in a zip file, in its order, and the bytes of those that are read: at most ``budget`` in all."""
 
-    archive: zipfile.ZipFile
+    archive: zipfile.ZipFile | _Stored
     kind: str
     budget: int
     names: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.names = self.archive.namelist()
+        self.names = list(self.archive.places) if isinstance(self.archive, _Stored) else self.archive.namelist()
 
     def size(self, name: str) -> int:
         """The bytes of a member when it is unpacked, as the zip file states them."""
+        if isinstance(self.archive, _Stored):
+            return self.archive.places[name][1]
         return self.archive.getinfo(name).file_size
 
     def read(self, name: str) -> bytes:
         """The bytes of a member, which are never written to a file."""
-        member = self.archive.getinfo(name)
-        if member.compress_type not in _METHODS:
+        if self._is_unusual(name):
             raise SamplesError(f"{name[:80]!r} in the {self.kind} file is packed in an unusual way: use deflate")
-        if member.file_size > self.budget:
+        if self.size(name) > self.budget:
             raise SamplesError(f"the {self.kind} file unpacks to more than the bytes allowed")
-        self.budget -= member.file_size
+        self.budget -= self.size(name)
+        if isinstance(self.archive, _Stored):
+            return self.archive.read(name)
+        member = self.archive.getinfo(name)
         with self.archive.open(member) as stream:
             found = stream.read(member.file_size + 1)
         if len(found) != member.file_size:
             raise SamplesError(f"{name[:80]!r} in the {self.kind} file does not have its stated length")
         return found
+
+    def _is_unusual(self, name: str) -> bool:
+        return isinstance(self.archive, zipfile.ZipFile) and self.archive.getinfo(name).compress_type not in _METHODS
 
 
 @contextmanager
@@ -209,6 +277,10 @@ def open_zip(data: bytes, kind: str, max_bytes: int, remedy: str, max_members: i
     if data.count(_ENTRY) > max_members:  # before they are listed, which takes long
         raise SamplesError(f"the {kind} file has more than {max_members} members")
     try:
+        stored = _Stored.of(data)
+        if stored is not None:
+            yield Members(stored, kind, max_bytes)
+            return
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             yield Members(archive, kind, max_bytes)
     except SamplesError:

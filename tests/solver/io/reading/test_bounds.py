@@ -16,7 +16,8 @@ import pytest
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.errors import InputError
-from equimesh.io.reading.bounds import MAX_MESSAGE, floats, integers, line_of, refusing
+from equimesh.io.reading import bounds
+from equimesh.io.reading.bounds import MAX_MESSAGE, floats, integers, line_of, open_zip, refusing
 from equimesh.io.reading.read import read_bytes, read_description
 from equimesh.io.solver_files import gmsh_text, su2_text
 from solver.io.reading.plain import small
@@ -220,3 +221,54 @@ def test_the_line_of_a_wrong_word(text: bytes, told: str) -> None:
 
 def test_the_line_of_a_byte() -> None:
     assert [line_of(b"a\nb\n", k) for k in range(4)] == [1, 1, 2, 2]
+
+
+def savez() -> bytes:
+    """A file as NumPy writes it."""
+    file = io.BytesIO()
+    np.savez(file, x=np.arange(2.0), y=np.arange(3), values=np.ones((2, 3)))
+    return file.getvalue()
+
+
+def members(data: bytes, most: int = MEGABYTE) -> dict[str, bytes] | str:
+    """The members of a zip file, or the words with which it is refused."""
+    try:
+        with open_zip(data, "npz", most, "write it again") as found:
+            return {name: found.read(name) for name in found.names if found.size(name) >= 0}
+    except InputError as error:
+        return error.message
+
+
+def damaged(data: bytes) -> dict[str, bytes]:
+    """The file with one byte changed, in each place of its heads and lists and some of its data, and cut short."""
+    heads = [place for place in range(len(data)) if not 200 < place % 330 < 300]
+    flipped = {f"{place} ^ {bit}": _flipped(data, place, bit) for place in heads for bit in (1, 64)}
+    cut = {f"to {end}": data[:end] for end in range(0, len(data), 37)}
+    return {**flipped, **cut, "moved": b"#!" + data, "with more": data + b"\0", "twice": data + data}
+
+
+def _flipped(data: bytes, place: int, bit: int) -> bytes:
+    changed = bytearray(data)
+    changed[place] ^= bit
+    return bytes(changed)
+
+
+def test_plain_files_are_read_as_zipfile_reads_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is wrong with a file: the same members, or the same words."""
+    others = {"deflated": packed({"x.npy": bytes(900)}), "none": packed({}), "umlaut": packed({"\u00fc": b"1"}, 0)}
+    files = {"savez": savez(), **others, **damaged(savez())}
+    here = {name: members(data) for name, data in files.items()}
+    assert bounds._Stored.of(files["savez"]) is not None
+    monkeypatch.setattr(bounds._Stored, "of", lambda _: None)
+    there = {name: members(data) for name, data in files.items()}
+    assert {name: (here[name], there[name]) for name in files if here[name] != there[name]} == {}
+    assert sum(isinstance(found, str) for found in here.values()) > 100
+
+
+def test_plain_files_have_the_limits_of_others() -> None:
+    data = savez()
+    found = members(data)
+    assert isinstance(found, dict)
+    total = sum(map(len, found.values()))
+    assert members(data, total) == found
+    assert "more than the bytes allowed" in str(members(data, total - 1))
