@@ -51,7 +51,7 @@ class ReferenceMetric:
         return self.monitor.on(self.domain) if isinstance(self.monitor, ArcLength) else None
 
     @cached_property
-    def _factor(self) -> float:
+    def factor(self) -> float:
         """The factor of u of the arc length; see :attr:`equimesh.monitors.arc_length.ArcLength.factor`."""
         factor = None if self.arc_length is None else self.arc_length.factor
         return 1.0 if factor is None else factor
@@ -74,7 +74,7 @@ class ReferenceMetric:
         if self.arc_length is None:
             return np.zeros(s.shape)
         (u,) = self.arc_length.u.evaluate(*self._physical(s, t))
-        return u if self._factor == 1.0 else self._factor * u
+        return u if self.factor == 1.0 else self.factor * u
 
     def u_with_gradient(self, s: Array, t: Array) -> Tensor:
         """u of the arc-length monitor in its units, and its derivatives by s and t; zeros for other monitors."""
@@ -82,8 +82,8 @@ class ReferenceMetric:
             zero = np.zeros(s.shape)
             return zero, zero, zero
         u, u_x, u_y = self.arc_length.u.evaluate(*self._physical(s, t), order=1)
-        if self._factor != 1.0:
-            u, u_x, u_y = self._factor * u, self._factor * u_x, self._factor * u_y
+        if self.factor != 1.0:
+            u, u_x, u_y = self.factor * u, self.factor * u_x, self.factor * u_y
         if self.on_unit_square:
             return u, u_x, u_y
         x_s, x_t, y_s, y_t = self.domain.jacobian(s, t)

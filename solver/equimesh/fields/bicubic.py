@@ -46,7 +46,7 @@ class Axis(NamedTuple):
     @classmethod
     def of(cls, knots: Array) -> Axis:
         """The same, without the cache."""
-        breaks = np.ascontiguousarray(knots[ORDER - 1 : len(knots) - ORDER + 1])
+        breaks = knots[ORDER - 1 : len(knots) - ORDER + 1].copy()  # never read-only, or loops are compiled twice
         starts = np.linspace(breaks[0], breaks[-1], BUCKETS_PER_PIECE * (len(breaks) - 1) + 1)
         first = np.clip(np.searchsorted(breaks, starts, side="right") - 1, 0, len(breaks) - 2)
         return cls(breaks, _cubics(knots), first.astype(np.int64))

@@ -54,6 +54,11 @@ class GridSamples:
         for name, value in {**axes, "values": table, "box": requested.box, "_spline": spline}.items():
             object.__setattr__(self, name, value)
 
+    @property
+    def spline(self) -> Bicubic:
+        """The spline."""
+        return self._spline
+
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
         """u and its partial derivatives up to ``order``, each of the points' shape: see ``Field.evaluate``.
 

@@ -174,9 +174,7 @@ def mesh_bytes(data: MeshData, *, format: str, cells: Cells = "quad") -> bytes:
     Raises as :func:`write_mesh`.
     """
     if format == "npz":
-        buffer = BytesIO()
-        np.savez(buffer, **mesh_arrays(data, corners_of(data, cells), per_quad(cells)))
-        return buffer.getvalue()
+        return npz_bytes(mesh_arrays(data, corners_of(data, cells), per_quad(cells)))
     with TemporaryDirectory(prefix=".equimesh-") as folder:
         return write_mesh(Path(folder) / "mesh", data, format=format, cells=cells)[0].read_bytes()
 

@@ -222,8 +222,8 @@ def distance_in_rows(mesh: HeldMesh, coarse: HeldMesh, parts: Parts) -> float:
     """
     fine, rough, here = mesh.grid.shape, coarse.grid.shape, parts.here
     pairs = ((mesh.x, coarse.x), (mesh.y, coarse.y))
-    steps = [(n - 1) // (m - 1) for n, m in zip(fine, rough, strict=True)]
-    if tuple(len(range(0, n, step)) for n, step in zip(fine, steps, strict=True)) == rough:
+    steps = common_steps(fine, rough)
+    if steps is not None:
 
         def at_common_nodes(part: Part) -> float:
             ends = [-(-(row + mesh.begin) // steps[0]) for row in part.ends]
@@ -235,6 +235,13 @@ def distance_in_rows(mesh: HeldMesh, coarse: HeldMesh, parts: Parts) -> float:
     along_xi, along_eta = rules(rough, fine)
     along_xi = rule_on_rows(along_xi, mesh.ends, coarse.begin)
     return here.largest(lambda part: max(interpolate(b, along_xi, along_eta, part.ends, a, False) for a, b in pairs))
+
+
+def common_steps(fine: tuple[int, int], coarse: tuple[int, int]) -> tuple[int, int] | None:
+    """The steps, along xi and eta, by which the nodes of a fine grid are those of a coarse one; ``None`` if not."""
+    steps = (fine[0] - 1) // (coarse[0] - 1), (fine[1] - 1) // (coarse[1] - 1)
+    found = tuple(len(range(0, n, step)) for n, step in zip(fine, steps, strict=True))
+    return steps if found == coarse else None
 
 
 def refinement(fine: Grid, coarse: Grid) -> float:

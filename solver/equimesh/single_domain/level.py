@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import Self, TypeAlias
 
 import numpy as np
@@ -20,14 +21,27 @@ from equimesh.numerics.types import Array
 from equimesh.single_domain import continuation
 from equimesh.single_domain.continuation import NONE, Relaxation
 from equimesh.sweeps.deviation import deviation
-from equimesh.sweeps.sweep import WHOLE, Frame, Sweep, error_left
+from equimesh.sweeps.kernels import Nodes
+from equimesh.sweeps.one_strip import is_one_strip, sweeps_of
+from equimesh.sweeps.stopping import (
+    DONE,
+    GO_ON,
+    HALVE,
+    MIN_JACOBIAN_SHARE,
+    MIN_MOVE_SHARE,
+    RESIDUAL,
+    SMALLEST,
+    Rules,
+    Swept,
+    judge,
+    nothing_known,
+)
+from equimesh.sweeps.sweep import WHOLE, Frame, Sweep
 
 # The records of the steps of a single-domain solve, and its modes.
 
 # Relative deviation of squared metric lengths from the mean of their line, in tight mode.
 TIGHT_DEVIATION = 1e-10
-# Algebraic error that is left otherwise, as a share of the discretisation error.
-ALGEBRAIC_SHARE = 0.2
 
 
 class Mode(StrEnum):
@@ -106,16 +120,6 @@ MAX_START_ERROR = 0.01
 # Sweeps of one level, from a coarser solution and from the uniform mesh.
 MAX_SWEEPS = 100
 MAX_COLD_SWEEPS = 40
-# A sweep is slow if it does not reduce the moves by this factor.
-MAX_SLOW_CONTRACTION = 0.9
-# After more slow sweeps than this, half sweeps are tried, and then another method.
-MAX_SLOW_SWEEPS = 3
-# The first sweeps from a coarser solution reduce the moves faster than later ones, which reduce them by this factor.
-MIN_CONTRACTION = 0.25
-# Moves that would fold the mesh are halved, but not below this share.
-MIN_MOVE_SHARE = 1 / 128
-# A sweep from the uniform mesh keeps at least this share of the smallest Jacobian.
-MIN_JACOBIAN_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -154,51 +158,69 @@ class Level:
 
     def steps(self) -> Steps:
         """Sweeps; returns the last step, or ``None`` where the iteration does not converge to a valid mesh."""
-        metric, shape = self.problem.metric, self.problem.grid.shape
-        sweep = Sweep(metric, self.problem.boundary, self.parts, self.memory, self._frame)
-        own = x, y = self._start()
-        halve, slow, moves = False, 0, [math.inf]
-        tolerance, smallest = max(self._tight_deviation, smallest_residual(metric, shape)), 0.0
+        own, known = self._start(), nothing_known(0.0)
         if self.coarse is None:
-            smallest = smallest_jacobian(x, y)
-        for count in range(1, self._most_sweeps + 1):
+            known[SMALLEST] = smallest_jacobian(*own)
+        for count, swept in enumerate(self._sweeps(own, known), 1):
+            residual, left, contraction, error = swept.record
+            step = replace(
+                self.label,
+                step=count,
+                residual=residual,
+                mesh=self._mesh(swept.x, swept.y),
+                algebraic_error=left,
+                contraction=contraction,
+            )
+            if swept.verdict == DONE:
+                if self.tight:
+                    error = self.parts.agree(self._gap(swept.x, swept.y))[0] / self._rules.per_gap
+                return self._finished(step, own, error)
+            yield step
+        return None
+
+    def _sweeps(self, own: tuple[Array, Array], known: Array) -> Iterator[Swept]:
+        """The sweeps from the nodes ``own``, until the level is solved, or lost."""
+        x, y = own
+        problem, rules, most = self.problem, self._rules, self._most_sweeps
+        in_order = x.flags.c_contiguous and y.flags.c_contiguous
+        if in_order and self._frame is WHOLE and is_one_strip(problem, self.parts):
+            coarse = None if self.coarse is None else self.coarse.mesh
+            yield from sweeps_of(problem, Nodes(x, y), self.memory, coarse, rules, known, most)
+            return
+        sweep = Sweep(problem.metric, problem.boundary, self.parts, self.memory, self._frame)
+        record = np.empty(4)
+        for _ in range(most):
             taken = sweep.guard(
                 x,
                 y,
                 sweep.correct(x, y),
-                halve=halve,
-                floor=self._floor(smallest),
+                halve=known[HALVE] > 0.0,
+                floor=0.0 if rules.has_coarse else MIN_JACOBIAN_SHARE * known[SMALLEST],
                 min_share=MIN_MOVE_SHARE,
                 measure=None if self.tight else self._gap,
             )
-            smallest = taken.smallest
-            if not (math.isfinite(taken.deviation) and smallest > 0.0):
-                return None
+            if not (math.isfinite(taken.deviation) and taken.smallest > 0.0):
+                return
             x, y = sweep.swap(x, y)
-            moves.append(taken.move)
-            contraction = self._contraction(moves)
-            left = error_left(taken.move, contraction) if taken.share == 1.0 else math.inf
-            step = replace(
-                self.label,
-                step=count,
-                residual=taken.deviation,
-                mesh=self._mesh(x, y),
-                algebraic_error=left,
-                contraction=contraction,
-            )
-            error = self._discretization(taken.gap)
-            done = taken.deviation <= tolerance if self.tight else self._is_near(step, error)
-            if done:
-                if self.tight:
-                    error = self._discretization(*self.parts.agree(self._gap(x, y)))
-                return self._finished(step, own, error)
-            yield step
-            slow = slow + 1 if not moves[-1] < MAX_SLOW_CONTRACTION * min(moves[:-1]) else 0
-            if slow > MAX_SLOW_SWEEPS and self.coarse is not None:
-                if halve:
-                    return None
-                halve, slow, moves = True, 0, [math.inf]
-        return None
+            known[SMALLEST], record[RESIDUAL] = taken.smallest, taken.deviation
+            verdict = judge(rules, known, taken.move, taken.share, taken.gap, record)
+            yield Swept(verdict, record.tolist(), x, y)
+            if verdict != GO_ON:
+                return
+
+    @cached_property
+    def _rules(self) -> Rules:
+        """When the sweeps of the level end."""
+        grid, coarse = self.problem.grid, self.coarse
+        return Rules(
+            tight=self.tight,
+            known=coarse is not None and is_refined(grid, coarse.grid),
+            has_coarse=coarse is not None,
+            tolerance=max(self._tight_deviation, smallest_residual(self.problem.metric, grid.shape)),
+            start_error=MAX_START_ERROR * min(grid.d_xi, grid.d_eta),
+            contraction=1.0 if coarse is None else coarse.step.contraction,
+            per_gap=1.0 if coarse is None else refinement(grid, coarse.grid) - 1.0,
+        )
 
     @property
     def _frame(self) -> Frame:
@@ -223,34 +245,12 @@ class Level:
         """The mesh of the nodes of a sweep."""
         return Mesh(x, y)
 
-    def _floor(self, smallest: float) -> float:
-        """The lower bound of the smallest Jacobian after a sweep."""
-        return MIN_JACOBIAN_SHARE * smallest if self.coarse is None else 0.0
-
-    def _contraction(self, moves: list[float]) -> float:
-        """The factor by which the next sweeps reduce the moves: from the last two moves, or from the coarser level."""
-        if math.isfinite(moves[-2]) and moves[-2] > 0.0:
-            return max(MIN_CONTRACTION, moves[-1] / moves[-2])
-        return 1.0 if self.coarse is None else self.coarse.step.contraction
-
-    def _is_near(self, step: Step, error: float) -> bool:
-        """Whether the algebraic error is small compared with that of the grid, or enough for a first level."""
-        if self.coarse is None or not is_refined(self.problem.grid, self.coarse.grid):
-            return step.algebraic_error <= MAX_START_ERROR * min(self.problem.grid.d_xi, self.problem.grid.d_eta)
-        return math.isfinite(step.algebraic_error) and step.algebraic_error <= ALGEBRAIC_SHARE * error
-
     def _gap(self, x: Array, y: Array) -> float:
         """The difference of the own rows to the coarser solution; NaN where it says nothing about the error."""
         if self.coarse is None or not is_refined(self.problem.grid, self.coarse.grid):
             return math.nan
         here = HeldMesh(self.problem.grid, self.parts.begin, x, y)
         return distance_in_rows(here, self.coarse.mesh, self.parts)
-
-    def _discretization(self, gap: float) -> float:
-        """The error of the grid, if of second order: from the difference to the coarser solution."""
-        if self.coarse is None or math.isnan(gap):
-            return math.nan
-        return gap / (refinement(self.problem.grid, self.coarse.grid) - 1.0)
 
     def _finished(self, step: Step, own: tuple[Array, Array], error: float) -> Step:
         """The last step, with its mesh outside the working memory."""

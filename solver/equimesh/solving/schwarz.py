@@ -17,7 +17,7 @@ from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, IterationNumbers, last_rate
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
-from equimesh.single_domain.level import ALGEBRAIC_SHARE, Mode, Step
+from equimesh.single_domain.level import Mode, Step
 from equimesh.solving.certificate import safe_discretization_error
 from equimesh.solving.single_domain import last_of_newton, last_step, solve_single_domain, what_was_found
 from equimesh.solving.solution import Solution, status_unless_folded
@@ -31,6 +31,7 @@ from equimesh.solving.status import (
     after_newton,
     after_schwarz,
 )
+from equimesh.sweeps.stopping import ALGEBRAIC_SHARE
 
 # How a Schwarz iteration ended, from its records: the status, its details, and what to try.
 

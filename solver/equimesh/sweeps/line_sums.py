@@ -316,11 +316,11 @@ def cell_metrics(metric: ReferenceMetric, s: Array, t: Array, cells: Array, u: A
         u = metric.u(s, t) if u is None else u
         kernels.arc_length_cells(s, t, u, arc_length.a**2, arc_length.b, cells)
         return
-    cells[0], cells[1], cells[2] = metric.base(_centres(s), _centres(t))
+    cells[0], cells[1], cells[2] = metric.base(centres(s), centres(t))
     if arc_length is not None:
         u = metric.u(s, t) if u is None else u
         kernels.arc_length_cells_on(s, t, u, arc_length.a**2, arc_length.b, cells)
 
 
-def _centres(q: Array) -> Array:
+def centres(q: Array) -> Array:
     return np.asarray(0.25 * (q[1:, 1:] + q[1:, :-1] + q[:-1, 1:] + q[:-1, :-1]))

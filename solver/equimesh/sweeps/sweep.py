@@ -165,7 +165,7 @@ class Sides:
         else:
             u_eta = nodal[0][:: n_xi - 1].copy(), nodal[1][:: n_xi - 1].copy()
             u_xi = nodal[0].T[:: n_eta - 1].copy(), nodal[2].T[:: n_eta - 1].copy()
-        for t, (u, u_n), base in zip((t_eta, t_xi), (u_eta, u_xi), self._base or self._bases(t_eta, t_xi), strict=True):
+        for t, (u, u_n), base in zip((t_eta, t_xi), (u_eta, u_xi), self._base or self.bases(t_eta, t_xi), strict=True):
             yield SidePair(t, u, np.zeros_like(u_n) if self.boundary is Boundary.EQUIDISTRIBUTED_1D else u_n, base)
 
     def _evaluated(self, t_eta: Array, t_xi: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -210,7 +210,7 @@ class Sides:
         one = np.array([1.0, 0.0, 1.0])[:, None, None]
         return one * np.ones((2, self.shape[1] - 1)), one * np.ones((2, self.shape[0] - 1))
 
-    def _bases(self, t_eta: Array, t_xi: Array) -> tuple[Array, Array]:
+    def bases(self, t_eta: Array, t_xi: Array) -> tuple[Array, Array]:
         """The pointwise part of the metric at the middles of the edges, its tangential entry first."""
         found = []
         for nodes, axis in ((t_eta, 0), (t_xi, 1)):
@@ -482,16 +482,3 @@ class Sweep:
 def memory_needed(shape: tuple[int, int]) -> int:
     """The size of the working memory of a :class:`Sweep`, in numbers."""
     return 4 * shape[0] * shape[1]
-
-
-# The error that remains when every move is smaller than the one before it by a fixed factor.
-
-
-def error_left(move: float, contraction: float) -> float:
-    """The remaining distance after a ``move``, if each later move is smaller by the factor ``contraction``.
-
-    The sum of a geometric series, in the unit of ``move``; infinite where the moves do not get smaller.
-    """
-    if contraction < 1.0:
-        return move * contraction / (1.0 - contraction)
-    return math.inf if move > 0.0 else 0.0

@@ -7,7 +7,8 @@ import pytest
 import equimesh as em
 from cases import FUNCTIONS, problem
 from equimesh.single_domain import iteration
-from equimesh.single_domain.level import ALGEBRAIC_SHARE, TIGHT_DEVIATION
+from equimesh.single_domain.level import TIGHT_DEVIATION
+from equimesh.sweeps.stopping import ALGEBRAIC_SHARE
 from solver.sweeps.windows import distance
 
 

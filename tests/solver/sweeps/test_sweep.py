@@ -15,7 +15,8 @@ from equimesh.meshes.parts import Parts
 from equimesh.single_domain import iteration
 from equimesh.sweeps.deviation import deviation
 from equimesh.sweeps.kernels import copy_ends
-from equimesh.sweeps.sweep import Correction, Frame, Sweep, error_left, halve_moves, memory_needed, take_midpoints
+from equimesh.sweeps.stopping import error_left
+from equimesh.sweeps.sweep import Correction, Frame, Sweep, halve_moves, memory_needed, take_midpoints
 from solver.sweeps.windows import distance, disturbed, sweep_on
 
 
