@@ -125,30 +125,30 @@ END: Final = struct.Struct("<4s4H2LH")
 VERSION: Final = 20  # of the format, which has no members of 4 GiB
 UTF_8: Final = 0x800  # the names are UTF-8
 MIDNIGHT, FIRST_DAY = 0, 1 << 5 | 1  # 1 January 1980, the first day that a zip file knows
-MAX_BYTES: Final = 1 << 31
+MAX_BYTES: Final = 4_000_000_000  # of the arrays; places are numbers of 32 bits
 MAX_ARRAYS: Final = 1 << 15
 
 
 def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
     """The npz file of ``arrays``, which :func:`numpy.load` reads; equal arrays have equal bytes.
 
-    Raises :class:`ValueError` for arrays of Python objects, and for more than the format holds.
+    Raises :class:`ValueError` for arrays of Python objects.
     """
+    found = {f"{name}.npy".encode(): np.asarray(values, order="C") for name, values in arrays.items()}
+    heads = [_head(array.dtype, array.shape) for array in found.values()]
+    if sum(array.nbytes for array in found.values()) > MAX_BYTES or len(found) > MAX_ARRAYS:
+        stream = BytesIO()
+        np.savez(stream, **arrays)  # in the 64 bit form of a zip file
+        return stream.getvalue()
     out, entries, place = list[bytes | memoryview](), list[bytes](), 0
-    for name, values in arrays.items():
-        array = np.asarray(values, order="C")
-        head, data, file = _head(array.dtype, array.shape), _data(array), f"{name}.npy".encode()
-        size = len(head) + array.nbytes
-        if place + size > MAX_BYTES or len(entries) == MAX_ARRAYS:
-            raise ValueError(f"the arrays take more than {MAX_BYTES} bytes, or are more than {MAX_ARRAYS}: use savez")
+    for (name, array), head in zip(found.items(), heads, strict=True):
+        data, size = _data(array), len(head) + array.nbytes
         check = zlib.crc32(data, zlib.crc32(head))
-        common = VERSION, UTF_8, 0, MIDNIGHT, FIRST_DAY, check, size, size, len(file), 0
-        local = LOCAL.pack(b"PK\x03\x04", *common)
-        out += (local, file, head, data)
-        entries += (CENTRAL.pack(b"PK\x01\x02", VERSION, *common, 0, 0, 0, 0, place), file)
-        place += len(local) + len(file) + size
-    listed = b"".join(entries)
-    count = len(arrays)
+        common = VERSION, UTF_8, 0, MIDNIGHT, FIRST_DAY, check, size, size, len(name), 0
+        out += (LOCAL.pack(b"PK\x03\x04", *common), name, head, data)
+        entries += (CENTRAL.pack(b"PK\x01\x02", VERSION, *common, 0, 0, 0, 0, place), name)
+        place += LOCAL.size + len(name) + size
+    listed, count = b"".join(entries), len(found)
     return b"".join([*out, listed, END.pack(b"PK\x05\x06", 0, 0, count, count, len(listed), place, 0)])
 
 
