@@ -148,7 +148,8 @@ class Mesh(Coupled):
     @classmethod
     def uniform(cls, grid: Grid) -> Mesh:
         """The mesh whose nodes are the grid points themselves."""
-        x, y = np.meshgrid(np.linspace(0, 1, grid.n_xi), np.linspace(0, 1, grid.n_eta), indexing="ij")
+        x, y = np.empty(grid.shape), np.empty(grid.shape)
+        x[:], y[:] = np.linspace(0, 1, grid.n_xi)[:, None], np.linspace(0, 1, grid.n_eta)
         return cls(x, y)
 
     @classmethod

@@ -163,11 +163,15 @@ class Level:
             known[SMALLEST] = smallest_jacobian(*own)
         for count, swept in enumerate(self._sweeps(own, known), 1):
             residual, left, contraction, error = swept.record
-            step = replace(
-                self.label,
+            label = self.label
+            step = Step(
+                level=label.level,
+                levels=label.levels,
+                grid=label.grid,
                 step=count,
                 residual=residual,
                 mesh=self._mesh(swept.x, swept.y),
+                relaxation=label.relaxation,
                 algebraic_error=left,
                 contraction=contraction,
             )

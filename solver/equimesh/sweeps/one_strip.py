@@ -160,8 +160,9 @@ class Work(NamedTuple):
 def values_for(shape: tuple[int, int]) -> Values:
     """Memory for u on a mesh of the unit square, whose pointwise part is 1."""
     n_xi, n_eta = shape
-    one, sides = np.array([1.0, 0.0, 1.0])[:, None, None], 2 * (n_xi + n_eta)
-    bases = one * np.ones((2, n_eta - 1)), one * np.ones((2, n_xi - 1))
+    bases, sides = (np.zeros((3, 2, n_eta - 1)), np.zeros((3, 2, n_xi - 1))), 2 * (n_xi + n_eta)
+    for base in bases:
+        base[0] = base[2] = 1.0
     return Values(np.zeros((3, n_xi * n_eta)), np.empty(sides), np.empty(sides), np.zeros((3, sides)), *bases)
 
 
@@ -218,10 +219,11 @@ def sweeps_of(
 ) -> Iterator[Swept]:
     """At most so many sweeps of ``nodes``, until the level is solved, or lost.
 
-    ``memory`` is as of :class:`~equimesh.sweeps.sweep.Sweep`, ``coarse`` the coarser solution.
+    ``memory`` is as of :class:`~equimesh.sweeps.sweep.Sweep`, ``coarse`` the coarser solution. The solution itself is
+    in the memory of ``nodes``.
     """
     shape = nodes.x.shape[0], nodes.x.shape[1]
-    kind, patches = _kind(problem), Patches.of(problem.metric)
+    (x, y), kind, patches = nodes, _kind(problem), Patches.of(problem.metric)
     if not np.isfinite(known[SMALLEST]):
         patches = NOT_GIVEN  # a polynomial has no place for nodes that are nowhere
     values, work, coarser = values_for(shape), work_for(shape), _coarser(shape, coarse)
@@ -236,8 +238,11 @@ def sweeps_of(
         verdict, count = sweep_on(
             code, nodes, out, (patches, values), kind, coarser, rules, known, work, meshes, records
         )
-        for k in range(count):
-            yield Swept(GO_ON if k + 1 < count else verdict, records[k].tolist(), meshes[k, 0], meshes[k, 1])
+        for k in range(count if verdict == GO_ON else count - 1):
+            yield Swept(GO_ON, records[k].tolist(), meshes[k, 0], meshes[k, 1])
+        if verdict != GO_ON and count > 0:
+            x[:], y[:] = meshes[count - 1]
+            yield Swept(verdict, records[count - 1].tolist(), x, y)
         if verdict != GO_ON:
             return
         made += count
