@@ -61,9 +61,9 @@ def body(points: int, number: int) -> bytes:
 
 
 @contextmanager
-def service(folder: Path, workers: int) -> Iterator[tuple[str, int]]:
-    """The URL and the process id of a service that has warmed up."""
-    command = [sys.executable, "-m", "equimesh_cli", "serve", "--port", "0", "--workers", str(workers)]
+def service(folder: Path, workers: int, *, under: Sequence[str] = ()) -> Iterator[tuple[str, int]]:
+    """The URL and the process id of a service that has warmed up, started by the command ``under``."""
+    command = [*under, sys.executable, "-m", "equimesh_cli", "serve", "--port", "0", "--workers", str(workers)]
     command += ["--data-dir", str(folder), "--log-level", "info", "--max-points", "5000000"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None

@@ -292,8 +292,6 @@ class Dispatcher:
             mesh_id = stored.result()
             if mesh_id == claim.mesh_id:
                 self._metrics.count_end(ending)
-                with log_context.enter(log_context_of(claim)):
-                    _log.info("mesh %s %s, solved in %.3f s", mesh_id, ending.status, ending.solve_seconds)
             ended.set_result(ending if mesh_id == claim.mesh_id else mesh_id and Repeated(mesh_id))
         elif isinstance(error, KeyReusedError | SamplesGoneError):
             ended.set_result(Refused(error))

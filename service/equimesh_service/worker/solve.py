@@ -299,6 +299,7 @@ def _solve(job: Job) -> Finished | Ending | Repeated | None:
             laps=stopwatch.laps,
         )
         stopwatch.lap("file")
+        _log.info("mesh %s %s, solved in %.3f s", job.claim.mesh_id, outcome.status, solved - began)
         if job.hands_over and len(contents) == len({file.sha256 for file in artifacts}) and _brings_little(job):
             return Finished(
                 outcome=replace(outcome, publish=publish_nothing),
@@ -313,7 +314,6 @@ def _solve(job: Job) -> Finished | Ending | Repeated | None:
         return None
     if kept != job.claim.mesh_id:
         return Repeated(kept)
-    _log.info("mesh %s %s, solved in %.3f s", kept, outcome.status, solved - began)
     return ending
 
 
