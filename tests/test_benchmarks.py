@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import runpy
 import sys
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import bench
 import cluster
 import convection
 import golden
+import latency
 import least_error_gains
 import least_error_goals
 import numpy as np
@@ -375,3 +377,12 @@ def test_golden_meshes_are_made_and_compared(tmp_path: Path, capsys: pytest.Capt
     assert "domains 1: moved by" in capsys.readouterr().out
     assert same("moved.npz", "--within", "1e-5")
     assert not same("lost.npz")
+
+
+def test_latency_counts_all_processes_of_a_server() -> None:
+    with latency.echo() as (url, pid):
+        cost = latency.one_caller("echo", url, pid, latency.PATHS["kept"], 9, 3)
+        assert (cost.what, cost.points) == ("echo", 9)
+        assert latency.cpu_seconds(pid) > 0.0
+        assert pid in latency._family(os.getpid())
+    assert latency.in_process(9, 1).cpu > 0.0
