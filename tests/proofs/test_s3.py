@@ -32,6 +32,16 @@ def test_a_service_that_keeps_its_files_in_s3(tmp_path: Path, tmp_path_factory: 
             _use(http, s3, bucket)
 
 
+# A mesh whose files have more than 1 MiB, and are in the bucket.
+LARGE = {"n_xi": 260, "n_eta": 260}
+
+
+def _many() -> bytes:
+    """Samples of more than 1 MiB."""
+    rows = (f"{x},{y},{x * y % 97}" for x in range(380) for y in range(380))
+    return "\n".join(["x,y,u", *rows]).encode()
+
+
 def _use(http: httpx.Client, s3: S3Server, bucket: Path) -> None:
     def objects() -> set[str]:
         return {path.name for path in bucket.rglob("*") if path.is_file()}
@@ -41,7 +51,7 @@ def _use(http: httpx.Client, s3: S3Server, bucket: Path) -> None:
     assert samples.status_code == 201, samples.text
     name = samples.json()["id"]
     assert http.get(f"/v1/samples/{name}?format=npz").status_code == 200
-    spec = {"monitor": {"kind": "curvature", "u": {"samples": name}}, "grid": {"n_xi": 8, "n_eta": 8}}
+    spec = {"monitor": {"kind": "curvature", "u": {"samples": name}}, "grid": LARGE}
     mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()
     assert mesh["status"] == "succeeded", mesh["error"]
     whole = http.get(mesh["links"]["file"])
@@ -54,21 +64,24 @@ def _use(http: httpx.Client, s3: S3Server, bucket: Path) -> None:
     assert http.get(mesh["links"]["file"], headers={"If-None-Match": etag}).status_code == 304
     assert etag.strip('"') in objects()
     before = objects()
-    other = http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()
+    other = http.post("/v1/meshes", json=small(grid=LARGE), headers={"Prefer": "wait=30"}).json()
     unnamed = objects() - before
 
     s3.kill()
     before = objects()
-    asked = http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"})
+    asked = http.post("/v1/meshes", json=small(grid=LARGE), headers={"Prefer": "wait=30"})
     assert (asked.status_code, asked.json()["status"]) == (201, "failed")  # three attempts, none of them half there
     assert "could not be reached" in asked.json()["error"]["detail"]
     for down in (
         http.get(mesh["links"]["file"]),
         http.get(mesh["links"]["file"], params={"format": "msh"}),
-        http.post("/v1/samples", content=b"x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,3\n", headers={"Content-Type": "text/csv"}),
+        http.post("/v1/samples", content=_many(), headers={"Content-Type": "text/csv"}),
     ):
         assert (down.status_code, down.json()["type"]) == (503, "/problems/unavailable"), down.text
         assert down.headers["retry-after"]
+    tiny = http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()  # which needs no bucket
+    assert tiny["status"] == "succeeded"
+    assert http.get(tiny["links"]["file"]).status_code == 200
     assert http.delete(other["links"]["self"]).status_code == 204  # the sweep removes its files
     ready = http.get("/readyz")
     assert (ready.status_code, ready.json()["checks"]["store"]) == (503, "ok")

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from pydantic import SecretStr
 
+from equimesh_service import Settings
 from equimesh_service.files.folder import FolderFiles
 from equimesh_service.files.port import Files
 from equimesh_service.files.s3 import Bucket, S3Files
@@ -57,3 +58,10 @@ def _made(request: pytest.FixtureRequest, tmp_path: Path, stack: ExitStack) -> F
         server.bucket(name)
         found = S3Files(bucket_of(server, name), tmp_path)
     return found
+
+
+def stored_names(settings: Settings) -> set[str]:
+    """The names of all files that a service keeps, in rows and in its folder."""
+    with closing(Store(settings.database)) as store:
+        files = BlobFiles(store.database, FolderFiles(settings.data_dir / "files"))
+        return {file.sha256 for file in files.listing()}

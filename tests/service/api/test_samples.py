@@ -6,7 +6,6 @@ import io
 import json
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import httpx
@@ -18,6 +17,7 @@ from equimesh_service.admission.admit import Admission
 from equimesh_service.assembly.bodies import MAX_SHORT_BYTES
 from service.conftest import SLOW, small
 from service.requests import GRID, WAIT, npz, post, solved
+from service.storages import stored_names
 
 ONES = np.ones((5, 5))
 
@@ -184,17 +184,14 @@ def test_a_long_spec_gives_the_mesh_of_a_short_one(http: httpx.Client) -> None:
 
 
 def test_a_long_spec_that_is_refused_leaves_no_samples(http: httpx.Client, settings: Settings) -> None:
-    def files() -> set[Path]:
-        return {path for path in settings.data_dir.rglob("*") if path.is_file() and "files" in path.parts}
-
     grid = {"grid": {**GRID["grid"], "values": [[0.25, 1.25], [2.25, 5.25]]}}
-    before = files()
+    before = stored_names(settings)
     for more in ({"schwarz": {"overlap": 1}}, {"grid": {"n_xi": 3}}, {"monitor": {"u": grid, "a": 1}}):
         spec = {"monitor": {"u": grid}, **more}
         body = json.dumps(spec).encode() + b" " * MAX_SHORT_BYTES
         answer = http.post("/v1/meshes", content=body, headers={"Content-Type": "application/json"})
         assert answer.status_code == 422, answer.text
-    assert files() == before
+    assert stored_names(settings) == before
 
 
 def test_a_long_spec_comes_with_an_upload(http: httpx.Client) -> None:

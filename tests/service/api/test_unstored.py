@@ -15,6 +15,7 @@ from equimesh_service import Settings
 from service.conftest import SLOW, small, until
 from service.guarded import Guarded
 from service.requests import CURVED, FRONT, WAIT, npz, post, solved
+from service.storages import stored_names
 
 NODES = {"x", "y", "u"}
 CELLS = {"q_eq", "error"}
@@ -151,7 +152,8 @@ def test_nothing_is_kept(http: httpx.Client, settings: Settings) -> None:
 
     def state() -> tuple[Any, set[str]]:
         newest = http.get("/v1/meshes", params={"limit": 1}).json()["items"]
-        return newest, {path.name for path in settings.data_dir.rglob("*") if "sqlite" not in path.name}
+        left = {path.name for path in settings.data_dir.rglob("*") if "sqlite" not in path.name}
+        return newest, left | stored_names(settings)
 
     uploaded = {"kind": "arc_length", "u": {"samples": "upload"}}
     spec = {
@@ -278,7 +280,8 @@ def test_what_is_refused_of_a_mesh_that_is_not_kept(http: httpx.Client) -> None:
 def test_nothing_is_kept_of_a_mesh_with_store_false(http: httpx.Client, settings: Settings) -> None:
     def state() -> tuple[Any, set[str]]:
         newest = http.get("/v1/meshes", params={"limit": 1}).json()["items"]
-        return newest, {path.name for path in settings.data_dir.rglob("*") if "sqlite" not in path.name}
+        left = {path.name for path in settings.data_dir.rglob("*") if "sqlite" not in path.name}
+        return newest, left | stored_names(settings)
 
     before = state()
     spec = {"monitor": {"u": {"samples": "upload"}}, "domain": {"kind": "rectangle", "x": [0, 8], "y": [0, 8]}}
