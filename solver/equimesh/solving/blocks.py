@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,19 +19,15 @@ from equimesh.least_error.nest import Level, coarse_level, last_compared
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import MAX_WEIGHT, Auto, LeastError, NodalSolution
-from equimesh.numerics.channel import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.solving.least_error import other_ways, solve_round
 from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks
-from equimesh.solving.solution import OnBlocks, Solution, SolveError
+from equimesh.solving.solution import OnBlocks, Solution
 from equimesh.solving.status import (
-    Announcer,
     Descending,
     Initial,
-    SolveArguments,
     SolveOptions,
     Status,
-    complete_arguments,
     descent_work,
 )
 from equimesh_schema import Candidate
@@ -44,30 +40,24 @@ KEPT = "No mesh was found with a smaller error than that of the given mesh, whic
 NO_BETTER = "No mesh was found with a smaller error than that of the initial mesh, which this is."
 
 
-def solve_block_problem(problem: Problem[Blocks], schwarz: Schwarz | None, options: SolveArguments) -> OnBlocks:
-    """The solution of ``problem`` with the ``options`` of :func:`~equimesh.solving.solve.solve`.
+EQUIDISTRIBUTION_ONLY = ("mode", "allow_relaxed")
+"""Options of a solve that blocks do not have."""
 
-    Raises as that function. ``mode`` and ``allow_relaxed`` are no options here.
+
+def blocks_method(
+    problem: Problem[Blocks], schwarz: Schwarz | None, initial: Initial | Mesh | QuadMesh, given: Iterable[str]
+) -> Callable[[SolveOptions], OnBlocks]:
+    """What solves a problem on blocks. Refuses what cannot be solved before any work is done.
+
+    ``given`` are the options of equidistribution that were given, which are refused.
     """
-    for name in ("mode", "allow_relaxed"):
-        if name in options:
-            raise InputError(f"{name} belongs to equidistribution, which blocks do not have: leave it out", field=name)
-    arguments = complete_arguments(options)
-    initial = check_start(problem.domain, arguments["initial"])
-    checked = SolveOptions(
-        mode=arguments["mode"],
-        allow_relaxed=True,
-        threads=thread_count(arguments["threads"]),
-        observer=Announcer.of(arguments["observe"]),
-    )
-    subdomains = None if schwarz is None else BlockSubdomains(settings=schwarz)
+    for name in given:
+        raise InputError(f"{name} belongs to equidistribution, which blocks do not have: leave it out", field=name)
+    start = check_start(problem.domain, initial)
     if schwarz is not None:
-        count_subdomains(problem, schwarz)  # refuse what does not fit before any work is done
-    with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
-        solution = solve_blocks(problem, initial, checked, subdomains)
-    if arguments["check"] and not solution.status.succeeded:
-        raise SolveError(solution.message, solution)
-    return solution
+        count_subdomains(problem, schwarz)
+    subdomains = None if schwarz is None else BlockSubdomains(settings=schwarz)
+    return lambda options: solve_blocks(problem, start, options, subdomains)
 
 
 def solve_blocks(

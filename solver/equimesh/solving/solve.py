@@ -1,6 +1,6 @@
 """One call from a problem to its mesh: by a single-domain solve, a Schwarz iteration, or a descent."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, Unpack, overload
 
@@ -22,7 +22,7 @@ from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
 from equimesh.solving.auto import choose_monitor, comparison_share, solve_for_finite_volumes
-from equimesh.solving.blocks import solve_block_problem
+from equimesh.solving.blocks import EQUIDISTRIBUTION_ONLY, blocks_method
 from equimesh.solving.least_error import is_no_worse, solve_least_error, solve_round
 from equimesh.solving.orthogonality import bounded, require_possible
 from equimesh.solving.schwarz import solve_by_schwarz
@@ -71,32 +71,40 @@ def solve(
     that does not exist.
     """
     _check_arguments(problem, schwarz)
-    if in_blocks(problem):
-        return solve_block_problem(problem, schwarz, options)
-    if schwarz is not None:
-        schwarz.require_grid()
     arguments = complete_arguments(options)
-    initial = arguments["initial"]
-    if isinstance(initial, QuadMesh):
-        raise InputError(NO_BLOCKS, field="initial")
-    initial = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
     checked = SolveOptions(
         mode=choice(Mode, arguments["mode"], "mode"),
         allow_relaxed=arguments["allow_relaxed"],
         threads=thread_count(arguments["threads"]),
         observer=Announcer.of(arguments["observe"]),
     )
-    _check_start(problem, initial)
-    require_possible(problem)
-    _check_ways(problem, schwarz)
+    given = {name for name in EQUIDISTRIBUTION_ONLY if name in options}
+    method: Callable[[SolveOptions], AnySolution]
+    if in_blocks(problem):
+        method = blocks_method(problem, schwarz, arguments["initial"], given)
+    else:
+        method = _grid_method(problem, schwarz, arguments["initial"])
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
-        if isinstance(problem.monitor, Auto):
-            solution = _solve_chosen(problem, schwarz, initial, checked)
-        else:
-            solution = _solve(problem, schwarz, initial, checked)
+        solution = method(checked)
     if arguments["check"] and not solution.status.succeeded:
         raise SolveError(solution.message, solution)
     return solution
+
+
+def _grid_method(
+    problem: Problem, schwarz: Schwarz | None, initial: Initial | Mesh | QuadMesh
+) -> Callable[[SolveOptions], Solution]:
+    """What solves a problem on a grid. Refuses what cannot be solved before any work is done."""
+    if schwarz is not None:
+        schwarz.require_grid()
+    if isinstance(initial, QuadMesh):
+        raise InputError(NO_BLOCKS, field="initial")
+    start = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
+    _check_start(problem, start)
+    require_possible(problem)
+    _check_ways(problem, schwarz)
+    solve_it = _solve_chosen if isinstance(problem.monitor, Auto) else _solve
+    return lambda options: solve_it(problem, schwarz, start, options)
 
 
 def _solve_chosen(
