@@ -318,11 +318,19 @@ def sweep_on(
             return LOST, count
         nodes, out = Nodes(out.x, out.y), Moved(nodes.x, nodes.y, out.along_p, out.squares)
         known[SMALLEST], records[count, RESIDUAL] = smallest, deviation
-        meshes[count, 0], meshes[count, 1] = nodes.x, nodes.y
+        keep(nodes, meshes[count])
         verdict = judge(rules, known, move, share, gap, records[count])
         if verdict != GO_ON:
             return verdict, count + 1
     return GO_ON, len(records)
+
+
+@compiled
+def keep(nodes: Nodes, mesh: Array) -> None:
+    """Copy the nodes, one by one: for an assignment of arrays Numba compiles many functions for its error message."""
+    for i in range(mesh.shape[1]):
+        for j in range(mesh.shape[2]):
+            mesh[0, i, j], mesh[1, i, j] = nodes.x[i, j], nodes.y[i, j]
 
 
 @compiled
