@@ -171,8 +171,16 @@ class Service:
             self.lock.close()
 
 
-# Modules that are loaded once, and shared by all workers.
+# Modules that are loaded once, and shared by all workers. Those of SciPy would otherwise be loaded by each worker.
 PRELOAD = (
+    "scipy.fft",
+    "scipy.interpolate",
+    "scipy.linalg",
+    "scipy.ndimage",
+    "scipy.optimize",
+    "scipy.sparse.linalg",
+    "scipy.spatial",
+    "scipy.special",
     "equimesh_service.worker.solve",
     "equimesh_service.worker.export",
     "equimesh_service.admission.computation",

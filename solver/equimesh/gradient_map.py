@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import dctn, idctn
+import scipy
 
 from equimesh.domains.domain import Domain
 from equimesh.equations.problem import Problem
@@ -316,9 +316,9 @@ class MapLevel:
 
     def _inverted(self, values: Array) -> Array:
         """``(I - gamma Laplacian)^-1`` of values at cells."""
-        transformed = dctn(values, type=2)
+        transformed = scipy.fft.dctn(values, type=2)
         transformed *= self._inverse
-        result: Array = idctn(transformed, type=2, overwrite_x=True)
+        result: Array = scipy.fft.idctn(transformed, type=2, overwrite_x=True)
         return result
 
 
@@ -446,6 +446,6 @@ def _lifted(phi: Array, grid: Grid) -> Array:
     if phi.shape == shape:
         return phi
     waves = np.zeros(shape)
-    waves[: phi.shape[0], : phi.shape[1]] = dctn(phi, type=2, norm="ortho")
-    finer: Array = idctn(waves, type=2, norm="ortho") * np.sqrt(waves.size / phi.size)
+    waves[: phi.shape[0], : phi.shape[1]] = scipy.fft.dctn(phi, type=2, norm="ortho")
+    finer: Array = scipy.fft.idctn(waves, type=2, norm="ortho") * np.sqrt(waves.size / phi.size)
     return finer

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from equimesh.blocks.curves import BoundaryCurve
 from equimesh.blocks.layout import Layout
@@ -62,8 +61,8 @@ def find_overlap(mesh: QuadMesh) -> Overlap | None:
 def _inside_others(mesh: QuadMesh, edges: IntArray, at_boundary: IntArray) -> Overlap | None:
     """The overlap at a closed line of the boundary around which others wind, too."""
     size = len(mesh.points)
-    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
-    _, line = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
+    _, line = scipy.sparse.csgraph.connected_components(graph, directed=False)
     on = np.zeros(size, dtype=bool)
     on[edges] = True
     cells = mesh.cells[at_boundary]
@@ -91,8 +90,8 @@ def _pairs_of_cells(mesh: QuadMesh, edges: IntArray, cells: IntArray, touching: 
     return found[:, 0], found[:, 1]
 
 
-def _incidence(row: IntArray, column: IntArray, shape: tuple[int, int]) -> csr_array:
-    return coo_array((np.ones(len(row)), (row, column)), shape=shape).tocsr()
+def _incidence(row: IntArray, column: IntArray, shape: tuple[int, int]) -> scipy.sparse.csr_array:
+    return scipy.sparse.coo_array((np.ones(len(row)), (row, column)), shape=shape).tocsr()
 
 
 def _pairs_of_boxes(low: Array, high: Array) -> tuple[IntArray, IntArray]:
@@ -196,8 +195,8 @@ def check_connected(layout: Layout, names: Sequence[str], fields: Sequence[str])
     """Refuse blocks that no common or joined edges lead to; the message names one, and where it comes near."""
     across = layout.neighbours[..., 0]
     block, side = np.nonzero(across >= 0)
-    graph = coo_array((np.ones(len(block)), (block, across[block, side])), shape=2 * (layout.block_count,))
-    number, piece = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(len(block)), (block, across[block, side])), shape=2 * (layout.block_count,))
+    number, piece = scipy.sparse.csgraph.connected_components(graph, directed=False)
     if number > 1:
         apart = int((piece != piece[0]).argmax())
         edges = " or ".join(layout.edge_name(int(edge)) for edge in layout.block_edges[apart])

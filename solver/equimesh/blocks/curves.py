@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+import scipy
 
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import PLACES, area_between
@@ -253,7 +253,7 @@ def parameters_at(curve: BoundaryCurve, ends: Array, shares: Array) -> Array:
     else:
         goal = length[-1] * shares
         found = np.interp(goal, length, t) if length[-1] > 0 else even
-        table = CubicHermiteSpline(t, length, speed) if t[1] > t[0] else CubicHermiteSpline(-t, length, speed)
+        table = scipy.interpolate.CubicHermiteSpline(t if t[1] > t[0] else -t, length, speed)
         sign = 1.0 if t[1] > t[0] else -1.0
         slope = table.derivative()
         for _ in range(NEWTON_STEPS):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
+import scipy
 
 from equimesh.blocks.counts import Plan
 from equimesh.blocks.curves import BoundaryCurve, parameters_at, span
@@ -262,7 +262,7 @@ def _edges_of_sides(mesh: QuadMesh, layout: Layout) -> dict[str, list[int]]:
 def _between(values: Array, cells: int) -> Array:
     """Parameters that rise or fall, at other numbers of cells; they still do."""
     places = np.linspace(0.0, len(values) - 1.0, cells + 1)
-    return np.asarray(PchipInterpolator(np.arange(len(values)), values)(places))
+    return np.asarray(scipy.interpolate.PchipInterpolator(np.arange(len(values)), values)(places))
 
 
 def _cubic(values: Array, cells: int) -> Array:
@@ -270,4 +270,4 @@ def _cubic(values: Array, cells: int) -> Array:
     if len(values) - 1 == cells:
         return values.copy()
     places = np.linspace(0.0, len(values) - 1.0, cells + 1)
-    return np.asarray(CubicSpline(np.arange(len(values)), values, axis=0)(places))
+    return np.asarray(scipy.interpolate.CubicSpline(np.arange(len(values)), values, axis=0)(places))

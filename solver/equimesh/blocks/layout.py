@@ -8,9 +8,8 @@ from functools import cached_property
 from typing import TypeVar, overload
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from equimesh.errors import InputError
 from equimesh.numerics.types import BoolArray, IntArray
@@ -80,8 +79,8 @@ class Layout:
         """The class of every edge, shape ``(e,)``: edges that are opposite in a block, or joined, have one class."""
         pairs = self._pairs_of_equal_count()
         size = len(self.edges)
-        graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-        return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+        graph = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+        return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1], dtype=np.int64)
 
     @cached_property
     def counts(self) -> IntArray:
@@ -189,8 +188,8 @@ class Layout:
         copies, originals = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
         nodes, places = np.unique(np.concatenate([copies, originals]), return_inverse=True)
         ends = places.reshape(2, -1)
-        graph = coo_array((np.ones(len(copies)), (ends[0], ends[1])), shape=(len(nodes), len(nodes)))
-        number, group = connected_components(graph, directed=False)
+        graph = scipy.sparse.coo_array((np.ones(len(copies)), (ends[0], ends[1])), shape=(len(nodes), len(nodes)))
+        number, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
         is_copy = np.isin(nodes, copies)
         original = np.empty(number, dtype=np.int64)
         for pick in (is_copy, ~is_copy):  # a node that is no copy wins

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PPoly
+import scipy
 
 from equimesh.blocks.curves import Point, nearest_on, wrapped
 from equimesh.errors import InputError
@@ -40,8 +40,8 @@ class SplineCurve:
     where: str = field(default="domain.curves", compare=False)
     corners: Array = field(init=False, repr=False, compare=False)
     _knots: Array = field(init=False, repr=False, compare=False)
-    _place: PPoly = field(init=False, repr=False, compare=False)
-    _velocity: PPoly = field(init=False, repr=False, compare=False)
+    _place: scipy.interpolate.PPoly = field(init=False, repr=False, compare=False)
+    _velocity: scipy.interpolate.PPoly = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=np.float64).reshape(-1, 2)
@@ -57,13 +57,13 @@ class SplineCurve:
         knots = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
         if self.straight:
             slopes = np.diff(points, axis=0) / np.diff(knots)[:, None]
-            place = PPoly(np.stack([slopes, points[:-1]]), knots)
+            place = scipy.interpolate.PPoly(np.stack([slopes, points[:-1]]), knots)
         elif self.closed and not corners.size:
-            place = CubicSpline(knots, points, bc_type="periodic")
+            place = scipy.interpolate.CubicSpline(knots, points, bc_type="periodic")
         else:
             ends = np.union1d(corners, [0, last])
-            pieces = [CubicSpline(knots[a : b + 1], points[a : b + 1]) for a, b in pairwise(ends)]
-            place = PPoly(np.concatenate([piece.c for piece in pieces], axis=1), knots)
+            pieces = [scipy.interpolate.CubicSpline(knots[a : b + 1], points[a : b + 1]) for a, b in pairwise(ends)]
+            place = scipy.interpolate.PPoly(np.concatenate([piece.c for piece in pieces], axis=1), knots)
         for name, value in (("corners", knots[corners]), ("_knots", knots), ("_place", place)):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "_velocity", place.derivative())

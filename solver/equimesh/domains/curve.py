@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
+import scipy
 
 from equimesh.domains.domain import MAX_COORDINATE, Interval
 from equimesh.errors import ExpressionError, InputError, SamplesError
@@ -163,7 +163,7 @@ class SplinePath:
 
     def __post_init__(self) -> None:
         ends: Literal["periodic", "not-a-knot"] = "periodic" if self.closed else "not-a-knot"
-        spline = CubicSpline(np.array(self.knots), np.array(self.points), bc_type=ends)
+        spline = scipy.interpolate.CubicSpline(np.array(self.knots), np.array(self.points), bc_type=ends)
         object.__setattr__(self, "_splines", (spline, spline.derivative()))
 
     def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:

@@ -8,7 +8,7 @@ from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import cosdg, sindg
+import scipy
 
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
@@ -223,14 +223,13 @@ class AnnulusSector:
     def map(self, s: Array, t: Array) -> tuple[Array, Array]:
         """The physical points, as :meth:`Domain.map`."""
         s, t = points(s, t)
-        radius, angle = _between(self.radii, s), _between(self.angles, t)
-        return self.center[0] + radius * cosdg(angle), self.center[1] + radius * sindg(angle)
+        return self._points(_between(self.radii, s), _between(self.angles, t))
 
     def jacobian(self, s: Array, t: Array) -> tuple[Array, Array, Array, Array]:
         """``x_s, x_t, y_s, y_t``, of polar coordinates."""
         s, t = points(s, t)
         radius, angle = _between(self.radii, s), _between(self.angles, t)
-        cosine, sine = cosdg(angle), sindg(angle)
+        cosine, sine = scipy.special.cosdg(angle), scipy.special.sindg(angle)
         width, turn = self.radii[1] - self.radii[0], radius * math.radians(self.angles[1] - self.angles[0])
         return width * cosine, -turn * sine, width * sine, turn * cosine
 
@@ -241,8 +240,13 @@ class AnnulusSector:
         quarters = 90.0 * np.arange(math.ceil(first / 90.0), math.floor(last / 90.0) + 1)
         angles = np.concatenate([self.angles, self.angles, quarters])
         radii = np.concatenate([np.repeat(self.radii, 2), np.full(quarters.size, self.radii[1])])
-        x, y = self.center[0] + radii * cosdg(angles), self.center[1] + radii * sindg(angles)
+        x, y = self._points(radii, angles)
         return (float(x.min()), float(x.max())), (float(y.min()), float(y.max()))
+
+    def _points(self, radius: Array, angle: Array) -> tuple[Array, Array]:
+        """The physical points of polar coordinates, with angles in degrees."""
+        cosine, sine = scipy.special.cosdg(angle), scipy.special.sindg(angle)
+        return self.center[0] + radius * cosine, self.center[1] + radius * sine
 
     @property
     def area(self) -> float:

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
+import scipy
 
 from equimesh.equations.metric import ReferenceMetric, Tensor, Vector, quadratic
 from equimesh.meshes.mesh import Mesh
@@ -259,7 +259,7 @@ class MeshEquations:
             value[closing.rows] = closing.values
         return value
 
-    def jacobian(self, z: Array) -> csc_array:
+    def jacobian(self, z: Array) -> scipy.sparse.csc_array:
         """The sparse derivative of :meth:`residual`, exact for the discrete equations."""
         window = self.window(z)
         closings = [condition.rows(window) for condition in self.conditions]
@@ -270,7 +270,7 @@ class MeshEquations:
         for number, closing in enumerate(closings, 1):
             parts.extend(_owned(part, owner, number) for part in closing.triplets())
         rows, columns, data = (np.concatenate([part[k] for part in parts]) for k in range(3))
-        return coo_array((data, (rows, columns)), shape=(2 * self.size, 2 * self.size)).tocsc()
+        return scipy.sparse.coo_array((data, (rows, columns)), shape=(2 * self.size, 2 * self.size)).tocsc()
 
     def mean_flux(self, z: Array) -> float:
         """The mean squared metric length of the coordinate directions: the natural unit of the residual."""

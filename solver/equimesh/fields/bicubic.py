@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
+import scipy
 
 from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.types import Array, IntArray, Pair
@@ -282,7 +282,7 @@ class Bicubic:
     often: bool = False
 
     @classmethod
-    def of(cls, spline: RectBivariateSpline, *, often: bool = False) -> Bicubic:
+    def of(cls, spline: scipy.interpolate.RectBivariateSpline, *, often: bool = False) -> Bicubic:
         """The same spline, which must be cubic in both directions."""
         knots_x, knots_y, coefficients = (np.ascontiguousarray(part, dtype=float) for part in spline.tck)
         return cls(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
+import scipy
 
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.errors import InputError
@@ -131,7 +131,7 @@ def _polished(mesh: Mesh, domain: Domain, s: Array, t: Array) -> tuple[Array, Ar
 def through(values: Array) -> Bicubic:
     """The bicubic spline through values at all nodes, over the grid coordinates."""
     s, t = (np.arange(float(n)) for n in values.shape)
-    return Bicubic.of(RectBivariateSpline(s, t, values, s=0), often=True)
+    return Bicubic.of(scipy.interpolate.RectBivariateSpline(s, t, values, s=0), often=True)
 
 
 @compiled

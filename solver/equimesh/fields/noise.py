@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.expression import Field
@@ -87,7 +87,7 @@ def _of_fits(points: Array, values: Array) -> tuple[float, float]:
     if len(points) < MIN_AXIS_SAMPLES**2:
         return 0.0, 0.0
     chosen = np.linspace(0, len(points) - 1, min(len(points), MAX_FITTED_SAMPLES)).astype(np.int64)
-    _, near = cKDTree(points).query(points[chosen], k=NEIGHBOURS)
+    _, near = scipy.spatial.cKDTree(points).query(points[chosen], k=NEIGHBOURS)
     x, y = np.moveaxis(points[near] - points[chosen][:, None, :], -1, 0)
     scale = np.maximum(np.hypot(x, y).max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
     x, y = x / scale, y / scale

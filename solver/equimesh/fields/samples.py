@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import RectBivariateSpline
+import scipy
 
 from equimesh.domains.domain import UNIT, Box, check_extent, pair
 from equimesh.errors import SamplesError
@@ -228,13 +228,13 @@ def slope_error(axis: Array, name: str) -> SamplesError:
     )
 
 
-def bicubic_spline(x: Array, y: Array, values: Array) -> RectBivariateSpline:
+def bicubic_spline(x: Array, y: Array, values: Array) -> scipy.interpolate.RectBivariateSpline:
     """The interpolating bicubic spline; 2 or 3 points are first increased to 4 on their polynomial."""
     x, values = _at_least_four(x, values)
     y, transposed = _at_least_four(y, values.T)
     try:
         with np.errstate(all="ignore"):
-            spline = RectBivariateSpline(x, y, transposed.T, s=0)
+            spline = scipy.interpolate.RectBivariateSpline(x, y, transposed.T, s=0)
     except ValueError as error:
         raise SamplesError(f"no spline passes through the samples: {error}", field="values") from error
     if not np.all(np.isfinite(spline.get_coeffs())):

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CloughTocher2DInterpolator, RBFInterpolator
-from scipy.spatial import ConvexHull, KDTree, QhullError
+import scipy
 
 from equimesh.domains.domain import Box
 from equimesh.errors import SamplesError
@@ -112,8 +111,8 @@ def _resample(points: Array, values: Array, requested: RequestedBox) -> GridSamp
         points, values = _extend(points, values, box)
         _check_hull(points, requested)
         shift, scale = float(values.mean()), float(np.ptp(values)) or 1.0
-        interpolant = CloughTocher2DInterpolator((points - low) / size, (values - shift) / scale)
-    except QhullError as error:
+        interpolant = scipy.interpolate.CloughTocher2DInterpolator((points - low) / size, (values - shift) / scale)
+    except scipy.spatial.QhullError as error:
         raise SamplesError(
             "the points lie on one line, or so near to it that they span no triangle: give samples all over"
             f" the {requested.region}",
@@ -154,7 +153,7 @@ def _extend(points: Array, values: Array, box: Box) -> tuple[Array, Array]:
     """
     if len(points) < MIN_EXTENDED_SAMPLES:
         return points, values
-    tree = KDTree(points)
+    tree = scipy.spatial.KDTree(points)
     own = np.asarray(tree.query(points, k=5)[0])[:, -1]
     rim = _rim(len(points), box)
     away, nearest = tree.query(rim)
@@ -167,7 +166,9 @@ def _extend(points: Array, values: Array, box: Box) -> tuple[Array, Array]:
     low, high = np.array(box).T
     size = float((high - low).max())
     try:
-        spline = RBFInterpolator((points - low) / size, (values - shift) / scale, neighbors=MIN_EXTENDED_SAMPLES)
+        spline = scipy.interpolate.RBFInterpolator(
+            (points - low) / size, (values - shift) / scale, neighbors=MIN_EXTENDED_SAMPLES
+        )
         extension = shift + scale * spline((added - low) / size)
     except np.linalg.LinAlgError:  # the samples next to some point lie on one line
         return points, values
@@ -208,7 +209,7 @@ def _check_hull(points: Array, requested: RequestedBox) -> None:
 def _left_out(points: Array, box: Box) -> list[str]:
     """The corners of the box outside the convex hull of the points."""
     low, high = np.array(box).T
-    hull = ConvexHull((points - low) / (high - low))
+    hull = scipy.spatial.ConvexHull((points - low) / (high - low))
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     distance = (hull.equations[:, :2] @ corners.T + hull.equations[:, 2:]).max(axis=0)
     places = low + corners * (high - low)

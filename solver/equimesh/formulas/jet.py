@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy import special
+import scipy
 
 Component: TypeAlias = Any  # array of one block of points, np.float64, or None: see the module's docstring
 FIRST = (0, 1)
@@ -345,7 +345,7 @@ SMOOTH: Mapping[str, tuple[Callable[..., Any], Callable[..., Any], Callable[...,
         "log2": (np.log2, lambda v, _: 1.0 / (math.log(2.0) * v), lambda v, _, f1: -f1 / v),
         "log10": (np.log10, lambda v, _: 1.0 / (math.log(10.0) * v), lambda v, _, f1: -f1 / v),
         "erf": (
-            special.erf,
+            lambda v: scipy.special.erf(v),  # SciPy's functions are loaded when one is needed
             lambda v, _: 2.0 / math.sqrt(math.pi) * np.exp(-v * v),
             lambda v, _, f1: -2.0 * v * f1,
         ),

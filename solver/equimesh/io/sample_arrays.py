@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import h5py
 import numpy as np
 
 from equimesh.errors import InputError, SamplesError
@@ -97,6 +96,8 @@ def _opener(path: Path) -> Callable[[Path], Mapping[str, Any]]:
         return _open_zarr
     suffix = path.suffix.lower()
     if suffix in HDF5_SUFFIXES:
+        import h5py
+
         return lambda file: h5py.File(file, "r", locking=False)
     if suffix == ".npy":
         return lambda file: {ONLY: np.load(file, mmap_mode="r", allow_pickle=False)}

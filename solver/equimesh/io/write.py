@@ -8,9 +8,8 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import meshio
 import numpy as np
 import numpy.typing as npt
 
@@ -25,6 +24,9 @@ from equimesh.meshes.interfaces import contacts
 from equimesh.meshes.mesh_data import MeshData, at_one_place
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import IntArray
+
+if TYPE_CHECKING:
+    import meshio
 
 # The data of a mesh as files take them: flat arrays by name, in the order of nodes and cells.
 
@@ -200,6 +202,8 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
                 field_data=side_data(data),
             )
         case "vtk":
+            import meshio
+
             mesh = _meshio_mesh(data, kind, dimension=3)
             mesh.point_data["node_groups"] = node_groups(data)
             meshio.write(file, mesh, file_format="vtk42")
@@ -307,6 +311,8 @@ def _blocks_of(data: MeshData) -> QuadMesh:
 
 def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: str) -> tuple[Path, ...]:
     """The cells, and in separate files the boundary edges with tags from 1: dolfinx reads one after the other."""
+    import meshio
+
     sides = data.mesh.sides
     tags = np.repeat(np.arange(1, len(sides) + 1, dtype=np.int32), [len(edges) for edges in sides.values()])
     edges = [("line", np.concatenate([np.empty((0, 2), np.int64), *sides.values()]))]
@@ -337,6 +343,8 @@ def _pack(file: Path, parts: tuple[Path, ...], prefix: str = "") -> None:
 
 
 def _meshio_mesh(data: MeshData, kind: Cells, *, dimension: int) -> meshio.Mesh:
+    import meshio
+
     points = np.pad(data.mesh.points, ((0, 0), (0, dimension - 2)))
     per_cell: dict[str, list[Any]] = {name: [values] for name, values in cell_data(data, kind).items()}
     return meshio.Mesh(points, [(kind, corners_of(data, kind))], point_data=point_data(data), cell_data=per_cell)

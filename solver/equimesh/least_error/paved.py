@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
-from scipy.sparse.linalg import SuperLU, splu
+import scipy
 
 from equimesh.least_error.block_levels import COARSEST_CELLS
 from equimesh.least_error.cells import Cells
@@ -75,9 +74,9 @@ class Background:
         self._boundary = boundary
         splines = _splines((points - low[:, None]) / self.spacing)
         squares = splines.multiply(splines).T @ boundary.inside.astype(np.float64)
-        self._splines = csr_array(splines[:, np.flatnonzero(squares > MIN_SUPPORT)])
-        self._transposed = csr_array(self._splines.T)
-        self._squares = csr_array(self._transposed.multiply(self._transposed))
+        self._splines = scipy.sparse.csr_array(splines[:, np.flatnonzero(squares > MIN_SUPPORT)])
+        self._transposed = scipy.sparse.csr_array(self._splines.T)
+        self._squares = scipy.sparse.csr_array(self._transposed.multiply(self._transposed))
 
     @property
     def count(self) -> int:
@@ -104,18 +103,22 @@ def _slope(chart: CurveChart, mesh: Array, axis: int) -> Array:
     return chart.derivatives(mesh, collected, nothing, nothing[0])[0].copy()
 
 
-def _laplacian(corners: IntArray, inside: BoolArray, nodes: int) -> tuple[SuperLU, csr_array]:
+def _laplacian(
+    corners: IntArray, inside: BoolArray, nodes: int
+) -> tuple[scipy.sparse.linalg.SuperLU, scipy.sparse.csr_array]:
     """The graph Laplacian of the edges between nodes inside, as its factors, and its edges to the boundary."""
     ends = np.concatenate([corners[:, [k, (k + 1) % 4]] for k in range(4)])
     both = np.concatenate([ends, ends[:, ::-1]])
-    links = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(nodes, nodes))
-    rows = csr_array(links[np.flatnonzero(inside)])
-    own = csr_array(diags_array(rows.sum(axis=1)) - rows[:, np.flatnonzero(inside)])
-    factors = splu(own.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return factors, csr_array(rows[:, np.flatnonzero(~inside)])
+    links = scipy.sparse.csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(nodes, nodes))
+    rows = scipy.sparse.csr_array(links[np.flatnonzero(inside)])
+    own = scipy.sparse.csr_array(scipy.sparse.diags_array(rows.sum(axis=1)) - rows[:, np.flatnonzero(inside)])
+    factors = scipy.sparse.linalg.splu(
+        own.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
+    return factors, scipy.sparse.csr_array(rows[:, np.flatnonzero(~inside)])
 
 
-def _splines(places: Array) -> csr_array:
+def _splines(places: Array) -> scipy.sparse.csr_array:
     """The uniform cubic B-splines at places, shape ``(2, nodes)``, in units of the grid: shape ``(nodes, splines)``."""
     nodes = places.shape[1]
     first = np.floor(places).astype(np.int64)
@@ -127,7 +130,7 @@ def _splines(places: Array) -> csr_array:
     weight = weights[:, None, 0] * weights[None, :, 1]
     row = np.broadcast_to(np.arange(nodes), column.shape)
     size = (int(numbers[:, 0].max()) + 1) * columns
-    return csr_array((weight.ravel(), (row.ravel(), column.ravel())), shape=(nodes, size))
+    return scipy.sparse.csr_array((weight.ravel(), (row.ravel(), column.ravel())), shape=(nodes, size))
 
 
 def background_counts(nodes: int, first: int, fewest_nodes: float) -> list[int]:

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from equimesh.domains.domain import UNIT_SQUARE, Domain, closed_of, map_mesh
 from equimesh.fields.expression import Field
@@ -151,8 +151,8 @@ def resampled(line: Array, count: int, *, closed: bool = False) -> Array:
     if closed:
         number = np.arange(-ENDS, line.size + ENDS)
         turns, node = np.divmod(number, line.size - 1)
-        return np.asarray(PchipInterpolator(number, line[node] + turns)(at))
-    return np.asarray(PchipInterpolator(np.arange(line.size), line)(at))
+        return np.asarray(scipy.interpolate.PchipInterpolator(number, line[node] + turns)(at))
+    return np.asarray(scipy.interpolate.PchipInterpolator(np.arange(line.size), line)(at))
 
 
 def _shares(line: Array, closed: bool) -> Array:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.quad_search import QuadSearch
@@ -90,8 +89,8 @@ def _joined(mesh: QuadMesh, translations: Array, moves: list[tuple[int, ...]]) -
                 pairs.append(np.stack([k * count + copies, beyond * count + originals]))
     one, other = np.concatenate(pairs, axis=1)
     whole = len(moves) * count
-    graph = coo_array((np.ones(one.size), (one, other)), shape=(whole, whole))
-    _, groups = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(one.size), (one, other)), shape=(whole, whole))
+    _, groups = scipy.sparse.csgraph.connected_components(graph, directed=False)
     first = np.full(whole, whole)
     np.minimum.at(first, groups, np.arange(whole))
     return first[groups].reshape(len(moves), count)

@@ -18,7 +18,7 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_fields
@@ -125,7 +125,7 @@ class Curvature:
             low -= 2.0
         while excess(high) >= 0.0:
             high += 2.0
-        return typical * math.exp(float(brentq(excess, low, high, xtol=1e-10)))
+        return typical * math.exp(float(scipy.optimize.brentq(excess, low, high, xtol=1e-10)))
 
 
 @compiled

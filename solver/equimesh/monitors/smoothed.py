@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+import scipy
 
 from equimesh.domains.domain import Box, Domain, Periods, periods_of
 from equimesh.errors import InputError
@@ -145,12 +145,12 @@ def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
     deviation = math.sqrt(max((radius * short / spacing) ** 2 - OWN_VARIANCE, 0.0))
     if deviation > 0.0:
         for layer in sums:
-            gaussian_filter(layer, deviation, output=layer, mode="constant", truncate=REACH)
+            scipy.ndimage.gaussian_filter(layer, deviation, output=layer, mode="constant", truncate=REACH)
     weights = sums[3]
     known = weights > 1e-9 * weights.max()
     entries = np.moveaxis(sums[:3], 0, -1) / np.where(known, weights, 1.0)[..., None]
     if not known.all():
-        nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+        nearest = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
         entries = entries[tuple(nearest)]
     return Table(entries=np.ascontiguousarray(entries), origin=origin, spacing=spacing)
 

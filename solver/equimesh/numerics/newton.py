@@ -9,9 +9,7 @@ from functools import lru_cache
 from typing import TypeAlias, TypeVar
 
 import numpy as np
-from scipy.fft import dst, idst
-from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
+import scipy
 
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
@@ -42,14 +40,14 @@ class NewtonStep:
     stalled: bool = False
 
 
-def superlu(matrix: csc_array) -> Solver:
+def superlu(matrix: scipy.sparse.csc_array) -> Solver:
     """SuperLU with its default ordering; raises ``RuntimeError`` for a matrix that is singular or not finite."""
     require_finite(matrix)
-    factors = splu(matrix)
+    factors = scipy.sparse.linalg.splu(matrix)
     return lambda right: np.asarray(factors.solve(right))
 
 
-def require_finite(matrix: csc_array) -> None:
+def require_finite(matrix: scipy.sparse.csc_array) -> None:
     """Raise ``RuntimeError`` for a matrix with an entry that is not finite."""
     if not np.isfinite(matrix.data).all():
         raise RuntimeError("the matrix is not finite")
@@ -135,7 +133,7 @@ MAX_BLOCK_NODES = 16
 MIN_PIVOT_SHARE = 0.01
 
 
-def factorise(matrix: csc_array, shape: tuple[int, int]) -> Callable[[Array], Array]:
+def factorise(matrix: scipy.sparse.csc_array, shape: tuple[int, int]) -> Callable[[Array], Array]:
     """A function that solves systems with ``matrix``, whose unknowns are x, then y, of the nodes of a grid.
 
     The nodes are eliminated by nested dissection: less work than in an order that ignores the grid. Raises
@@ -143,8 +141,10 @@ def factorise(matrix: csc_array, shape: tuple[int, int]) -> Callable[[Array], Ar
     """
     require_finite(matrix)
     order = elimination_order(shape)
-    turned = csc_array(matrix[order][:, order])
-    factors = splu(turned, permc_spec="NATURAL", diag_pivot_thresh=MIN_PIVOT_SHARE, options={"SymmetricMode": True})
+    turned = scipy.sparse.csc_array(matrix[order][:, order])
+    factors = scipy.sparse.linalg.splu(
+        turned, permc_spec="NATURAL", diag_pivot_thresh=MIN_PIVOT_SHARE, options={"SymmetricMode": True}
+    )
 
     def solve(right: Array) -> Array:
         solution = np.empty_like(right)
@@ -258,9 +258,9 @@ def solve_by_sines(along: float, across: Array, right: Array) -> Array:
     has an entry for each row of ``right``. The cost is that of two sine transforms. ``along`` is positive and
     ``across`` not negative.
     """
-    waves = np.ascontiguousarray(dst(right, type=1, axis=1))
+    waves = np.ascontiguousarray(scipy.fft.dst(right, type=1, axis=1))
     _solve_tridiagonal(along, across, _eigenvalues(right.shape[1]), waves)
-    return np.asarray(idst(waves, type=1, axis=1))
+    return np.asarray(scipy.fft.idst(waves, type=1, axis=1))
 
 
 def solve_lines(along: float, right: Array) -> Array:

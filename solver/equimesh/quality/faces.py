@@ -10,8 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+import scipy
 
 from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
@@ -305,7 +304,7 @@ def poisson_error(mesh: Mesh, u: Field) -> float:
         return math.inf
     matrix, right = _system(points, centres.reshape(2, -1), volume, sides, u_sides)
     try:
-        found = splu(matrix.tocsc()).solve(source - right)
+        found = scipy.sparse.linalg.splu(matrix.tocsc()).solve(source - right)
     except RuntimeError:  # a singular matrix
         return math.inf
     error = math.sqrt(float(volume @ (found - u_c.ravel()) ** 2) / float(volume.sum()))
@@ -333,7 +332,9 @@ def _sides(points: Array) -> _Faces:
     )
 
 
-def _system(points: Array, centres: Array, volume: Array, sides: _Faces, u_sides: Array) -> tuple[sp.csr_matrix, Array]:
+def _system(
+    points: Array, centres: Array, volume: Array, sides: _Faces, u_sides: Array
+) -> tuple[scipy.sparse.csr_matrix, Array]:
     """The matrix of the sums of fluxes out of the cells, and the part of them that the sides give."""
     number = _numbers(points)
     faces = _Faces.joined(
@@ -351,15 +352,15 @@ def _system(points: Array, centres: Array, volume: Array, sides: _Faces, u_sides
     after = np.abs((faces.area * (centres[:, beyond] - faces.middle)).sum(axis=0))
     share = after / (before + after)
     mean = _matrix((share, 1.0 - share), (every, every), (faces.owner, beyond), (count, cells))
-    matrix = -out @ sp.diags(size * per_length) @ out.T
+    matrix = -out @ scipy.sparse.diags(size * per_length) @ out.T
     at_side = np.hypot(*sides.area)
     depth = (sides.area * (sides.middle - centres[:, sides.owner])).sum(axis=0) / at_side
-    matrix -= sp.diags(np.bincount(sides.owner, at_side / depth, cells))
+    matrix -= scipy.sparse.diags(np.bincount(sides.owner, at_side / depth, cells))
     right: Array = np.bincount(sides.owner, at_side / depth * u_sides, cells).astype(float)
     rest = normal - way * per_length
     for axis in (0, 1):
-        correct = out @ sp.diags(size * rest[axis]) @ mean @ sp.diags(1.0 / volume)
-        matrix += correct @ out @ sp.diags(faces.area[axis]) @ mean
+        correct = out @ scipy.sparse.diags(size * rest[axis]) @ mean @ scipy.sparse.diags(1.0 / volume)
+        matrix += correct @ out @ scipy.sparse.diags(faces.area[axis]) @ mean
         right += correct @ np.bincount(sides.owner, sides.area[axis] * u_sides, cells)
     return matrix, right
 
@@ -369,8 +370,10 @@ def _matrix(
     rows: tuple[IntArray, IntArray],
     columns: tuple[IntArray, IntArray],
     shape: tuple[int, int],
-) -> sp.csr_matrix:
-    return sp.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+) -> scipy.sparse.csr_matrix:
+    return scipy.sparse.csr_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
+    )
 
 
 # The checks of cells and faces that OpenFOAM's ``checkMesh -allGeometry`` makes, besides angles and skewness.

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, gmres
+import scipy
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import newton
@@ -161,9 +161,9 @@ class Raspen:
             self.products += 1
             return np.asarray(v - _vector(slope(_pair(v, shape))))
 
-        operator = LinearOperator((change.size, change.size), matvec=product, dtype=np.float64)
+        operator = scipy.sparse.linalg.LinearOperator((change.size, change.size), matvec=product, dtype=np.float64)
         atol = accuracy * float(np.linalg.norm(change))
-        step, _ = gmres(operator, change, atol=atol, restart=MAX_PRODUCTS, maxiter=1)
+        step, _ = scipy.sparse.linalg.gmres(operator, change, atol=atol, restart=MAX_PRODUCTS, maxiter=1)
         return np.asarray(step)
 
 

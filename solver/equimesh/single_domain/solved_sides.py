@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, solve_banded
+import scipy
 
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.newton_solve import smallest_residual
@@ -174,8 +174,8 @@ def _newton(side: Side, metric: ReferenceMetric, start: Array, tolerance: float)
 def _banded(bands: Array, right: Array) -> Array:
     """The solution of a tridiagonal system; zero, which is no progress, where it is singular."""
     try:
-        return np.asarray(solve_banded((1, 1), bands, right))
-    except LinAlgError:
+        return np.asarray(scipy.linalg.solve_banded((1, 1), bands, right))
+    except scipy.linalg.LinAlgError:
         return np.zeros_like(right)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from equimesh.blocks.recovery.half_edges import HalfEdges
 from equimesh.errors import InputError
@@ -217,7 +217,7 @@ def _check_places(points: Array, edges: HalfEdges, loops: list[IntArray]) -> Non
     """Refuse nodes of the boundary at the same place, and closed lines without an inside."""
     on = np.flatnonzero(edges.boundary)
     size = float(np.ptp(points, axis=0).max())
-    found = KDTree(points[on]).query(points[on], k=2)
+    found = scipy.spatial.KDTree(points[on]).query(points[on], k=2)
     distance, other = np.asarray(found[0]), np.asarray(found[1])
     near = int(distance[:, 1].argmin())
     if distance[near, 1] <= SAME_PLACE * size:

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from equimesh.errors import InputError
 from equimesh.io.reading.foam import (
@@ -287,7 +287,7 @@ def _joins(layer: Layer, edges: list[list[str]], others: list[list[str]]) -> lis
         np.array([[layer.plane(layer.numbers[name]) for name in edge] for edge in table]) for table in (edges, ways)
     )
     moved = here + there.mean(axis=(0, 1)) - here.mean(axis=(0, 1))
-    nearest = np.asarray(KDTree(there.reshape(-1, 4)).query(moved.reshape(-1, 4))[1])
+    nearest = np.asarray(scipy.spatial.KDTree(there.reshape(-1, 4)).query(moved.reshape(-1, 4))[1])
     return [{"from": edge, "to": ways[k]} for edge, k in zip(edges, nearest.tolist(), strict=True)]
 
 

@@ -6,19 +6,19 @@ import io
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import h5py
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
+import scipy
 
 from equimesh.errors import InputError
 from equimesh.io.reading.bounds import floats
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.numerics.types import Array, IntArray
+
+if TYPE_CHECKING:
+    import h5py
 
 # Meshes from Plot3D files of one or several blocks, as text or binary.
 
@@ -154,8 +154,8 @@ def _map_row(row: str) -> tuple[str, list[str]]:
 def _merged(points: Array, rim: IntArray) -> IntArray:
     """A number for each point, the same at the same place, in the order in which they first occur."""
     one, other = _at_same_place(points[rim], SAME_PLACE * float(np.ptp(points, axis=0).max()))
-    graph = coo_array((np.ones(len(one)), (rim[one], rim[other])), shape=(len(points), len(points)))
-    group = connected_components(graph, directed=False)[1]
+    graph = scipy.sparse.coo_array((np.ones(len(one)), (rim[one], rim[other])), shape=(len(points), len(points)))
+    group = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     first = np.full(int(group.max()) + 1, len(points))
     np.minimum.at(first, group, np.arange(len(points)))
     number = np.empty(len(first), np.int64)
@@ -174,7 +174,7 @@ def _at_same_place(places: Array, near: float) -> tuple[IntArray, IntArray]:
         return np.empty(0, np.int64), np.empty(0, np.int64)
     squares = np.floor((places - places.min(axis=0)) / (0.5 * near)).astype(np.int64)
     firsts, square = np.unique(squares, axis=0, return_index=True, return_inverse=True)[1:]
-    pairs = KDTree(places[firsts]).query_pairs(3.0 * near, output_type="ndarray")
+    pairs = scipy.spatial.KDTree(places[firsts]).query_pairs(3.0 * near, output_type="ndarray")
     return (
         np.concatenate([np.arange(len(places)), firsts[pairs[:, 0]]]),
         np.concatenate([firsts[square.reshape(-1)], firsts[pairs[:, 1]]]),
@@ -293,6 +293,8 @@ def read_cgns(data: bytes) -> PlainMesh:
     if not data.startswith(HDF5):
         remedy = "convert it by cgnsconvert to HDF5" if ADF in data[:64] else "save it again"
         raise InputError(f"the CGNS file is no HDF5 file: {remedy}", field="file")
+    import h5py
+
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
             bases = list(_children(file, "CGNSBase_t"))
@@ -333,6 +335,8 @@ def _blocks(zones: list[tuple[str, h5py.Group]], size: int) -> list[Array]:
 
 def _children(group: h5py.Group, label: str) -> Iterator[tuple[str, h5py.Group]]:
     """The nodes of a kind below a node, in the order in which they were made, where the file has it."""
+    import h5py
+
     names: list[bytes] = []
     tracked = group.id.get_create_plist().get_link_creation_order() & h5py.h5p.CRT_ORDER_TRACKED
     order = h5py.h5.INDEX_CRT_ORDER if tracked else h5py.h5.INDEX_NAME
@@ -348,6 +352,8 @@ def _children(group: h5py.Group, label: str) -> Iterator[tuple[str, h5py.Group]]
 
 def _data(node: h5py.Group, where: str, most: int) -> Any:
     """The array of a node, of ``most`` bytes at most; its axes are in the order of Fortran backwards."""
+    import h5py
+
     dataset = node.get(" data") if isinstance(node.get(" data", getlink=True), h5py.HardLink) else None
     if not isinstance(dataset, h5py.Dataset) or dataset.external or dataset.is_virtual or dataset.chunks is not None:
         message = f"{where} has no plain array: save the file as one, without links and packing"
