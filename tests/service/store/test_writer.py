@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from sqlalchemy import Connection, event, text
 from sqlalchemy.exc import SQLAlchemyError
 
 from equimesh_service.errors import EngineError, KeyReusedError
+from equimesh_service.problems.storage import storage_problem
 from equimesh_service.store.rows import (
     Artifact,
     Claim,
@@ -142,6 +144,34 @@ def test_a_closed_writer_has_committed_what_waited_and_takes_no_more(store: Stor
     with pytest.raises(EngineError, match="stopping"):
         writer.commit(lambda: None)
     writer.close()
+
+
+@pytest.mark.parametrize("address", ["sqlite"], indirect=True)
+def test_on_a_full_disk_each_mesh_is_stored_whole_or_refused(store: Store, address: str) -> None:
+    with store.database.read() as connection:
+        pages = int(connection.execute(text("PRAGMA page_count")).scalar_one())
+    small_disk = Store(address)
+    engine: Any = small_disk.database._engine
+    event.listen(engine, "connect", lambda connection, _: connection.execute(f"PRAGMA max_page_count={pages + 200}"))
+    writer = Writer(small_disk.database)
+
+    def large(number: int) -> Callable[[], str | None]:
+        name, made = f"{number:064}", draft(f"m-{number}")
+        files = [Artifact("mesh", name, 200_000)]
+        finished = replace(FINISHED, outcome=Outcome(result={}, files=files), contents={name: bytes(200_000)})
+        return lambda: store_finished(small_disk, Claim(made.new.id, 1), made, finished)
+
+    futures = together(writer, [large(number) for number in range(8)])
+    writer.close()
+    stored = {future.result() for future in futures if future.exception() is None}
+    problems = [storage_problem(error) for future in futures if (error := future.exception()) is not None]
+    assert 0 < len(stored) < 8
+    assert {problem and problem.name for problem in problems} == {"storage-full"}
+    assert {row.id for row in store.meshes.page()} == stored
+    with store.database.read() as connection:
+        assert connection.execute(text("SELECT count(*) FROM blobs")).scalar() == len(stored)
+        assert connection.execute(text("PRAGMA integrity_check")).scalar() == "ok"
+    small_disk.close()
 
 
 # Prints what is committed, and dies in the middle of a group.
