@@ -8,7 +8,6 @@ from starlette.concurrency import run_in_threadpool
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.admit import Admitted
 from equimesh_service.admission.callers import Caller
-from equimesh_service.assembly.samples import MAX_LIGHT_BYTES
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.telemetry import stopwatch
@@ -160,7 +159,7 @@ async def read_raw(request: Request, service: Service, place: bodies.BodyPlace) 
 async def read_request(request: Request, service: Service, place: bodies.BodyPlace) -> bodies.MeshParts:
     """The parts of a request for a mesh; those of a long one are found in a thread."""
     data, kind = await read_raw(request, service, place), request.headers.get("content-type", "")
-    if len(data) <= MAX_LIGHT_BYTES:
+    if bodies.is_quick(kind, data):
         return bodies.take_apart(kind, data)
     return await run_in_threadpool(bodies.take_apart, kind, data)  # it takes seconds for a long body of line ends
 

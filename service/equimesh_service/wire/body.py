@@ -19,7 +19,7 @@ from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import ClientDisconnect, Request
 
 from equimesh_service.assembly.bodies import unpack
-from equimesh_service.assembly.samples import Upload
+from equimesh_service.assembly.samples import Upload, is_light
 from equimesh_service.problems.problem import Problem
 
 JSON = "application/json"
@@ -255,6 +255,12 @@ def check_kind(content_type: str) -> None:
     if kind not in (JSON, MULTIPART, NPZ):
         shown = repr(kind[:80]) if kind else "no Content-Type"
         raise Problem("unsupported-media-type", f"Send {JSON}, {MULTIPART} or {NPZ}, not {shown}.")
+
+
+def is_quick(content_type: str, data: bytes) -> bool:
+    """Whether a body is taken apart within milliseconds, whatever it contains."""
+    kind = media_type_of(content_type)
+    return kind == JSON or (len(data) <= _INLINE_BYTES and (kind != NPZ or is_light(data, "request.npz")))
 
 
 def take_apart(content_type: str, data: bytes) -> MeshParts:

@@ -15,7 +15,7 @@ import pytest
 from starlette.requests import Request
 
 from equimesh_service.problems.problem import Problem
-from equimesh_service.wire.body import MEMORY_BYTES, BodyPlace, BodyRoom, read_body
+from equimesh_service.wire.body import MEMORY_BYTES, BodyPlace, BodyRoom, is_quick, read_body
 
 MALFORMED: dict[str, bytes] = {
     "nothing": b"",
@@ -164,3 +164,11 @@ def test_a_body_without_room_is_refused_by_its_length_before_it_is_sent(tmp_path
         all_of_it.reserve(750)
         with pytest.raises(Problem, match="bytes of bodies under way"):
             asyncio.run(read_body(request, 100, place))
+
+
+def test_only_what_takes_milliseconds_is_taken_apart_on_the_event_loop() -> None:
+    lines = b"\r\n" * 40_000
+    assert is_quick("application/json; charset=utf-8", lines)  # its text is read elsewhere
+    assert is_quick("multipart/form-data; boundary=x", lines[:60_000])
+    assert not is_quick("multipart/form-data; boundary=x", lines)
+    assert not is_quick("application/x-npz", b"no zip")
