@@ -6,7 +6,7 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
 from importlib.util import find_spec
@@ -51,6 +51,7 @@ from equimesh_service.upkeep.retention import Retention
 from equimesh_service.wire.body import BodyRoom
 from equimesh_service.worker import export, solve, warmth
 from equimesh_service.worker.job import Export, Job, Storage
+from equimesh_service.worker.rare_loops import RareLoops
 from equimesh_service.worker.reach import Reach
 
 _log = logging.getLogger(__name__)
@@ -68,6 +69,7 @@ class Service:
     side_workers: SideWorkers
     dispatcher: Dispatcher
     retention: Retention
+    rare_loops: RareLoops
     wakeups: Wakeups
     admission: Admission
     callers: Callers
@@ -163,6 +165,7 @@ class Service:
     def close(self) -> None:
         """Stop the work and close all parts; running meshes go back into the queue."""
         self.retention.stop()
+        self.rare_loops.stop()
         self.dispatcher.stop()
         self.engine.close()
         self.side_workers.close()
@@ -208,6 +211,9 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     store.prepare()
     files.prepare(alone=lock is not None and not settings.files_url)
     engine, side_workers = _open_workers(settings, storage)
+    rare_loops = RareLoops(lambda: engine.health().ready)
+    if settings.warm_up == "all" and settings.engine != "dask":
+        rare_loops.start()
     problems = PackedProblems()
     wakeups, check_threads = Wakeups(store.meshes.find_unfinished, settings.poll), CheckThreads()
     dispatcher = Dispatcher(
@@ -251,6 +257,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         side_workers=side_workers,
         dispatcher=dispatcher,
         retention=retention,
+        rare_loops=rare_loops,
         wakeups=wakeups,
         admission=admission,
         callers=Callers(store.keys),
@@ -270,7 +277,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
                 "dispatcher": lambda: OK if dispatcher.is_alive() else "stopped",
             },
             warn=(store.clock_warning, lambda: _warning(engine)),
-            warm_up=lambda: None if settings.engine == "dask" or engine.health().ready else warmth.progress(),
+            warm_up=lambda: _warm_up(settings, engine, rare_loops),
         ),
     )
 
@@ -291,7 +298,10 @@ def _open_workers(settings: Settings, storage: Storage) -> tuple[Engine, SideWor
 
 def _start_of_workers(settings: Settings) -> tuple[tuple[str, ...], Callable[[], None] | None]:
     """The modules that workers share, and the warm-up of a worker that solves, as the settings say."""
-    return (WARM_PRELOAD, warmth.warm_up_once) if settings.warm_up == "all" else (PRELOAD, None)
+    if settings.warm_up == "none":
+        return PRELOAD, None
+    # Nobody compiles the rest for the workers of a cluster.
+    return WARM_PRELOAD, warmth.warm_up_once if settings.engine == "dask" else warmth.warm_up_for_basics
 
 
 def pool_settings(settings: Settings, storage: Storage) -> PoolSettings:
@@ -325,6 +335,12 @@ def _rules(settings: Settings) -> Rules:
 def _health(engine: Engine | SideWorkers) -> str:
     health = engine.health()
     return OK if health.ready else health.detail
+
+
+def _warm_up(settings: Settings, engine: Engine, rare_loops: RareLoops) -> Mapping[str, int] | None:
+    """How far the loops are, until the last process that compiles them in advance has ended."""
+    is_over = settings.engine == "dask" or (engine.health().ready and not rare_loops.are_compiling)
+    return None if is_over else warmth.progress()
 
 
 def _warning(engine: Engine) -> str | None:

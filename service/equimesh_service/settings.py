@@ -64,8 +64,9 @@ class Settings(BaseSettings):
     )
     warm_up: Literal["all", "none"] = Field(
         "all",
-        description="What a worker does before its first mesh: all, load every numerical loop, or compile it where "
-        "that has not been done; none, nothing: the service starts sooner, and first meshes take longer.",
+        description="What a worker does before its first mesh: all, load every numerical loop, or "
+        "compile those of the most frequent problems, and the rest in a process of low priority; none, nothing: the "
+        "service starts sooner, and first meshes take longer.",
     )
     time_limit: float = Field(300.0, gt=0, description="Seconds that one mesh may take before it fails.")
     preview_seconds: float = Field(10.0, gt=0, description="Seconds that one preview may take before it is stopped.")

@@ -1,4 +1,4 @@
-"""The warm-up: one small solve of each kind, which together need every compiled loop.
+"""The warm-up: one small solve of each kind, which together need every compiled loop; the most frequent kinds first.
 
 ``python -m equimesh.warm_up`` compiles all loops that are kept nowhere yet. With ``--archive`` it makes an archive of
 all loops, which travels with a wheel or an image.
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numba.core import config
@@ -29,33 +29,24 @@ from equimesh.quality.faces import measure_faces
 from equimesh.rounds.round import adapt_round
 
 _config: Any = config
+Cases: TypeAlias = tuple[tuple[equimesh.Monitor, int, equimesh.Domain, equimesh.Schwarz | None], ...]
 
 
 def warm_up() -> None:
     """Do everything once that is slow or takes permanent memory the first time: all kernels are compiled."""
-    np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
-    u = equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
-    steep = equimesh.Expression("tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))")
+    warm_up_basics()
+    u = _formula()
     ring = equimesh.AnnulusSector()
     plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
-    axis = np.linspace(0.0, 1.0, 9)
     nodes = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
     nodal = equimesh.ArcLength(u=equimesh.NodalField(mesh=nodes, values=nodes.x * nodes.y))
-    sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
-    sent = pickle.loads(pickle.dumps(sampled))  # as the service sends it: its arrays are of another kind for Numba
-    fine = np.linspace(0.0, 1.0, 140)  # so many samples are evaluated in another way
-    for samples in (sampled.u, sent.u, equimesh.GridSamples(x=fine, y=fine, values=np.add.outer(fine, fine))):
-        for order in range(3):
-            samples.evaluate(axis, axis, order=order)
     curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
     schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
     paper = replace(schwarz, transmission=equimesh.Classical(), max_iterations=2)
-    cases: tuple[tuple[equimesh.Monitor, int, equimesh.Domain, equimesh.Schwarz | None], ...] = (
+    cases: Cases = (
         (plain, 9, equimesh.Rectangle(), paper),
         (plain, 9, equimesh.Rectangle(), schwarz),
         (plain, 193, equimesh.Rectangle(), schwarz),  # this many points are swept in strips, the last of them smaller
-        (sampled, 33, equimesh.Rectangle(), None),
-        (sent, 33, equimesh.Rectangle(), None),
         (nodal, 33, equimesh.Rectangle(), None),
         (plain, 33, ring, schwarz),
         (plain, 33, ring, None),
@@ -63,16 +54,9 @@ def warm_up() -> None:
         (equimesh.Weight(rho=equimesh.Expression("1 + y")), 9, equimesh.Rectangle(periodic="x"), None),
         (curved, 33, equimesh.Rectangle(), None),
         (equimesh.Weight(rho=weight.rho, map="gradient"), 33, equimesh.Rectangle(), None),
-        (equimesh.ArcLength(u=steep, a=1.0, b=0.0), 17, equimesh.Rectangle(), None),  # relaxed
-        (equimesh.Auto(u=u), 17, equimesh.Rectangle(), None),
         *((least, 9, ring, None) for least in _least_errors(u)),
     )
-    for monitor, points, domain, settings in cases:
-        grid = equimesh.Grid(n_xi=points, n_eta=points)
-        problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
-        solution = equimesh.solve(problem, settings, threads=1, check=False)
-        solution.data(), solution.certificate, solution.quality, solution.against_uniform
-        problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
+    data = _solve_and_measure(cases)
     adapt_round(nodes, u.evaluate(nodes.x, nodes.y)[0])
     fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
     equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
@@ -83,7 +67,47 @@ def warm_up() -> None:
     equimesh.transfer(nodes, {"u": carried, "v": averages}, equimesh.Mesh(nodes.x**2, nodes.y))
     warm_up_blocks(nodes, u)
     with TemporaryDirectory() as folder:
-        write_mesh(Path(folder) / "mesh.vtu", solution.data())
+        write_mesh(Path(folder) / "mesh.vtu", data)
+
+
+def warm_up_basics() -> None:
+    """The part for the most frequent problems: arc length, auto and least error of formulas and samples, on a grid."""
+    np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
+    steep = equimesh.Expression("tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))")
+    u, axis = _formula(), np.linspace(0.0, 1.0, 9)
+    plain, rectangle = equimesh.ArcLength(u=u), equimesh.Rectangle()
+    sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
+    sent = pickle.loads(pickle.dumps(sampled))  # as the service sends it: its arrays are of another kind for Numba
+    fine = np.linspace(0.0, 1.0, 140)  # so many samples are evaluated in another way
+    for samples in (sampled.u, sent.u, equimesh.GridSamples(x=fine, y=fine, values=np.add.outer(fine, fine))):
+        for order in range(3):
+            samples.evaluate(axis, axis, order=order)
+    cases: Cases = (
+        (plain, 33, rectangle, None),
+        (plain, 193, rectangle, None),  # this many points are swept in strips, the last of them smaller
+        (sampled, 33, rectangle, None),
+        (sent, 33, rectangle, None),
+        (equimesh.ArcLength(u=steep, a=1.0, b=0.0), 17, rectangle, None),  # relaxed
+        (equimesh.Auto(u=u), 17, rectangle, None),
+        (equimesh.Auto(u=sampled.u), 17, rectangle, None),
+        (equimesh.LeastError(u=u), 17, rectangle, None),
+    )
+    _solve_and_measure(cases)
+
+
+def _formula() -> equimesh.Expression:
+    return equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
+
+
+def _solve_and_measure(cases: Cases) -> equimesh.MeshData:
+    """Solve on grids, and ask for all that an answer has; returns the last mesh with its data."""
+    for monitor, points, domain, settings in cases:
+        grid = equimesh.Grid(n_xi=points, n_eta=points)
+        problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
+        solution = equimesh.solve(problem, settings, threads=1, check=False)
+        data, _ = solution.data(), (solution.certificate, solution.quality, solution.against_uniform)
+        problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
+    return data
 
 
 def warm_up_blocks(nodes: equimesh.Mesh, u: equimesh.Field) -> None:

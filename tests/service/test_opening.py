@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from equimesh_service import Settings, service
+from equimesh_service.engine.port import Health
 from equimesh_service.errors import ClusterMissingError
 from equimesh_service.service import check_cluster, pool_settings
+from equimesh_service.worker import warmth
 from equimesh_service.worker.job import Storage
+from equimesh_service.worker.rare_loops import RareLoops
 
 
 def test_a_cluster_without_dask_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -40,3 +45,19 @@ def test_workers_warm_up_unless_the_settings_say_otherwise(tmp_path: Path) -> No
     assert warm.warm_up is not None
     assert cold.warm_up is None
     assert set(warm.preload) - set(cold.preload) >= {"equimesh_service.worker.warm_fork"}
+
+
+def test_workers_of_a_cluster_compile_all_loops_and_others_begin_with_the_basic_ones() -> None:
+    ways = (Settings(warm_up="all"), Settings(warm_up="all", engine="dask", scheduler="tcp://host:8786"))
+    assert [service._start_of_workers(way)[1] for way in ways] == [warmth.warm_up_for_basics, warmth.warm_up_once]
+
+
+def test_a_service_that_is_ready_says_how_far_the_rest_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(warmth, "progress", lambda: {"compiled": 53, "of": 153})
+    loops = RareLoops(lambda: True)
+    ready, starting = (
+        SimpleNamespace(health=lambda found=found: Health(ready=found, workers=2)) for found in (True, False)
+    )
+    engine: Any
+    for engine, loops.are_compiling, is_told in ((starting, False, True), (ready, True, True), (ready, False, False)):
+        assert (service._warm_up(Settings(), engine, loops) is not None) == is_told

@@ -45,8 +45,8 @@ async def livez() -> dict[str, str]:
 async def readyz(service: ServiceDependency) -> Response:
     """Whether the store, the files, the engine and the dispatcher work, by checks that are at most a second old.
 
-    `warnings` has sentences about what is wrong but stops no work. `warm_up` tells how far the workers
-    are, while they compile their loops.
+    `warnings` has sentences about what is wrong but stops no work. `warm_up` tells how far the loops
+    are that are compiled in advance; with 200, those of rare kinds of problems are still missing.
     """
     checks = await service.readiness.check()
     ready = all(result == OK for result in checks.values())

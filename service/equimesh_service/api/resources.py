@@ -205,7 +205,9 @@ class ReadinessReport(BaseModel):
     status: Literal["ok", "unavailable"]
     checks: dict[str, str] = Field(description="By part: ok, or what is wrong.")
     warnings: list[str] = Field(description="What is wrong but stops no work.")
-    warm_up: WarmUp | None = Field(None, description="While the workers warm up; absent otherwise, and with a cluster.")
+    warm_up: WarmUp | None = Field(
+        None, description="While loops are compiled in advance; absent otherwise, and with a cluster."
+    )
 
 
 class DomainReport(BaseModel):

@@ -7,7 +7,7 @@ from typing import Any
 from numba.core import event
 
 from equimesh.numerics.compiled import count_compiled
-from equimesh.warm_up import warm_up
+from equimesh.warm_up import warm_up, warm_up_basics
 from equimesh_service.errors import NotCompiledError
 
 _log = logging.getLogger(__name__)
@@ -30,6 +30,12 @@ def warm_up_once() -> None:
     if not _is_warm:
         warm_up()
         _is_warm = True
+
+
+def warm_up_for_basics() -> None:
+    """Warm this process up for the most frequent kinds of problems, unless it is warm, or was forked from such one."""
+    if not _is_warm:
+        warm_up_basics()
 
 
 def progress() -> dict[str, int]:

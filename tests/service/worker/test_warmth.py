@@ -70,6 +70,33 @@ for loop, before in ready.items():
 """
 
 
+# The most frequent problems after the part of the warm-up for them: prints each loop that is made or loaded for one.
+BASIC_KINDS = """
+import numpy as np
+import equimesh as em
+from equimesh.numerics import compiled
+from equimesh.warm_up import warm_up_basics
+
+warm_up_basics()
+ready = {loop: set(loop.overloads) for loop in compiled._loops}
+print(sum(bool(found) for found in ready.values()), len(ready))
+grid = em.Grid(n_xi=21, n_eta=17)
+u, axis = em.Expression("tanh(30*(x - 0.4 - 0.2*sin(3*y)))"), np.linspace(0.0, 1.0, 40)
+samples = em.GridSamples(x=axis, y=axis, values=np.tanh(20.0 * np.subtract.outer(axis, axis)))
+monitors = [kind(u=field) for kind in (em.ArcLength, em.Auto, em.LeastError) for field in (u, samples)]
+problems = [
+    *(em.Problem(monitor=monitor, grid=grid) for monitor in monitors),
+    em.Problem(monitor=monitors[0], grid=em.Grid(n_xi=200, n_eta=200)),
+]
+for problem in problems:
+    solution = em.solve(problem, threads=1, check=False)
+    solution.data(), solution.certificate, solution.quality, solution.interpolation
+for loop, before in ready.items():
+    for signature in set(loop.overloads) - before:
+        print(loop.__module__, loop.__name__, signature)
+"""
+
+
 def run(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
     single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     environment = {**os.environ, **single, **variables}
@@ -126,3 +153,21 @@ def test_after_the_warm_up_no_kind_of_problem_compiles_or_loads_a_loop() -> None
     assert late == []
     compiled, of = (int(number) for number in re.findall(r"\d+", count))
     assert compiled == of > 100
+
+
+def test_a_worker_begins_with_the_loops_of_the_most_frequent_problems() -> None:
+    done = run(BASIC_KINDS)
+    assert done.returncode == 0, done.stderr
+    count, *late = done.stdout.splitlines()
+    assert late == []
+    ready, of = map(int, count.split())
+    assert ready < 0.7 * of
+
+
+def test_a_worker_that_was_forked_warm_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+    monkeypatch.setattr(warmth, "warm_up_basics", lambda: calls.append(1))
+    for is_warm in (True, False):
+        monkeypatch.setattr(warmth, "_is_warm", is_warm)
+        warmth.warm_up_for_basics()
+    assert calls == [1]
