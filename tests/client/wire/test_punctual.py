@@ -99,6 +99,7 @@ def calls(client: Any, mesh: Any, folder: Path) -> dict[str, Callable[..., Any]]
     return {
         "generate": lambda **limit: client.generate("x", 5, **limit),
         "generate from samples": lambda **limit: client.generate(big, 5, **limit),
+        "compute": lambda **limit: client.compute("x", 5, **limit),
         "adapt": lambda **limit: client.adapt(lambda mesh: mesh.x, 5, **limit),
         "check": lambda **limit: client.check("x", **limit),
         "capabilities": client.capabilities,
