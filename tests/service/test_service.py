@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any
@@ -90,10 +91,14 @@ def test_a_draft_whose_worker_is_lost_enters_the_queue(http: httpx.Client, monke
     begin = Dispatcher.begin
 
     def lost(self: Dispatcher, claim: Claim, mesh_input: MeshInput) -> Future[Any]:
-        task = begin(self, claim, mesh_input)
-        if mesh_input.draft is not None:
-            self._engine.cancel(task)
-        return task
+        if mesh_input.draft is None:
+            return begin(self, claim, mesh_input)
+        with monkeypatch.context() as never_ends:
+            submit = self._engine.submit
+            never_ends.setattr(self._engine, "submit", lambda *_, **__: submit(time.sleep, 3600.0))
+            ended = begin(self, claim, mesh_input)
+        self.cancel(claim.mesh_id)
+        return ended
 
     monkeypatch.setattr(Dispatcher, "begin", lost)
     mesh = http.post("/v1/meshes?reuse=false", json=small(label="lost"), headers={"Prefer": "wait=60"}).json()

@@ -59,16 +59,16 @@ def test_an_engine_whose_workers_die_when_they_start_says_so() -> None:
 
 # In a process of its own, since the engines of a process share the server.
 SERVER_DIES = """
-import os, signal, time
+import os, queue, signal, time
 from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import WorkerLostError
 
 engine = ProcessEngine(1, preload=["equimesh_service.engine.processes"])
 assert engine.wait_until_ready(300.0)
 server, worker = engine.submit(os.getppid).result(300.0), engine.submit(os.getpid).result(300.0)
-again = []
+again = queue.Queue()  # the waiter of a future wakes before its callback is called
 running = engine.submit(time.sleep, 60.0)
-running.add_done_callback(lambda _: again.append(engine.submit(os.getpid)))
+running.add_done_callback(lambda _: again.put(engine.submit(os.getpid)))
 time.sleep(0.2)
 os.kill(server, signal.SIGKILL)
 began = time.monotonic()
@@ -76,7 +76,7 @@ while engine.health().ready:
     assert time.monotonic() - began < 300.0, "reports that it is ready"
     time.sleep(0.01)
 assert isinstance(running.exception(300.0), WorkerLostError)
-assert again.pop().result(300.0) != worker  # not lost again, with the other workers of that server
+assert again.get(timeout=300.0).result(300.0) != worker  # not lost again, with the other workers of that server
 assert engine.wait_until_ready(300.0)
 assert engine.submit(os.getppid).result(300.0) != server
 assert engine.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(300.0) == "1"
