@@ -22,7 +22,7 @@ import numpy as np
 from convection import PROBLEMS, UNRESOLVED, UNSEEN, Parameter, Problem
 
 import equimesh as em
-from equimesh.rounds.recovery import Knowledge
+from equimesh.rounds.recovery import ErrorEstimate
 from equimesh.rounds.round import next_mesh
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -87,7 +87,7 @@ def microseconds(points: int) -> float:
     for _ in range(5):
         values = problem.solve(mesh)
         begun = time.process_time()
-        known = Knowledge.of(mesh, values, problem.domain)
+        known = ErrorEstimate.of(mesh, values, problem.domain)
         mesh = next_mesh(known, "l2").reference
         times.append(time.process_time() - begun)
     return 1e6 * float(np.min(times)) / points**2

@@ -24,7 +24,7 @@ from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.tensor import Weight
 from equimesh.numerics.channel import thread_count
 from equimesh.numerics.types import Array
-from equimesh.rounds.recovery import KEPT, Knowledge, moved_cells, on_domain
+from equimesh.rounds.recovery import KEPT, ErrorEstimate, moved_cells, on_domain
 from equimesh.rounds.round import next_mesh
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
@@ -73,10 +73,10 @@ def indicated_mesh(mesh: Mesh, indicator: Array, domain: Domain, norm: Norm, thr
 
 M = TypeVar("M", Mesh, QuadMesh)
 """The class of the meshes: of a grid, or of blocks."""
-Following: TypeAlias = Callable[[], tuple[M, float, str]]
-"""The next mesh, how far it moves, and the name of its start."""
-Looked: TypeAlias = tuple[AdaptRound[M], Following[M]]
-"""The record of what a solver returned, and the way to the next mesh."""
+NextMeshFunction: TypeAlias = Callable[[], tuple[M, float, str]]
+"""Returns the next mesh, how far it moves, and the name of its start."""
+RoundAndNextMesh: TypeAlias = tuple[AdaptRound[M], NextMeshFunction[M]]
+"""The record of what a solver returned, and the function that computes the next mesh."""
 
 EVEN = "even cells"
 """The name of the descent for averages over the cells of blocks."""
@@ -103,9 +103,9 @@ class Rounds:
         """The mesh with arrays of its own."""
         return mesh.moved(mesh.points.copy()) if isinstance(mesh, QuadMesh) else Mesh(mesh.x.copy(), mesh.y.copy())
 
-    def known(self, mesh: M, values: Array) -> Looked[M]:
+    def known(self, mesh: M, values: Array) -> RoundAndNextMesh[M]:
         """The record of nodal values, and the way to the next mesh."""
-        known = Knowledge.of(mesh, values, self.domain, self.threads)
+        known = ErrorEstimate.of(mesh, values, self.domain, self.threads)
 
         def following() -> tuple[M, float, str]:
             found = next_mesh(known, self.norm, self.threads)
@@ -113,12 +113,12 @@ class Rounds:
 
         return record_of(known, mesh, values), following
 
-    def averaged(self, mesh: M, values: Array) -> Looked[M]:
+    def averaged(self, mesh: M, values: Array) -> RoundAndNextMesh[M]:
         """As :meth:`known`, of values that were recovered from averages over the cells; on blocks cells stay even."""
         domain = self.domain
         if not isinstance(domain, Blocks):
             return self.known(mesh, values)
-        known = Knowledge.of(mesh, values, domain, self.threads)
+        known = ErrorEstimate.of(mesh, values, domain, self.threads)
 
         def following() -> tuple[Any, float, str]:
             u: Any = known.recovery.u
@@ -127,7 +127,7 @@ class Rounds:
 
         return record_of(known, mesh, values), following
 
-    def indicated(self, mesh: Any, values: Array) -> Looked[Any]:
+    def indicated(self, mesh: Any, values: Array) -> RoundAndNextMesh[Any]:
         """The record of an error indicator, and the way to the next mesh; refused on blocks."""
         domain = self.domain
         if isinstance(domain, Blocks):
@@ -147,7 +147,7 @@ NO_INDICATOR = (
 """Why an error indicator is refused on blocks."""
 
 
-def record_of(known: Knowledge, mesh: M, values: Array) -> AdaptRound[M]:
+def record_of(known: ErrorEstimate, mesh: M, values: Array) -> AdaptRound[M]:
     """The record of nodal values."""
     return AdaptRound(
         number=0,
@@ -239,7 +239,7 @@ def _loop(
 ) -> Adaptation[M]:
     """The loop itself, for meshes of any kind."""
     done: list[AdaptRound[M]] = []
-    following: Following[M] = by.first
+    following: NextMeshFunction[M] = by.first
     while True:
         try:
             mesh, moved, start = following()
@@ -258,7 +258,7 @@ def _loop(
             return ended(done, rounds, norm)
 
 
-def _looked_at(returned: Any, mesh: M, by: Rounds) -> Looked[M]:
+def _looked_at(returned: Any, mesh: M, by: Rounds) -> RoundAndNextMesh[M]:
     """The record of what a solver returned, and the way to the next mesh."""
     if isinstance(returned, ErrorIndicator):
         return by.indicated(mesh, cell_values(returned, mesh))

@@ -134,7 +134,7 @@ def moved_cells(before: Mesh | QuadMesh, after: Mesh | QuadMesh) -> float:
     return float(np.sqrt(np.mean(np.sum(moves**2, axis=-1))))
 
 
-# The mesh for the next solve, with what is known of it.
+# The error of the values, and the mesh for the next solve.
 
 AnyMesh = TypeVar("AnyMesh", Mesh, QuadMesh)
 """The class of the meshes: those of grids, or of blocks."""
@@ -143,8 +143,8 @@ KEPT = "kept"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Knowledge:
-    """What the values of a solver say of the mesh that they are on."""
+class ErrorEstimate:
+    """The error of a solver's values on their mesh, estimated from a u that is recovered from the values."""
 
     recovery: Recovery
     """u, recovered from the values."""
@@ -156,7 +156,9 @@ class Knowledge:
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
 
     @classmethod
-    def of(cls, mesh: Mesh | QuadMesh, values: npt.ArrayLike, domain: Domain | Blocks, threads: int = 1) -> Knowledge:
+    def of(
+        cls, mesh: Mesh | QuadMesh, values: npt.ArrayLike, domain: Domain | Blocks, threads: int = 1
+    ) -> ErrorEstimate:
         """From ``values`` of the shape ``mesh.node_shape`` at the nodes of ``mesh``, a mesh of ``domain``.
 
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
@@ -184,7 +186,7 @@ class NextMesh(Generic[AnyMesh]):
     reference: AnyMesh
     """The mesh for the next solve on the reference square; of blocks the mesh itself."""
     chosen: str
-    """The name of the candidate that it was."""
+    """The name of the candidate that was chosen."""
     candidates: Mapping[str, float]
     """The candidates, with the errors of the interpolant of the recovered u on them in the requested norm."""
     gain: float
@@ -201,7 +203,7 @@ class NextMesh(Generic[AnyMesh]):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Round(Generic[AnyMesh]):
-    """The next mesh, and what the values say of the mesh that they are on."""
+    """The next mesh, and the estimated error of the values on their own mesh."""
 
     mesh: AnyMesh
     """The next mesh of the domain, with as many nodes."""

@@ -22,19 +22,19 @@ from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.channel import thread_count
 from equimesh.rounds.candidates import MEASURED_POINTS, PARTS, SHARP, SMOOTH, Search
-from equimesh.rounds.recovery import KEPT, Knowledge, NextMesh, Recovery, Round, measured, moved_cells, on_domain
+from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells, on_domain
 
 # The candidates for the next mesh of a domain in blocks.
 
 T = TypeVar("T")
 
 
-class BriefSolve(LeastErrorSolve):
-    """A solve with the usual number of steps, also for sharper weights: it only compares them."""
+class CoarseSolve(LeastErrorSolve):
+    """A solve on the coarse grid, to compare weights. Sharper weights get no more steps than others."""
 
     @property
     def effort(self) -> float:
-        """1."""
+        """The factor on the number of steps: always 1."""
         return 1.0
 
 
@@ -43,14 +43,14 @@ WHOLE = "whole"
 
 
 def descents(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> Iterator[tuple[str, QuadMesh]]:
-    """Meshes that are not folded, by their names, for the better one of two pairs of weights."""
+    """The valid meshes with their names, for the better one of two pairs of weights."""
     tried = []
     before: Any = known.mesh
     for distortion, smoothness in (SMOOTH, SHARP):
         monitor = LeastError(u=known.u, norm=norm, distortion=distortion, smoothness=smoothness).on(domain)
-        brief = BriefSolve(monitor=monitor, domain=domain, threads=threads)
-        reached = _end_of(brief.coarse(coarse_level(brief.levels)))
-        tried.append((brief.lifted_error(reached), monitor, reached))
+        trial = CoarseSolve(monitor=monitor, domain=domain, threads=threads)
+        reached = _end_of(trial.coarse(coarse_level(trial.levels)))
+        tried.append((trial.lifted_error(reached), monitor, reached))
     _, monitor, reached = min(tried, key=lambda one: one[0])
     solve = LeastErrorSolve(monitor=monitor, domain=domain, threads=threads)
     is_first = before.distance(domain.mesh) == 0.0
@@ -67,7 +67,7 @@ def descents(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> Itera
 
 
 def _end_of(steps: Generator[object, None, T]) -> T:
-    """What a descent returns at its end."""
+    """The return value of a descent, whose steps are not used."""
     while True:
         try:
             next(steps)
@@ -76,7 +76,7 @@ def _end_of(steps: Generator[object, None, T]) -> T:
             return found
 
 
-def next_mesh(known: Knowledge, norm: Norm, threads: int = 1) -> NextMesh[Any]:
+def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1) -> NextMesh[Any]:
     """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly.
 
     Candidates are descents from the mesh of the values, on a grid also meshes of straight lines, on blocks descents
@@ -160,7 +160,7 @@ def adapt_round(
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
     threads = thread_count(threads)
-    known = Knowledge.of(mesh, values, domain, threads)
+    known = ErrorEstimate.of(mesh, values, domain, threads)
     found = next_mesh(known, norm, threads)
     return Round(
         mesh=mesh if found.reference is known.recovery.mesh else on_domain(found.reference, domain),

@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.adapt.loop import Rounds, record_of
-from equimesh.rounds.recovery import Knowledge
+from equimesh.rounds.recovery import ErrorEstimate
 from equimesh.testing.geometries import l_shape
 
 DOMAIN = l_shape(300)
@@ -30,7 +30,7 @@ def test_the_record_of_values_on_blocks_has_their_estimates() -> None:
     mesh = DOMAIN.mesh
     values = np.sin(4 * mesh.x)
     record, following = Rounds(domain=DOMAIN, norm="l2", threads=1).known(mesh, values)
-    known = Knowledge.of(mesh, values, DOMAIN)
+    known = ErrorEstimate.of(mesh, values, DOMAIN)
     assert (record.estimate, record.unresolved) == (known.estimate, known.unresolved)
     assert record_of(known, mesh, values).estimate_h1 == record.estimate_h1
     found, moved, start = following()

@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.least_error.kernels import Rule
 from equimesh.rounds.candidates import PARTS
-from equimesh.rounds.recovery import KEPT, Knowledge, measured
+from equimesh.rounds.recovery import KEPT, ErrorEstimate, measured
 from equimesh.rounds.round import WHOLE
 from equimesh.testing.geometries import disc, l_shape
 
@@ -61,8 +61,8 @@ def test_a_linear_function_keeps_its_mesh() -> None:
 
 def test_a_thin_front_is_not_resolved_and_a_smooth_function_is() -> None:
     mesh = DOMAIN.mesh
-    thin = Knowledge.of(mesh, np.tanh(200 * (mesh.x + mesh.y - 1)), DOMAIN)
-    smooth = Knowledge.of(mesh, np.sin(mesh.x + mesh.y), DOMAIN)
+    thin = ErrorEstimate.of(mesh, np.tanh(200 * (mesh.x + mesh.y - 1)), DOMAIN)
+    smooth = ErrorEstimate.of(mesh, np.sin(mesh.x + mesh.y), DOMAIN)
     assert thin.unresolved > 0.15 > 0.05 > smooth.unresolved
     assert not thin.is_exact
 
