@@ -111,7 +111,7 @@ def inverse_of(domain: Domain) -> Inverse:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Recovered:
+class RecoveredField:
     """The function ``u`` and its nodes: ``reference``, their mesh of the unit square, and the ``values`` there."""
 
     u: Field
@@ -119,7 +119,7 @@ class Recovered:
     values: Array
 
 
-def recover(mesh: Mesh, values: npt.ArrayLike, domain: Domain) -> Recovered:
+def recover(mesh: Mesh, values: npt.ArrayLike, domain: Domain) -> RecoveredField:
     """u from ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, a mesh of ``domain``.
 
     Raises as :class:`~equimesh.fields.nodal_field.HermiteField`. On a domain with curved sides u is recovered on the
@@ -129,7 +129,7 @@ def recover(mesh: Mesh, values: npt.ArrayLike, domain: Domain) -> Recovered:
     reference = reference_on(mesh, domain)
     own = HermiteField(mesh=mesh if is_straight else reference, values=values)
     u = own if is_straight else OnDomain(reference=own, domain=domain)
-    return Recovered(u=u, reference=reference, values=own.values)
+    return RecoveredField(u=u, reference=reference, values=own.values)
 
 
 def reference_on(mesh: Mesh, domain: Domain) -> Mesh:

@@ -324,7 +324,7 @@ MAX_SUBSTEPS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class StepSolution:
     """The solution of a step, and the number of meshes on the way to it."""
 
     solution: AnySolution
@@ -357,9 +357,9 @@ class Pursuit:
     max_move: float
     schwarz: Schwarz | None = None
 
-    def solve(self, problem: Problem[Any]) -> Found:
+    def solve(self, problem: Problem[Any]) -> StepSolution:
         """The solution with the smallest measured error of those that were needed."""
-        found = Found(solution=self._from(problem, self.before))
+        found = StepSolution(solution=self._from(problem, self.before))
         if isinstance(problem.monitor, Auto) and problem.monitor.purpose is not None:
             return found  # its meshes are chosen by another error than that of interpolation, and for each u anew
         # A mesh that has kept its gain is better than one that is a little better and far away.
@@ -367,12 +367,12 @@ class Pursuit:
         if is_followed and not self._has_lost(found, MIN_GAIN_SHARE):
             return found
         if isinstance(problem.monitor, LeastError | Auto) and self.schwarz is None:
-            found = _better(found, Found(solution=self._from(problem, Initial.NESTED)))
+            found = _better(found, StepSolution(solution=self._from(problem, Initial.NESTED)))
         if self._has_lost(found, MIN_GAIN_SHARE_WITHOUT_SUBSTEPS) and self._moved(found) > self.max_move:
             found = _better(found, self._in_substeps(problem, self._moved(found)))
         return found
 
-    def _in_substeps(self, problem: Problem[Any], moved: float) -> Found | None:
+    def _in_substeps(self, problem: Problem[Any], moved: float) -> StepSolution | None:
         """The solution by several meshes, each from the one before it; ``None`` where u is not known at both times."""
         later = problem.monitor.u
         if self.u is None or later is None or isinstance(problem.monitor, Intersection):
@@ -389,7 +389,7 @@ class Pursuit:
             if not solution.status.succeeded:
                 return None
             mesh = solution.reference
-        return Found(solution=self._from(problem, mesh), substeps=count)
+        return StepSolution(solution=self._from(problem, mesh), substeps=count)
 
     def _from(self, problem: Problem[Any], start: Mesh | QuadMesh | Initial) -> AnySolution:
         """The solution from a start."""
@@ -397,10 +397,10 @@ class Pursuit:
         found: AnySolution = solve(problem, self.schwarz, **options)
         return found
 
-    def _has_lost(self, found: Found, share: float) -> bool:
+    def _has_lost(self, found: StepSolution, share: float) -> bool:
         return not found.solution.status.succeeded or found.gain < share * self.gain
 
-    def _moved(self, found: Found) -> float:
+    def _moved(self, found: StepSolution) -> float:
         return cells_moved(self.before, found.solution.reference)
 
 
@@ -410,7 +410,7 @@ def gain_of(solution: AnySolution) -> float:
     return math.nan if errors is None else errors.estimated_gain(getattr(solution.problem.monitor, "norm", "l2"))
 
 
-def _better(one: Found, other: Found | None) -> Found:
+def _better(one: StepSolution, other: StepSolution | None) -> StepSolution:
     """The one with the larger gain, of those that succeeded."""
     if other is None or not other.solution.status.succeeded:
         return one

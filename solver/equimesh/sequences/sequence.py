@@ -25,8 +25,8 @@ from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.sequences.pursuit import (
     Earlier,
-    Found,
     Pursuit,
+    StepSolution,
     about_moves,
     cells_moved,
     displacement,
@@ -328,7 +328,7 @@ class Sequence(Generic[M]):
         before = self._reference
         return before if isinstance(before, QuadMesh) or grid == before.grid else prolong(before, grid)
 
-    def _pursue(self, problem: Problem[Any], before: Mesh | QuadMesh) -> Found:
+    def _pursue(self, problem: Problem[Any], before: Mesh | QuadMesh) -> StepSolution:
         """The solution of a step."""
         earlier = self._earlier
         if self.solution is not None:
