@@ -22,7 +22,7 @@ from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
 from equimesh.solving.schwarz import schwarz_reference, schwarz_start
-from equimesh.solving.status import Initial, Iterating, SolveOptions
+from equimesh.solving.status import Initial, IterationProgress, SolveOptions
 from equimesh_cluster.connection import sent
 from equimesh_cluster.handle import Handle
 from equimesh_cluster.parts.checkpoints import Checkpoints
@@ -100,7 +100,7 @@ def iterate(
     count = _count(problem, client, schwarz, options.parts)
     plan, start, exact = _planned(problem, schwarz, options)
     name, records = uuid.uuid4().hex, list[IterationNumbers]()
-    course = Iterating(plan.tolerance, schwarz.max_iterations)
+    course = IterationProgress(plan.tolerance, schwarz.max_iterations)
 
     def add(number: int, report: dict[str, Any]) -> None:
         if number == 0:

@@ -27,7 +27,7 @@ from equimesh.single_domain.iteration import single_domain_steps
 from equimesh.single_domain.level import Mode
 from equimesh.solving.orthogonality import bounded, is_within
 from equimesh.solving.solution import Solution
-from equimesh.solving.status import Descending, SolveOptions, Status, descent_work
+from equimesh.solving.status import DescentProgress, SolveOptions, Status, descent_work
 from equimesh_schema import Candidate
 
 LEAST_ERROR_SETTINGS = ((0.5, 1.0), (0.5, 0.1))
@@ -39,7 +39,7 @@ SMOOTHING = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tried:
+class CoarseCandidate:
     """A candidate with its errors on the coarse grid; ``None`` where its equations have no valid mesh there."""
 
     kind: str
@@ -72,8 +72,8 @@ class Tried:
 class Choice:
     """The candidates, the best one first, and the chosen one."""
 
-    tried: tuple[Tried, ...]
-    chosen: Tried
+    tried: tuple[CoarseCandidate, ...]
+    chosen: CoarseCandidate
 
     @property
     def comparison(self) -> tuple[Candidate, ...]:
@@ -131,15 +131,15 @@ def _parts(options: SolveOptions, works: list[float]) -> Iterator[SolveOptions]:
 
 def _descended(
     problem: Problem, auto: Auto, level: GridLevel, weights: tuple[float, float], options: SolveOptions
-) -> Tried:
+) -> CoarseCandidate:
     """The candidate that minimises the error."""
     settings = {"norm": auto.norm, "distortion": weights[0], "smoothness": weights[1]}
     monitor = auto.least_error(*weights).on(problem.domain)
     solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
     levels = nested_levels(problem.grid)[: level.number + 1]
-    reached = _end_of(solve.coarse(level), options.part(course=Descending(levels, 2, last_compared(levels))))
+    reached = _end_of(solve.coarse(level), options.part(course=DescentProgress(levels, 2, last_compared(levels))))
     errors = _errors(replace(problem, grid=level.grid), mesh_of(reached.mesh, level.grid))
-    return Tried(kind="least_error", settings=settings, monitor=monitor, errors=errors, coarse=reached)
+    return CoarseCandidate(kind="least_error", settings=settings, monitor=monitor, errors=errors, coarse=reached)
 
 
 def _end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) -> DescentEnd:
@@ -154,7 +154,7 @@ def _end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) 
 
 def _equidistributed(
     coarse: Problem, kind: str, settings: Mapping[str, Any], monitor: Monitor, options: SolveOptions
-) -> Tried:
+) -> CoarseCandidate:
     """A candidate that equidistributes a metric, without a mesh where only relaxed equations have one."""
     problem, found = replace(coarse, monitor=monitor), None
     for step in single_domain_steps(problem, mode=Mode.DISCRETIZATION, threads=options.threads):
@@ -164,7 +164,7 @@ def _equidistributed(
             break
         found = step.mesh if step.is_exact and step.grid == problem.grid else None
     errors = None if found is None else _errors(problem, found)
-    return Tried(kind=kind, settings=settings, monitor=problem.monitor, errors=errors)
+    return CoarseCandidate(kind=kind, settings=settings, monitor=problem.monitor, errors=errors)
 
 
 def _errors(coarse: Problem, reference: Mesh) -> InterpolationErrors | None:
@@ -210,7 +210,7 @@ Solve: TypeAlias = Callable[[Problem, SolveOptions], Solution]
 
 
 @dataclass(frozen=True, kw_only=True)
-class TriedInCells:
+class CellCandidate:
     """A candidate with its mesh and the error at cell centres there, infinite where it cannot be used."""
 
     kind: str
@@ -261,7 +261,7 @@ def solve_for_finite_volumes(
         _on_coarse_grid(replace(first, monitor=monitor), kind, settings, solves.next(solve))
         for kind, settings, monitor in candidates
     ]
-    tried = sorted([uniform, *tried], key=TriedInCells.rank)
+    tried = sorted([uniform, *tried], key=CellCandidate.rank)
     plain, rest = uniform.error, list[Candidate]()
     for number, here in enumerate(finer):
         kept = [one for one in tried if one.kind != "uniform" and one.error < math.inf]
@@ -271,7 +271,7 @@ def solve_for_finite_volumes(
         plain = uniform.error
         solves.begin(number + 1)
         tried = sorted(
-            [uniform, *(_on_fine_grid(here, one, solves.next(solve)) for one in kept)], key=TriedInCells.rank
+            [uniform, *(_on_fine_grid(here, one, solves.next(solve)) for one in kept)], key=CellCandidate.rank
         )
     comparison = [one.candidate(plain, chosen=one is tried[0]) for one in tried] + rest
     solves.begin(len(finer) + 1)
@@ -326,7 +326,7 @@ class _Solves:
 
 
 def _end(
-    problem: Problem, chosen: TriedInCells, auto: Auto, solve: Callable[[Problem], Solution], final: Solve | None
+    problem: Problem, chosen: CellCandidate, auto: Auto, solve: Callable[[Problem], Solution], final: Solve | None
 ) -> Solution:
     """The solution of the best candidate on the requested grid, or of the uniform mesh where that turns out better."""
     is_measured = problem.grid.points <= MAX_MEASURED_POINTS
@@ -376,17 +376,17 @@ def _candidates(auto: Auto, *, metrics_only: bool) -> Iterator[tuple[str, dict[s
 
 def _on_coarse_grid(
     problem: Problem, kind: str, settings: Mapping[str, Any], solve: Callable[[Problem], Solution]
-) -> TriedInCells:
+) -> CellCandidate:
     """The candidate on the coarse grid; it cannot be used where an angle is larger than the bound there."""
     solution = solve(problem)
     usable = solution.status.succeeded and is_within(solution) and _passes(solution)
     error = _error(solution) if usable else math.inf
-    return TriedInCells(kind=kind, settings=settings, monitor=problem.monitor, solution=solution, error=error)
+    return CellCandidate(kind=kind, settings=settings, monitor=problem.monitor, solution=solution, error=error)
 
 
 def _on_fine_grid(
-    problem: Problem, one: TriedInCells, solve: Callable[[Problem], Solution], *, is_measured: bool = True
-) -> TriedInCells:
+    problem: Problem, one: CellCandidate, solve: Callable[[Problem], Solution], *, is_measured: bool = True
+) -> CellCandidate:
     """The candidate on a finer grid, weakened until its angles are within the bound."""
     solution = bounded(solve(replace(problem, monitor=one.monitor)), solve)
     if not (solution.status.succeeded and _passes(solution)):
@@ -394,7 +394,7 @@ def _on_fine_grid(
     return replace(one, solution=solution, error=_error(solution) if is_measured else 0.0)
 
 
-def _uniform(problem: Problem, auto: Auto, *, is_measured: bool = True) -> TriedInCells:
+def _uniform(problem: Problem, auto: Auto, *, is_measured: bool = True) -> CellCandidate:
     """The uniform mesh."""
     reference = Mesh.uniform(problem.grid)
     monitor = auto.least_error()
@@ -410,7 +410,7 @@ def _uniform(problem: Problem, auto: Auto, *, is_measured: bool = True) -> Tried
         detours=(UNIFORM,),
     )
     error = _error(solution) if is_measured else math.inf
-    return TriedInCells(kind="uniform", settings={}, monitor=monitor, solution=solution, error=error)
+    return CellCandidate(kind="uniform", settings={}, monitor=monitor, solution=solution, error=error)
 
 
 def _passes(solution: Solution) -> bool:

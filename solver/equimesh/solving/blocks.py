@@ -24,7 +24,7 @@ from equimesh.solving.least_error import other_ways, solve_round
 from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks
 from equimesh.solving.solution import OnBlocks, Solution
 from equimesh.solving.status import (
-    Descending,
+    DescentProgress,
     Initial,
     SolveOptions,
     Status,
@@ -181,7 +181,7 @@ def _norm(problem: Problem[Blocks]) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Tried:
+class _WeightsCandidate:
     """Weights that were compared, with the end of their descent on a coarse mesh and the error to expect."""
 
     solve: LeastErrorSolve
@@ -205,7 +205,7 @@ def _chosen(
     problem: Problem[Blocks], auto: Auto, options: SolveOptions, subdomains: BlockSubdomains | None
 ) -> OnBlocks:
     """The solution for the weights with the smallest error on a coarse mesh."""
-    tried: list[_Tried] = []
+    tried: list[_WeightsCandidate] = []
     share = _comparison_share(_solve(problem, auto.least_error().on(problem.domain), options, subdomains).levels)
     for number, pair in enumerate(WEIGHTS):
         monitor = auto.least_error(*pair).on(problem.domain)
@@ -215,7 +215,7 @@ def _chosen(
         level = coarse_level(solve.levels)
         course = _course(solve.levels[: level.number + 1])
         reached = _end_of(solve.coarse(level), options.part(begin, end, words, course))
-        tried.append(_Tried(solve=solve, reached=reached, error=solve.lifted_error(reached)))
+        tried.append(_WeightsCandidate(solve=solve, reached=reached, error=solve.lifted_error(reached)))
     best = min(tried, key=lambda one: one.error)
     first_error = best.solve.initial_error(best.reached)
     entries = [one.candidate(first_error, chosen=one is best) for one in sorted(tried, key=lambda one: one.error)]
@@ -277,8 +277,8 @@ def _end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) 
             return reached
 
 
-def _course(levels: Sequence[Level], starts: int = 2) -> Descending:
-    return Descending(levels, starts, last_compared(levels) if levels and levels[0].number == 0 else -1)
+def _course(levels: Sequence[Level], starts: int = 2) -> DescentProgress:
+    return DescentProgress(levels, starts, last_compared(levels) if levels and levels[0].number == 0 else -1)
 
 
 def _comparison_share(levels: Sequence[Level]) -> float:

@@ -18,7 +18,7 @@ from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.rounds.recovery import KEPT, Round
 from equimesh.rounds.round import adapt_round
 from equimesh.solving.solution import AnySolution, Solution, status_unless_folded
-from equimesh.solving.status import Descending, Initial, SolveOptions, Status
+from equimesh.solving.status import DescentProgress, Initial, SolveOptions, Status
 from equimesh_schema import Candidate, Estimate
 
 GIVEN_IS_KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."
@@ -58,12 +58,14 @@ def solve_least_error(
     return replace(found, mesh=map_mesh(uniform, problem.domain), reference=uniform, note=NO_BETTER)
 
 
-def _course(problem: Problem, start: Mesh | None, initial: Initial | Mesh, coarse: DescentEnd | None) -> Descending:
+def _course(
+    problem: Problem, start: Mesh | None, initial: Initial | Mesh, coarse: DescentEnd | None
+) -> DescentProgress:
     """The course of a descent, by its starts and by the grids that are done before."""
     levels = nested_levels(problem.grid)
     compared = last_compared(levels if start is None else levels[:-1])
     starts = 1 if start is not None or coarse is not None or initial is Initial.UNIFORM else 2
-    return Descending(levels[0 if coarse is None else coarse.level.number + 1 :], starts, compared)
+    return DescentProgress(levels[0 if coarse is None else coarse.level.number + 1 :], starts, compared)
 
 
 def other_ways(solve: LeastErrorSolve, start: str) -> Iterator[Iterator[Descent]]:

@@ -23,10 +23,10 @@ from equimesh.solving.single_domain import last_of_newton, last_step, solve_sing
 from equimesh.solving.solution import Solution, status_unless_folded
 from equimesh.solving.status import (
     Initial,
-    Iterating,
+    IterationProgress,
     SolveOptions,
     Status,
-    Sweeping,
+    SweepProgress,
     after_folding,
     after_newton,
     after_schwarz,
@@ -156,7 +156,7 @@ def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh
     exact = reference.mesh if reference is not None and reference.is_exact else None
     records: list[Iteration] = []
     settings = replace(schwarz, tolerance=tolerance)
-    iterating = options.part(course=Iterating(tolerance, schwarz.max_iterations))
+    iterating = options.part(course=IterationProgress(tolerance, schwarz.max_iterations))
     for record in schwarz_iterations(problem, settings, start, exact, threads=options.threads):
         records.append(iterating.observe(record))
         if record.meets(tolerance) or record.iteration >= schwarz.max_iterations:
@@ -234,7 +234,7 @@ def _nested_start(problem: Problem, options: SolveOptions) -> tuple[Mesh, float]
 
 def _solved_on(grid: Grid, problem: Problem, options: SolveOptions) -> list[Step]:
     """The last two levels of a single-domain solve on another grid."""
-    solved, telling = list[Step](), options.part(course=Sweeping(mode=options.mode))
+    solved, telling = list[Step](), options.part(course=SweepProgress(mode=options.mode))
     for step in iteration.single_domain_steps(replace(problem, grid=grid), mode=options.mode, threads=options.threads):
         telling.observe(step)
         if step.converged or step.failed:

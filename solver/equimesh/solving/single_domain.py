@@ -21,7 +21,15 @@ from equimesh.single_domain import iteration
 from equimesh.single_domain.level import Mode, Step
 from equimesh.solving.certificate import safe_algebraic_error, safe_discretization_error
 from equimesh.solving.solution import Solution, status_unless_folded
-from equimesh.solving.status import Initial, SolveOptions, Status, Sweeping, after_mapping, after_newton, after_rounding
+from equimesh.solving.status import (
+    Initial,
+    SolveOptions,
+    Status,
+    SweepProgress,
+    after_mapping,
+    after_newton,
+    after_rounding,
+)
 from equimesh_schema import Relaxed
 
 # Problems whose rounding errors are as large as what they are to resolve.
@@ -132,23 +140,23 @@ def outcome(step: Step, problem: Problem, *, allow_relaxed: bool, folded: bool, 
 def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Step:
     """The last step of a single-domain solve from its ``initial`` mesh, on which a gradient map does not depend."""
     if map_of(problem.monitor) == "gradient":
-        return last_of(gradient_map_steps(problem), options, Sweeping(doing="solving for the map"))
+        return last_of(gradient_map_steps(problem), options, SweepProgress(doing="solving for the map"))
     if isinstance(initial, Mesh):
         steps = iteration.steps_from(problem, initial, threads=options.threads)
-        return last_of(steps, options, Sweeping(mode=Mode.TIGHT))
+        return last_of(steps, options, SweepProgress(mode=Mode.TIGHT))
     if initial is Initial.UNIFORM:
         return last_of_newton(problem, Mesh.uniform(problem.grid), options)
     steps = iteration.single_domain_steps(problem, mode=options.mode, threads=options.threads)
-    return last_of(steps, options, Sweeping(mode=options.mode))
+    return last_of(steps, options, SweepProgress(mode=options.mode))
 
 
 def last_of_newton(problem: Problem, start: Mesh, options: SolveOptions) -> Step:
     """The last step of Newton's method from a mesh of the problem's grid."""
     steps = iteration.single_domain_steps(problem, start, mode=options.mode, threads=options.threads)
-    return last_of(steps, options, Sweeping(doing="Newton's method"))
+    return last_of(steps, options, SweepProgress(doing="Newton's method"))
 
 
-def last_of(steps: Iterable[Step], options: SolveOptions, course: Sweeping) -> Step:
+def last_of(steps: Iterable[Step], options: SolveOptions, course: SweepProgress) -> Step:
     """The last step, after all steps were reported to the observer."""
     step, telling = None, options.part(course=course)
     for step in steps:

@@ -59,8 +59,11 @@ def approach(step: int, expected: float) -> float:
 
 
 @dataclass
-class Sweeping:
-    """The course of a single-domain solve up its nested grids, or of a gradient map with its own ``doing``."""
+class SweepProgress:
+    """Estimates the progress of a single-domain solve on its nested grids.
+
+    ``doing`` replaces the words of a sweep, for instance for a gradient map.
+    """
 
     mode: Mode = Mode.DISCRETIZATION
     doing: str = ""
@@ -71,7 +74,7 @@ class Sweeping:
     _is_lost: bool = False
 
     def look(self, step: Step) -> tuple[float | None, str]:
-        """The share that is done and what is being done; no share for relaxed equations, whose end nobody knows."""
+        """The share that is done and the words for the step; no share for relaxed equations, whose end is not known."""
         if step.level != self._level:
             self._is_lost = self._is_lost or step.level < self._level  # the solve has begun again, on other grids
             self._expected = max(LEAST_SWEEPS, self._count or FIRST_SWEEPS)
@@ -85,7 +88,7 @@ class Sweeping:
         return None if self._is_lost else level_share(step.level, step.levels, share), phase
 
     def _steps(self, step: Step) -> float:
-        """How many steps the grid is expected to take."""
+        """The expected number of steps on the grid."""
         is_tight = self.mode is Mode.TIGHT and step.level + 1 == step.levels
         if is_tight and step.contraction < 1.0 and step.residual > TIGHT_DEVIATION:
             return step.step + math.log(step.residual / TIGHT_DEVIATION) / -math.log(step.contraction)
@@ -93,8 +96,8 @@ class Sweeping:
 
 
 @dataclass
-class Descending:
-    """The course of a least-error solve on nested grids, from ``starts`` first meshes on the coarse ones.
+class DescentProgress:
+    """Estimates the progress of a least-error solve on nested grids, with ``starts`` first meshes on the coarse ones.
 
     ``compared`` is the number of the last grid on which the starts are compared.
     """
@@ -128,8 +131,8 @@ def _work(level: Level) -> float:
 
 
 @dataclass
-class Iterating:
-    """The course of a Schwarz iteration to ``tolerance``; without one all ``most`` iterations are made."""
+class IterationProgress:
+    """Estimates the progress of a Schwarz iteration to ``tolerance``; without one all ``most`` iterations are made."""
 
     tolerance: float | None
     most: int
@@ -155,7 +158,7 @@ class Iterating:
         return number / total, f"{phase} of {'at most' if total == self.most else 'about'} {total}"
 
     def _total(self, number: int, estimate: float) -> int | None:
-        """How many iterations are expected, at the rate of the last changes; ``None`` where they show none."""
+        """The expected number of iterations, at the rate of the last changes; ``None`` where they show no rate."""
         last = self._changes[-1 - RATE_CHANGES :]
         if self.tolerance is None or len(last) < LEAST_CHANGES or not (0.0 < last[-1] < last[0]):
             return None
@@ -167,14 +170,14 @@ class Iterating:
 
 Event: TypeAlias = Step | Iteration | Descent
 Observer: TypeAlias = Callable[[Event], None]
-Course: TypeAlias = Sweeping | Descending | Iterating
+Course: TypeAlias = SweepProgress | DescentProgress | IterationProgress
 MAX_UNKNOWN = 0.2
 """If a part with at most this share of the work cannot estimate its progress, its start is reported."""
 _E = TypeVar("_E", bound=Event)
 
 
 @dataclass
-class _Told:
+class _ReportedProgress:
     """The progress that was reported so far: the share of the work never falls."""
 
     observer: Observer
@@ -189,25 +192,25 @@ class Announcer:
     known, as for work that nobody expected. ``doing`` is put before the words of a step.
     """
 
-    told: _Told
+    told: _ReportedProgress
     begin: float | None = 0.0
     end: float | None = 1.0
     doing: str = ""
-    course: Course = field(default_factory=Sweeping)
+    course: Course = field(default_factory=SweepProgress)
 
     @classmethod
     def of(cls, observer: Observer | None) -> Announcer | None:
         """The announcer of a whole solve; one that is given already stays, since it is a part of larger work."""
         if observer is None or isinstance(observer, Announcer):
             return observer
-        return cls(_Told(observer))
+        return cls(_ReportedProgress(observer))
 
     def part(
         self, begin: float | None = 0.0, end: float | None = 1.0, doing: str = "", course: Course | None = None
     ) -> Announcer:
         """A part of this one, between two shares of it; ``None`` for work whose share is not known."""
         words = ": ".join(text for text in (self.doing, doing) if text)
-        course = Sweeping() if course is None else course
+        course = SweepProgress() if course is None else course
         if begin is None or end is None or self.begin is None or self.end is None:
             return replace(self, begin=None, end=None, doing=words, course=course)
         width = self.end - self.begin
@@ -218,7 +221,7 @@ class Announcer:
         self.announce(event)
 
     def announce(self, event: _E) -> _E:
-        """Hand a record to the observer, which may keep it: nothing changes it later. Returns that record."""
+        """Call the observer with a record, and return that record. Nothing changes it later, so it can be kept."""
         share, phase = self._look(event)
         fraction = None
         if self.begin is not None and self.end is not None:
@@ -235,13 +238,13 @@ class Announcer:
         return record
 
     def _look(self, event: Event) -> tuple[float | None, str]:
-        """The share of this part that is done, and what is being done."""
+        """The share of this part that is done, and the words for the step."""
         match event, self.course:
-            case Step(), Sweeping() as course:
+            case Step(), SweepProgress() as course:
                 return course.look(event)
-            case Descent(), Descending() as course:
+            case Descent(), DescentProgress() as course:
                 return course.look(event)
-            case Iteration(), Iterating() as course:
+            case Iteration(), IterationProgress() as course:
                 return course.look(event)
         raise AssertionError(f"{type(event).__name__} is no record of {type(self.course).__name__}")
 
@@ -293,7 +296,7 @@ DEFAULTS: SolveArguments = {
 
 
 def complete_arguments(arguments: SolveArguments) -> SolveArguments:
-    """All options of a solve: the given ones, and the defaults of the others.
+    """The options of a solve: the given ones, and the defaults of the others.
 
     Raises :class:`TypeError` for an option that does not exist; the message names the nearest one.
     """

@@ -143,7 +143,7 @@ def require_reachable(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Tried:
+class _GridSolution:
     """A solved grid of about ``cells`` a side, with its error and the one that was predicted."""
 
     cells: float
@@ -186,7 +186,7 @@ class _Search:
     options: SolveArguments
     work: _Work
 
-    def at(self, cells: float, predicted: float) -> _Tried:
+    def at(self, cells: float, predicted: float) -> _GridSolution:
         """The solution on about ``cells`` a side."""
         grid = self.target.grid(self.problem.domain, cells)
         if self.began is not None:
@@ -195,14 +195,14 @@ class _Search:
         solution = solve(replace(self.problem, grid=grid), **options)
         errors = solution.interpolation
         error = math.nan if errors is None else {"l2": errors.l2, "h1": errors.h1}[self.target.norm]
-        return _Tried(cells=_cells_of(grid), grid=grid, solution=solution, error=error, predicted=predicted)
+        return _GridSolution(cells=_cells_of(grid), grid=grid, solution=solution, error=error, predicted=predicted)
 
-    def predicted(self, last: _Tried, cells: float) -> float:
+    def predicted(self, last: _GridSolution, cells: float) -> float:
         """The error on about ``cells`` a side, from that of another grid."""
         spacing = last.cells / _cells_of(self.target.grid(self.problem.domain, cells))
         return float(last.error * spacing ** ORDERS[self.target.norm])
 
-    def next_cells(self, last: _Tried, margin: float = MARGINS[0]) -> float:
+    def next_cells(self, last: _GridSolution, margin: float = MARGINS[0]) -> float:
         """Cells a side of the grid that the target needs; raises :class:`InputError` for one that is too large."""
         target, domain = self.target, self.problem.domain
         if not math.isfinite(last.error):
@@ -222,7 +222,7 @@ class _Search:
             field="target.error",
         )
 
-    def finish(self, tried: list[_Tried]) -> Solution:
+    def finish(self, tried: list[_GridSolution]) -> Solution:
         """The solution on the smallest grid whose error is as requested, else the one of the smallest error."""
         target = self.target
         enough = [one for one in tried if one.error <= target.error]

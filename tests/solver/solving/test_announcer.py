@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import equimesh as em
-from equimesh.solving.status import Announcer, Sweeping
+from equimesh.solving.status import Announcer, SweepProgress
 
 U = em.Expression("tanh(8*(x-y))")
 GRID = em.Grid(n_xi=17, n_eta=17)
@@ -79,7 +79,7 @@ def test_parts_of_parts_lie_in_the_whole() -> None:
     inner = whole.part(0.5, 1.0, "outer").part(0.0, 0.5, "inner")
     assert (inner.begin, inner.end) == (0.5, 0.75)
     inner.announce(STEP)
-    whole.part(0.0, 0.1, course=Sweeping()).announce(STEP)  # less than what was told: the share stays
+    whole.part(0.0, 0.1, course=SweepProgress()).announce(STEP)  # less than what was told: the share stays
     whole.part(None).announce(STEP)
     assert [event.phase for event in told][:2] == [
         "outer: inner: sweeping the 17 x 17 grid",
