@@ -34,8 +34,11 @@ PRIORITY = 10
 
 
 @dataclass(frozen=True)
-class Lost:
-    """Why an attempt ended early: workers that were lost, or a part that failed, by itself or for one of those."""
+class AttemptFailure:
+    """The reason why an attempt ended early, and the workers that were lost.
+
+    Without lost workers a part failed by itself.
+    """
 
     workers: tuple[str, ...]
     reason: str
@@ -56,7 +59,7 @@ class Attempt:
         function: Callable[..., Any],
         arguments_of_part: Callable[[int, int], tuple[Any, ...]],
         observe: Callable[[int, Any], None],
-    ) -> tuple[Future[Any], ...] | Lost:
+    ) -> tuple[Future[Any], ...] | AttemptFailure:
         """The finished futures of all parts, or what was lost.
 
         Raises the error of the first part that failed by itself, and whatever ``observe`` and ``check`` raise. Nothing
@@ -104,7 +107,7 @@ class Attempt:
             self._futures.append(future)
             future.add_done_callback(lambda _, number=number: self._events.put(("done", number, None)))
 
-    def _watch(self, observe: Callable[[int, Any], None]) -> Lost | None:
+    def _watch(self, observe: Callable[[int, Any], None]) -> AttemptFailure | None:
         """Wait for all parts; return what was lost, once it is."""
         left = set(range(len(self._futures)))
         looked = time.monotonic()
@@ -119,21 +122,21 @@ class Attempt:
             elif kind == "done":
                 left.discard(number)
                 if self._futures[number].status != "finished":
-                    return Lost(self._missing(), self._failure(number))
+                    return AttemptFailure(self._missing(), self._failure(number))
             if time.monotonic() - looked > LOOK_SECONDS:
                 looked = time.monotonic()
                 if missing := self._missing():
-                    return Lost(missing, f"lost: {', '.join(missing)}")
+                    return AttemptFailure(missing, f"lost: {', '.join(missing)}")
         return self._rest(observe)
 
-    def _rest(self, observe: Callable[[int, Any], None]) -> Lost | None:
-        """Hand over the last reports; return what was lost between the end of a part and that of the last one."""
+    def _rest(self, observe: Callable[[int, Any], None]) -> AttemptFailure | None:
+        """Pass on the last reports. Returns the failure if workers were lost before the last part ended."""
         while not self._events.empty():
             kind, number, value = self._events.get()
             if kind == "report":
                 observe(number, value)
         missing = self._missing()
-        return Lost(missing, f"lost: {', '.join(missing)}") if missing else None
+        return AttemptFailure(missing, f"lost: {', '.join(missing)}") if missing else None
 
     def _missing(self) -> tuple[str, ...]:
         """The addresses of workers that the scheduler does not know any more."""
@@ -273,7 +276,7 @@ def run_parts(
         places = place(_count(parts, found, again=attempt > 1), found)
         chosen.before(places)
         outcome = _attempt(client, function, arguments_of_part, places, chosen)
-        if not isinstance(outcome, Lost):
+        if not isinstance(outcome, AttemptFailure):
             return PartsRun(outcome, tuple(worker.address for worker in places), attempt, tuple(lost))
         lost += outcome.workers
         reason = outcome.reason
@@ -307,7 +310,7 @@ def run_at(
     places = [found[address] for address in workers]
     chosen.before(places)
     outcome = _attempt(client, function, arguments_of_part, places, chosen)
-    if isinstance(outcome, Lost):
+    if isinstance(outcome, AttemptFailure):
         raise WorkersLostError(outcome.reason, lost=outcome.workers)
     return PartsRun(outcome, tuple(workers), 1)
 
@@ -318,13 +321,13 @@ def _attempt(
     arguments_of_part: ArgumentsOfPart,
     places: list[WorkerFacts],
     options: RunOptions,
-) -> tuple[Future[Any], ...] | Lost:
+) -> tuple[Future[Any], ...] | AttemptFailure:
     """The finished futures of one attempt, or what was lost."""
     try:
         with leases_of(client, [worker.address for worker in places], options.check):
             return Attempt(client, places, options.check).results(function, arguments_of_part, options.report)
     except WorkersLostError as error:
-        return Lost(error.lost, str(error))
+        return AttemptFailure(error.lost, str(error))
 
 
 def _count(parts: int | None, workers: list[WorkerFacts], *, again: bool) -> int:

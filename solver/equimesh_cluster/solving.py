@@ -89,7 +89,7 @@ def _share(level: int, levels: int, step: int) -> float:
     return level_share(level, levels, approach(step, USUAL_SWEEPS))
 
 
-class Gathering:
+class PartsProgress:
     """Collects the records of the parts, and observes one record when all parts have sent theirs."""
 
     def __init__(self, observe: Observer | None) -> None:
@@ -351,7 +351,7 @@ def _coarse(chosen: _Settings, client: Client, *, square: bool) -> CoarseSolutio
 def _parts(chosen: _Settings, client: Client, coarse: CoarseSolution, parts: int | None) -> PartsRun:
     """The parts, which begin with the coarse solution in every attempt."""
     count = _count(chosen.problem.grid, coarse.most_parts, len(client.nthreads()), parts)
-    gathering = Gathering(chosen.observe)
+    gathering = PartsProgress(chosen.observe)
     shared: list[Any] = []
 
     def arguments(number: int, count: int) -> tuple[Any, ...]:

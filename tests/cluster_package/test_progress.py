@@ -5,7 +5,7 @@ from __future__ import annotations
 from equimesh import Grid
 from equimesh.numerics.channel import Traffic
 from equimesh_cluster.parts.part_solution import PartStep
-from equimesh_cluster.solving import Gathering, Progress
+from equimesh_cluster.solving import PartsProgress, Progress
 
 
 def record(step: int, sent: int) -> PartStep:
@@ -25,7 +25,7 @@ def record(step: int, sent: int) -> PartStep:
 
 def test_a_step_is_told_once_all_parts_have_sent_theirs() -> None:
     seen: list[Progress] = []
-    gathering = Gathering(seen.append)
+    gathering = PartsProgress(seen.append)
     gathering.begin(2)
     gathering.add(1, record(0, 100))
     gathering.add(1, record(1, 100))
@@ -39,6 +39,6 @@ def test_a_step_is_told_once_all_parts_have_sent_theirs() -> None:
 
 
 def test_without_an_observer_nothing_is_told() -> None:
-    gathering = Gathering(None)
+    gathering = PartsProgress(None)
     gathering.begin(1)
     gathering.add(0, record(0, 1))

@@ -17,7 +17,7 @@ from equimesh import InputError
 from equimesh.numerics.channel import PeerLostError
 from equimesh_cluster import PartsRun, RunCancelledError, RunOptions, WorkersLostError, run_parts
 from equimesh_cluster.channel import PLUGIN
-from equimesh_cluster.run import Attempt, Lost
+from equimesh_cluster.run import Attempt, AttemptFailure
 from equimesh_cluster.workers import WorkerFacts, examine_workers
 
 
@@ -209,7 +209,7 @@ def places(client: Client) -> list[WorkerFacts]:
 
 def test_the_results_stay_where_they_are(client: Client, places: list[WorkerFacts]) -> None:
     futures = Attempt(client, places, nothing).results(lambda channel: channel.number, lambda *_: (), nothing)
-    assert not isinstance(futures, Lost)
+    assert not isinstance(futures, AttemptFailure)
     assert [future.result() for future in futures] == [0, 1, 2]
 
 
@@ -220,7 +220,7 @@ def test_a_part_that_lost_a_peer_is_no_error_of_its_own(client: Client, places: 
         channel.receive(2, "never")
 
     lost = Attempt(client, places, nothing).results(cut_off, lambda *_: (), nothing)
-    assert isinstance(lost, Lost)
+    assert isinstance(lost, AttemptFailure)
     assert lost.workers == ()
     assert "part 2 on" in lost.reason
     assert "part 0 cannot be reached" in lost.reason
@@ -230,7 +230,7 @@ def test_arguments_may_be_futures(client: Client, places: list[WorkerFacts]) -> 
     shared = client.submit(lambda: 40, pure=False)
     attempt = Attempt(client, places, nothing)
     futures = attempt.results(lambda channel, one: channel.count + one, lambda *_: (shared,), nothing)
-    assert not isinstance(futures, Lost)
+    assert not isinstance(futures, AttemptFailure)
     assert [future.result() for future in futures] == [43, 43, 43]
 
 
@@ -243,6 +243,6 @@ def test_a_worker_that_is_not_there_is_lost(client: Client, places: list[WorkerF
         channel.receive(1, "never")
 
     lost = Attempt(client, [places[0], gone], nothing).results(waiting, lambda *_: (), nothing)
-    assert lost == Lost(("tcp://127.0.0.1:9",), "lost: tcp://127.0.0.1:9")
+    assert lost == AttemptFailure(("tcp://127.0.0.1:9",), "lost: tcp://127.0.0.1:9")
     left = client.run(lambda dask_worker: len(dask_worker.plugins["equimesh-messages"].boxes))
     assert set(left.values()) == {0}

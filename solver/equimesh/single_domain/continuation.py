@@ -154,7 +154,7 @@ class Interior:
 
     def solver(self, z: Array) -> Callable[[Array], Array]:
         """A function that solves the linear system of Newton's method at ``z``, approximately."""
-        there = _Linearised(self, z)
+        there = _Linearisation(self, z)
         return lambda right: gmres(
             there.product, there.precondition, right, tolerance=self._forcing(right), most=MAX_PRODUCTS
         )
@@ -168,7 +168,7 @@ class Interior:
         return min(MAX_LINEAR_RESIDUAL, max(MIN_LINEAR_RESIDUAL, LINEAR_SHARE * reduction**2))
 
 
-class _Linearised:
+class _Linearisation:
     """The Jacobian of the equations at one mesh: its products, and an approximate inverse."""
 
     def __init__(self, equations: Interior, z: Array) -> None:

@@ -37,7 +37,16 @@ from equimesh.meshes.parts import Parts, rows_held
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh.numerics.types import Array
 from equimesh.single_domain.continuation import Relaxation
-from equimesh.single_domain.level import MAX_SWEEPS, Level, Mode, Solved, Step, Steps, interpolated_level, newton_level
+from equimesh.single_domain.level import (
+    MAX_SWEEPS,
+    Level,
+    LevelSolution,
+    Mode,
+    Step,
+    Steps,
+    interpolated_level,
+    newton_level,
+)
 from equimesh.sweeps.sweep import Frame, memory_needed
 
 # The levels of a nested iteration, from coarse to fine.
@@ -66,7 +75,7 @@ class Climb:
         *,
         channel: Channel = ALONE,
         first: int = 0,
-        solved: Sequence[Solved] = (),
+        solved: Sequence[LevelSolution] = (),
     ) -> None:
         self._problem, self._mode, self._threads, self._grids = problem, mode, threads, grids
         self._channel, self._first, self.solved = channel, first, list(solved)
@@ -110,10 +119,10 @@ class Climb:
 
     def _keep(self, last: Step) -> None:
         begin = Parts.of(last.grid.shape, 1, self._channel).begin
-        self.solved = [*self.solved[-1:], Solved.of(last, begin)]
+        self.solved = [*self.solved[-1:], LevelSolution.of(last, begin)]
 
     @property
-    def _before(self) -> Solved | None:
+    def _before(self) -> LevelSolution | None:
         return self.solved[-1] if self.solved else None
 
     def _label(self, level: int) -> Step:
@@ -144,7 +153,7 @@ class Climb:
         begin, end = wanted[self._channel.number]
         if self._channel.count > 1 and solved.step.level >= self._first:
             mesh = solved.mesh.with_rows(wanted, self._channel)
-            self.solved[which] = solved = Solved(replace(solved.step, mesh=Mesh(mesh.x, mesh.y)), mesh)
+            self.solved[which] = solved = LevelSolution(replace(solved.step, mesh=Mesh(mesh.x, mesh.y)), mesh)
         if not (solved.mesh.begin <= begin and end <= solved.mesh.end):
             raise AssertionError(f"rows {begin} to {end - 1} are needed, {solved.mesh.ends} are held")
         return solved.mesh
@@ -320,7 +329,7 @@ class ClosedClimb:
 
     def _level(self, problem: Problem, label: Step, before: Step | None, *, tight: bool) -> Steps:
         shape = padded_shape(label.grid.shape, self._closed)
-        coarse = None if before is None else Solved.of(before)
+        coarse = None if before is None else LevelSolution.of(before)
         parts = Parts.of(shape, self._threads)
         return (yield from ClosedLevel(problem, label, coarse, tight, self._memory, parts).steps())
 

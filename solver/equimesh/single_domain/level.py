@@ -123,14 +123,14 @@ MAX_COLD_SWEEPS = 40
 
 
 @dataclass(frozen=True)
-class Solved:
-    """A level that is solved: its last step, and the rows of its mesh that the process holds."""
+class LevelSolution:
+    """The solution on a level: the last step, and the rows of its mesh that the process holds."""
 
     step: Step
     mesh: HeldMesh
 
     @classmethod
-    def of(cls, step: Step, begin: int = 0) -> Solved:
+    def of(cls, step: Step, begin: int = 0) -> LevelSolution:
         """The level of a step whose mesh has the rows from ``begin`` on."""
         mesh = step.mesh
         return cls(step, HeldMesh(step.grid, begin, np.ascontiguousarray(mesh.x), np.ascontiguousarray(mesh.y)))
@@ -151,7 +151,7 @@ class Level:
 
     problem: Problem
     label: Step
-    coarse: Solved | None
+    coarse: LevelSolution | None
     tight: bool
     memory: Array
     parts: Parts

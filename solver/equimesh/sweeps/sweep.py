@@ -327,12 +327,12 @@ class Correction:
 
 
 @dataclass(frozen=True)
-class Taken:
-    """The numbers of one sweep that has been guarded, over all rows of the grid.
+class GuardedCorrection:
+    """The numbers of one correction after its moves were shortened to avoid folds, over all rows of the grid.
 
-    ``share`` of the moves remains, and ``smallest`` is the smallest Jacobian then, 0 if halving did not help.
-    ``deviation`` and ``move`` are those of the :class:`Correction`. ``gap`` is what :meth:`Sweep.guard` was told to
-    measure, NaN if nothing.
+    ``share`` of the moves remains. ``smallest`` is the smallest Jacobian afterwards, 0 if halving did not help.
+    ``deviation`` and ``move`` are those of the :class:`Correction`. ``gap`` is the distance that :meth:`Sweep.guard`
+    was asked to measure, NaN if none.
     """
 
     share: float
@@ -443,7 +443,7 @@ class Sweep:
         min_share: float = MIN_MOVE_SHARE,
         shorten: Callable[[Array, Array], None] = halve_moves,
         measure: Callable[[Array, Array], float] | None = None,
-    ) -> Taken:
+    ) -> GuardedCorrection:
         """Halve the moves of the last :meth:`correct` until the smallest Jacobian is above ``floor``.
 
         ``x`` and ``y`` are the nodes before the sweep, ``found`` its numbers. ``halve`` halves at least once. Moves are
@@ -459,9 +459,9 @@ class Sweep:
             smallest = smallest_in_parts(self.new_x, self.new_y, here)
             deviation, move, negative, gap = self.parts.agree(found.deviation, found.move, -smallest, gap)
             if -negative > floor:
-                return Taken(share, -negative, deviation, move, gap)
+                return GuardedCorrection(share, -negative, deviation, move, gap)
             if 0.5 * share < min_share:
-                return Taken(share, 0.0, deviation, move, gap)
+                return GuardedCorrection(share, 0.0, deviation, move, gap)
             needed = True
 
     def _shorten(self, x: Array, y: Array, shorten: Callable[[Array, Array], None]) -> None:

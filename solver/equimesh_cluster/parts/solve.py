@@ -21,7 +21,7 @@ from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, orthogonality_of
 from equimesh.numerics.channel import Channel, Counted, ThreadChannels, thread_count
 from equimesh.single_domain.iteration import Climb
-from equimesh.single_domain.level import MAX_RELAXED_POINTS, Mode, Solved, Step, Steps
+from equimesh.single_domain.level import MAX_RELAXED_POINTS, LevelSolution, Mode, Step, Steps
 from equimesh.solving.single_domain import is_lost_in_rounding, outcome, solution_lost_in_rounding, solution_of
 from equimesh.solving.solution import SolveError
 from equimesh.solving.status import SolveOptions
@@ -53,7 +53,7 @@ class CoarseSolution:
 
     grids: tuple[Grid, ...]
     """All nested grids, from coarse to fine; the last one is the requested grid."""
-    solved: tuple[Solved, ...]
+    solved: tuple[LevelSolution, ...]
     """The last two levels that are solved."""
     mode: Mode
     allow_relaxed: bool
@@ -86,7 +86,7 @@ class CoarseSolution:
         kept = [own, *below][: len(self.solved)]
         windows = [level.mesh.window(*rows) for level, rows in zip(reversed(self.solved), kept, strict=True)]
         fewer = [
-            Solved(replace(level.step, mesh=Mesh(window.x, window.y)), window)
+            LevelSolution(replace(level.step, mesh=Mesh(window.x, window.y)), window)
             for level, window in zip(self.solved, reversed(windows), strict=True)
         ]
         return replace(self, solved=tuple(fewer))
@@ -180,7 +180,7 @@ def _solved(
             break
         if observe is not None:
             observe(last.snapshot())
-    solved = climb.solved if not last.failed else [Solved.of(last)]
+    solved = climb.solved if not last.failed else [LevelSolution.of(last)]
     return CoarseSolution(
         grids=tuple(grids),
         solved=tuple(solved),
