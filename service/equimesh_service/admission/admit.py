@@ -148,7 +148,7 @@ _Checked: TypeAlias = tuple[BuiltSpec | None, bytes | None]
 
 
 @dataclass(frozen=True)
-class Admitted:
+class AdmittedSpec:
     """A canonical spec that will be solved, and the SHA-256 of the files of its samples, by the ids of these."""
 
     spec: Mapping[str, Any]
@@ -189,7 +189,7 @@ class Admission:
     store: Store
     files: Files
 
-    def receive(self, body: bytes, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
+    def receive(self, body: bytes, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> AdmittedSpec:
         """Read a spec, and :meth:`admit` it; raises a 400 problem where it is not JSON.
 
         The samples of a long one are taken out of it into files.
@@ -201,7 +201,7 @@ class Admission:
             short = self.work("", shorten, text, Path(folder), self._limits)
             return self._admit(short, upload, caller, mesh)
 
-    def admit(self, document: Any, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
+    def admit(self, document: Any, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> AdmittedSpec:
         """Check a parsed spec, and store its samples and its ``mesh``; raises a 422 problem with pointers."""
         try:
             spec = read_spec(document).with_limit(self.settings.max_points)
@@ -211,7 +211,9 @@ class Admission:
                 raise
             raise repointed(problem, partial(sent_pointer, document)) from None
 
-    def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
+    def _admit(
+        self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None
+    ) -> AdmittedSpec:
         spec, files = assign_parts(short.spec, self.settings), short.files
         self._check_limits(spec)
         mesh_row = self._mesh_row(spec, mesh, caller)
@@ -241,7 +243,7 @@ class Admission:
         if upload is not None or files:
             self._remember(spec.monitor_digest)
         hashes = {row.id: row.sha256 for row in rows.values()}
-        return Admitted(spec.canonical, hashes, spec.points_digest, built, packed, new, nodes)
+        return AdmittedSpec(spec.canonical, hashes, spec.points_digest, built, packed, new, nodes)
 
     def _mesh_row(self, spec: CheckedSpec, mesh: Upload | None, caller: Caller) -> SamplesRow | None:
         """The row of the mesh that came with a spec, which is stored now; raises a 422 problem for one without it."""
@@ -289,7 +291,7 @@ class Admission:
             summary = self.work(pointer, convert_mesh, source, upload.filename, path, self.settings.max_points)
             return self._keep(path, summary, caller, durable=not pointer)
 
-    def keep_upload(self, admitted: Admitted, caller: Caller) -> None:
+    def keep_upload(self, admitted: AdmittedSpec, caller: Caller) -> None:
         """Store the samples of an admitted spec, unless they are stored; the mesh that comes with them is durable."""
         if admitted.upload is None:
             return
@@ -300,7 +302,7 @@ class Admission:
     def _receive(
         self, short: ShortSpec, rows: Mapping[str, SamplesRow], upload: Upload, pointer: str, caller: Caller
     ) -> tuple[_Checked, NewSamples | None, SamplesRow]:
-        """Check a spec with its upload: a refused spec leaves nothing behind.
+        """Check a spec with its upload. Nothing is stored for a refused spec.
 
         Light samples of a plain spec are not stored yet; others are stored after the check. So are those of a spec that
         also names stored files, such as the mesh that is its domain.
@@ -423,7 +425,7 @@ class Admission:
 
     @property
     def _product(self) -> str:
-        """What has the limits, for messages."""
+        """The words for what is limited, for messages."""
         return "a mesh of this service"
 
     @property

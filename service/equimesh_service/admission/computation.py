@@ -19,7 +19,7 @@ import numpy as np
 import equimesh
 from equimesh.io.write import mesh_bytes
 from equimesh.specs.spec import BuiltSpec
-from equimesh_service.admission.admit import Admission, Admitted
+from equimesh_service.admission.admit import Admission, AdmittedSpec
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import check_format
 from equimesh_service.assembly import samples as intake
@@ -65,7 +65,7 @@ class Computation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Computed:
+class ComputationResult:
     """The bytes of an answer, the JSON of the certificate, and how the solve ended.
 
     ``uploads`` are the files that came with the request.
@@ -77,11 +77,11 @@ class Computed:
     uploads: int
 
 
-def compute(task: Computation) -> Computed:
+def compute(task: Computation) -> ComputationResult:
     """The answer to a request; nothing is stored.
 
-    Raises the problems of a request that is refused, those of a solve that fails where its file was requested, a 409
-    problem when its samples are gone, and :class:`~equimesh_service.errors.TimeLimitError`.
+    Raises a problem where the request is refused, where the solve fails and its file was requested, and, with status
+    409, where its samples are gone. Raises :class:`~equimesh_service.errors.TimeLimitError`.
     """
     with log_context.enter(log_context.LogContext(request_id=task.request_id, key_id=task.caller.key_id)):
         try:
@@ -94,7 +94,7 @@ def compute(task: Computation) -> Computed:
             raise
 
 
-def _compute(task: Computation) -> Computed:
+def _compute(task: Computation) -> ComputationResult:
     began, stopwatch = time.perf_counter(), Stopwatch()
     document, upload, mesh = take_apart(task.content_type, task.body)
     admission = _Admission.of(task)
@@ -132,7 +132,7 @@ def _compute(task: Computation) -> Computed:
     stopwatch.lap("answer")
     failure = None if solution.status.succeeded else problem_of(solution, is_kept=False)
     _log.info("a mesh that is not kept %s, solved in %.3f s", "failed" if failure else "succeeded", seconds)
-    return Computed(
+    return ComputationResult(
         content=content,
         certificate=_text(certificate).decode(),
         ending=Ending(
@@ -150,7 +150,7 @@ def _text(document: Mapping[str, Any]) -> bytes:
     return json.dumps(document, allow_nan=False).encode()
 
 
-def _file(format: str, admitted: Admitted, solution: AnySolution) -> bytes:
+def _file(format: str, admitted: AdmittedSpec, solution: AnySolution) -> bytes:
     """The file of a mesh; raises the problem of a solve that failed."""
     if not solution.status.succeeded:
         raise problem_of(solution, is_kept=False)
@@ -184,7 +184,9 @@ class _Admission(Admission):
     def _way_to_more(self) -> str:
         return "; request the mesh itself (POST /v1/meshes), which may have more" if self.is_preview else ""
 
-    def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
+    def _admit(
+        self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None
+    ) -> AdmittedSpec:
         if short.spec.spec.parts is not None and not self.is_preview:
             message = "a mesh in parts is files that a cluster keeps: leave parts out, or leave out store=false"
             raise problem_at("/parts", message)

@@ -14,7 +14,7 @@ from typing import Any
 from starlette.concurrency import run_in_threadpool
 
 from equimesh.io.formats import FORMATS
-from equimesh_service.admission.admit import Admission, Admitted
+from equimesh_service.admission.admit import Admission, AdmittedSpec
 from equimesh_service.admission.callers import Caller, Quotas, quota_problem
 from equimesh_service.assembly.problem import PackedProblems
 from equimesh_service.dispatch.dispatcher import Dispatcher
@@ -23,7 +23,17 @@ from equimesh_service.errors import EngineError, KeyReusedError, QuotaError, Sam
 from equimesh_service.problems.problem import Problem, did_you_mean
 from equimesh_service.settings import Settings
 from equimesh_service.store.keys import Quota
-from equimesh_service.store.rows import Claim, Draft, Ending, Lease, MeshInput, NewMesh, NewStep, Refused, Repeated
+from equimesh_service.store.rows import (
+    Claim,
+    Draft,
+    Ending,
+    Lease,
+    MeshInput,
+    NewMesh,
+    NewStep,
+    RefusedDraft,
+    RepeatedDraft,
+)
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, stopwatch, tracing
 from equimesh_service.worker.in_parts import HEADED, PART_FORMATS
@@ -118,7 +128,7 @@ class Intake:
     quotas: Quotas
     problems: PackedProblems
 
-    async def accept(self, admitted: Admitted, caller: Caller, request: MeshRequest) -> AcceptedMesh:
+    async def accept(self, admitted: AdmittedSpec, caller: Caller, request: MeshRequest) -> AcceptedMesh:
         """Put an admitted spec into the queue, or give it to a worker at once when the request waits for it.
 
         Raises 406, 409, 422 and 429 problems.
@@ -159,7 +169,7 @@ class Intake:
         log_context.current().mesh_id = accepted.mesh_id
         return accepted
 
-    def _reuse(self, admitted: Admitted, caller: Caller, new: NewMesh, request: MeshRequest) -> str | None:
+    def _reuse(self, admitted: AdmittedSpec, caller: Caller, new: NewMesh, request: MeshRequest) -> str | None:
         """A new mesh with the points of an earlier one; None when there is none."""
         if not self.store.meshes.has_equal(new):
             return None
@@ -167,7 +177,7 @@ class Intake:
         fingerprint = admitted.fingerprint(request.format)
         return self.store.meshes.reuse(new, key=request.key, fingerprint=fingerprint)
 
-    async def _begin_draft(self, draft: Draft, admitted: Admitted, caller: Caller) -> AcceptedMesh | None:
+    async def _begin_draft(self, draft: Draft, admitted: AdmittedSpec, caller: Caller) -> AcceptedMesh | None:
         """Give a draft to the reserved worker, and enter it into the store when it is not finished soon.
 
         None when no worker has it, and the store does not know it.
@@ -195,14 +205,14 @@ class Intake:
         match task.result():
             case Ending():
                 return AcceptedMesh(new.id, task)
-            case Repeated(mesh_id):
+            case RepeatedDraft(mesh_id):
                 return AcceptedMesh(mesh_id)
-            case Refused(error):
+            case RefusedDraft(error):
                 with refusals():
                     raise error
         return None
 
-    async def _follow(self, draft: Draft, admitted: Admitted, caller: Caller, request: MeshRequest) -> AcceptedMesh:
+    async def _follow(self, draft: Draft, admitted: AdmittedSpec, caller: Caller, request: MeshRequest) -> AcceptedMesh:
         """The mesh of a draft whose worker was lost: it is in the store if the worker got so far, else it waits."""
         if await run_in_threadpool(self.store.drafts.exists, draft.new.id):
             return AcceptedMesh(draft.new.id)
@@ -211,7 +221,7 @@ class Intake:
         return await self._add(admitted, caller, request, new, draft.fingerprint, None)
 
     async def _enter(
-        self, draft: Draft, admitted: Admitted, caller: Caller, quota: Quota | None, task: Future[Any]
+        self, draft: Draft, admitted: AdmittedSpec, caller: Caller, quota: Quota | None, task: Future[Any]
     ) -> AcceptedMesh:
         """Put a draft into the store while a worker has it; without a place there, its worker is stopped."""
         new = draft.new
@@ -240,7 +250,7 @@ class Intake:
 
     async def _add(
         self,
-        admitted: Admitted,
+        admitted: AdmittedSpec,
         caller: Caller,
         request: MeshRequest,
         new: NewMesh,
@@ -308,7 +318,7 @@ def _new_id() -> str:
     return f"m-{secrets.token_hex(10)}"
 
 
-def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh:
+def _new_mesh(admitted: AdmittedSpec, caller: Caller, format: str | None) -> NewMesh:
     return NewMesh(
         id=_new_id(),
         spec=admitted.spec,

@@ -27,7 +27,7 @@ from equimesh_schema.sequences import (
     StepSpec,
 )
 from equimesh_schema.sources import ExpressionSource
-from equimesh_service.admission.admit import Admission, Admitted
+from equimesh_service.admission.admit import Admission, AdmittedSpec
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly.bodies import (
     MAX_SHORT_BYTES,
@@ -82,8 +82,8 @@ class Move:
     """A step as it was sent, not yet compared with the mesh: ``u``, the ``fields`` and the ``monitor``.
 
     Functions of the monitor are values at the nodes in ``{"nodes": …}``, names of fields in ``{"field": …}``, or those
-    of a spec. ``sent`` is the JSON of it, and ``pointers`` are those of the values of fields. ``motion`` says how the
-    mesh moves.
+    of a spec. ``sent`` is the JSON of the step, and ``pointers`` are the JSON pointers to the values of its fields.
+    ``motion`` has the settings of the move of the mesh.
     """
 
     step: int
@@ -291,7 +291,7 @@ FIELDS = "fields"  # the name of the artifact
 _U = "/monitor/u"
 
 
-def check_first_spec(admitted: Admitted) -> Admitted:
+def check_first_spec(admitted: AdmittedSpec) -> AdmittedSpec:
     """The spec of a sequence's first mesh; raises a 422 problem for a target, and for a mesh in parts."""
     if admitted.spec["target"] is not None:
         raise problem_at("/target", "the meshes of a sequence have one grid: give it in place of the target")
@@ -307,10 +307,10 @@ def check_first_spec(admitted: Admitted) -> Admitted:
 class PreparedStep:
     """A step that can be requested, and the file of its fields, which is sealed but not published.
 
-    ``settings`` are those of the worker: how the mesh moves, and what is known of the mesh ``before``.
+    ``settings`` are for the worker: the settings of the move, and the record of the mesh ``before``.
     """
 
-    admitted: Admitted
+    admitted: AdmittedSpec
     settings: Mapping[str, Any]
     fields: Artifact | None
     path: Path | None
@@ -322,8 +322,8 @@ class PreparedStep:
 
 
 @dataclass(frozen=True)
-class Stepping:
-    """Makes the specs of steps, and stores their functions and fields."""
+class StepAdmission:
+    """Checks the steps of a sequence, makes their specs, and stores their functions and fields."""
 
     admission: Admission
     store: Store
@@ -360,7 +360,7 @@ class Stepping:
 
     def _admitted(
         self, spec: Mapping[str, Any], mesh: Mesh | QuadMesh, move: Move, checked: CheckedMove, caller: Caller
-    ) -> Admitted:
+    ) -> AdmittedSpec:
         """The checked spec of the next mesh, whose functions at nodes are stored as samples."""
         rows: dict[str, SamplesRow] = {}
 
@@ -385,7 +385,7 @@ class Stepping:
             # The settings have been checked, and functions of finite values fit every domain.
             nodes = None if isinstance(mesh, Mesh) else len(mesh.points)
             hashes = {row.id: row.sha256 for row in rows.values()}
-            return Admitted(read_spec(document).canonical, hashes, "", nodes=nodes)
+            return AdmittedSpec(read_spec(document).canonical, hashes, "", nodes=nodes)
         try:
             return self.admission.admit(document, None, caller)
         except Problem as problem:

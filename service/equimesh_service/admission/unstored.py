@@ -1,4 +1,4 @@
-"""Meshes that a reserved worker computes at once, and of which nothing is kept: previews, and those of store=false."""
+"""Meshes that a reserved worker computes at once and that are not kept: previews, and requests with store=false."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.computation import Computation, Computed, compute
+from equimesh_service.admission.computation import Computation, ComputationResult, compute
 from equimesh_service.dispatch.worker_line import WorkerLine
 from equimesh_service.engine.port import Engine
 from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError
@@ -47,7 +47,7 @@ class UnstoredMeshes:
         seconds: float,
         frames: bool = False,
         leaves: Callable[[], Awaitable[None]],
-    ) -> Computed | None:
+    ) -> ComputationResult | None:
         """The answer in a ``format`` of :class:`~equimesh_service.admission.computation.Computation`.
 
         It takes at most ``seconds``. ``leaves`` returns when the caller has left: the work ends then, and there is no
@@ -79,7 +79,7 @@ class UnstoredMeshes:
             stopwatch.lap("hand-over")
         return computed
 
-    async def _begin(self, computation: Computation, left: asyncio.Future[None]) -> Future[Computed] | None:
+    async def _begin(self, computation: Computation, left: asyncio.Future[None]) -> Future[ComputationResult] | None:
         """The task of a worker, which is free when the task ends, however the request does."""
         caller, task = computation.caller, None
         if not await self.line.obtain(caller.key_id, caller.share, MAX_LINE_SECONDS):
@@ -98,8 +98,8 @@ class UnstoredMeshes:
         return task
 
     async def _finish(
-        self, task: Future[Computed], computation: Computation, left: asyncio.Future[None]
-    ) -> Computed | None:
+        self, task: Future[ComputationResult], computation: Computation, left: asyncio.Future[None]
+    ) -> ComputationResult | None:
         """The answer, once the worker has it; None for a caller who has left."""
         ended, seconds = _end_of(task), computation.seconds
         try:
@@ -128,7 +128,7 @@ class UnstoredMeshes:
 _REQUEST_THE_MESH = "Request a mesh that the service keeps, with POST /v1/meshes, or fewer points."
 
 
-def _end_of(task: Future[Computed]) -> asyncio.Future[None]:
+def _end_of(task: Future[ComputationResult]) -> asyncio.Future[None]:
     """A future of this loop that is done when the task is, whatever its outcome."""
     loop = asyncio.get_running_loop()
     ended: asyncio.Future[None] = loop.create_future()
@@ -137,7 +137,7 @@ def _end_of(task: Future[Computed]) -> asyncio.Future[None]:
         if not ended.done():
             ended.set_result(None)
 
-    def tell(_: Future[Computed]) -> None:
+    def tell(_: Future[ComputationResult]) -> None:
         with suppress(RuntimeError):  # the loop is closed
             loop.call_soon_threadsafe(note)
 

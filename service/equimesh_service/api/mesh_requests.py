@@ -6,7 +6,7 @@ from fastapi import Header, Query, Request
 from starlette.concurrency import run_in_threadpool
 
 from equimesh.io.write import FORMATS
-from equimesh_service.admission.admit import Admitted
+from equimesh_service.admission.admit import AdmittedSpec
 from equimesh_service.admission.callers import Caller
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
@@ -164,7 +164,7 @@ async def read_request(request: Request, service: Service, place: bodies.BodyPla
     return await run_in_threadpool(bodies.take_apart, kind, data)  # it takes seconds for a long body of line ends
 
 
-async def receive_mesh(request: Request, service: Service, caller: Caller) -> Admitted:
+async def receive_mesh(request: Request, service: Service, caller: Caller) -> AdmittedSpec:
     """Read and admit a request for a mesh, with the samples that came with it."""
     with service.bodies.place(caller.key_id) as place:
         document, upload, mesh = await read_request(request, service, place)

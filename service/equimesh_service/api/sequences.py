@@ -220,7 +220,7 @@ async def step(
             move = await service.check(steps.read_long_json, service.admission, data, points)
         del data  # a mesh that is waited for needs it no more
     start = await _start(service, caller, sequence.id, move.step)
-    prepare = steps.Stepping(service.admission, service.store, service.files).prepare
+    prepare = steps.StepAdmission(service.admission, service.store, service.files).prepare
     with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:
         made = await service.check(prepare, move, start, caller, stack)
         stopwatch.lap("check")

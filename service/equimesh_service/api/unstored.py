@@ -7,7 +7,7 @@ from starlette.responses import Response
 
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.computation import Computed
+from equimesh_service.admission.computation import ComputationResult
 from equimesh_service.admission.intake import check_whole
 from equimesh_service.api.mesh_requests import MESH_BODY, read_raw
 from equimesh_service.api.routing import KEY_PROBLEMS, ServiceDependency, Writer, problems
@@ -94,7 +94,7 @@ async def answer_unstored(
 
 async def _computed(
     request: Request, service: Service, caller: Caller, format: str | None, seconds: float, *, frames: bool = False
-) -> Computed | None:
+) -> ComputationResult | None:
     """The answer to a request of which nothing is kept; None for a caller who has left."""
     with (
         service.quotas.count_wait(caller, _COUNTED_SECONDS),

@@ -1,1 +1,1 @@
-"""Who waits for what: the queue's dispatcher, side workers, wake-ups."""
+"""The waiting for workers and for meshes: the queue's dispatcher, side workers, wake-ups."""

@@ -28,12 +28,12 @@ from equimesh_service.store.rows import (
     Claim,
     Draft,
     Ending,
-    Finished,
+    FinishedMesh,
     Lease,
     MeshInput,
     Outcome,
-    Refused,
-    Repeated,
+    RefusedDraft,
+    RepeatedDraft,
 )
 from equimesh_service.store.store import Store
 from equimesh_service.store.writer import Writer, store_finished
@@ -71,10 +71,10 @@ class Dispatcher:
            ├───────────────────┤ its worker died or its owner is silent (failed after ``max_attempts``)
            └───────────────────┘ no worker has it, its scheduler is lost, or the service stops
 
-    ``run`` gives the function and the arguments that a worker calls for a claim. A worker returns a :class:`Finished`,
-    which a :class:`~equimesh_service.store.writer.Writer` stores; or it writes its results into the store itself: on
-    another machine, and where files are large. ``notify`` is called with the id of every mesh whose status may have
-    changed.
+    ``run`` gives the function and the arguments that a worker calls for a claim. A worker returns a
+    :class:`FinishedMesh`, which a :class:`~equimesh_service.store.writer.Writer` stores. On another machine, and where
+    files are large, it writes its results into the store itself. ``notify`` is called with the id of every mesh whose
+    status may have changed.
 
     A mesh whose request waits can skip the queue: reserve a worker in the :attr:`line`, put the mesh into the store as
     claimed by :attr:`lease`, and :meth:`begin` it, or release the worker. A draft is begun before it is in the store.
@@ -237,7 +237,7 @@ class Dispatcher:
             return list(self._running.items())
 
     def _submit(self, claim: Claim, mesh_input: MeshInput | None) -> tuple[Future[Any], Future[Any]]:
-        """Give a claim to a worker; returns the future of the worker, and that of the mesh."""
+        """Give a claim to a worker; returns the future of the worker and the future of the mesh."""
         self._metrics.count_attempt(claim.waited)
         with log_context.enter(log_context_of(claim)):
             _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
@@ -251,7 +251,7 @@ class Dispatcher:
 
     def _end(self, claim: Claim, draft: Draft | None, ended: Future[Any], task: Future[Any]) -> None:
         finished = None if task.cancelled() or task.exception() is not None else task.result()
-        if isinstance(finished, Finished):
+        if isinstance(finished, FinishedMesh):
             with self._lock:
                 self._storing.add(claim)
             self._free_worker(claim)  # which solves the next mesh meanwhile
@@ -271,7 +271,7 @@ class Dispatcher:
         _pass_on(task, ended)
         self._notify(claim.mesh_id)
 
-    def _write(self, claim: Claim, draft: Draft | None, finished: Finished, ended: Future[Any]) -> None:
+    def _write(self, claim: Claim, draft: Draft | None, finished: FinishedMesh, ended: Future[Any]) -> None:
         """Put a finished mesh into the store, with others that wait for it."""
         try:
             stored = self._writer.commit(partial(store_finished, self._store, claim, draft, finished))
@@ -292,9 +292,9 @@ class Dispatcher:
             mesh_id = stored.result()
             if mesh_id == claim.mesh_id:
                 self._metrics.count_end(ending)
-            ended.set_result(ending if mesh_id == claim.mesh_id else mesh_id and Repeated(mesh_id))
+            ended.set_result(ending if mesh_id == claim.mesh_id else mesh_id and RepeatedDraft(mesh_id))
         elif isinstance(error, KeyReusedError | SamplesGoneError):
-            ended.set_result(Refused(error))
+            ended.set_result(RefusedDraft(error))
         else:
             ended.set_exception(storage_problem(error) or error)
             self._ended.put((claim, ended))
@@ -399,7 +399,11 @@ class Dispatcher:
 
 def _is_over(task: Future[Any]) -> bool:
     """Whether a worker has finished its mesh in the store, or a draft that is no mesh."""
-    return not task.cancelled() and task.exception() is None and isinstance(task.result(), Ending | Repeated | Refused)
+    return (
+        not task.cancelled()
+        and task.exception() is None
+        and isinstance(task.result(), Ending | RepeatedDraft | RefusedDraft)
+    )
 
 
 def _pass_on(task: Future[Any], ended: Future[Any]) -> None:

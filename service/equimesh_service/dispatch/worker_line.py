@@ -1,4 +1,4 @@
-"""Who has which worker: the turns of keys, the line for a worker, and side workers."""
+"""The order in which requests get workers: the turns of keys, the line for a worker, and side workers."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Turns:
 
 
 class KeyedLine(Generic[Item]):
-    """Items that wait, each of a key; those of one key in the order in which they came."""
+    """Waiting items, each of a key. Items of one key are taken in the order in which they came."""
 
     def __init__(self) -> None:
         self._items: OrderedDict[str, deque[Item]] = OrderedDict()  # by key; the key that was served last comes last
@@ -132,7 +132,7 @@ class WorkerLine:
             return free
 
     def reserve_for_first(self) -> bool:
-        """Reserve a worker for whoever is first in the line and the queue; False when none is free."""
+        """Reserve a worker for the first in the line and the queue; False when none is free."""
         with self.lock:
             self.call_next()
             return self._take_free_worker()

@@ -1,1 +1,1 @@
-"""Where tasks run: a narrow port, and a pool of processes behind it."""
+"""Engines, which run tasks: one interface, with a pool of processes and a Dask cluster behind it."""

@@ -42,7 +42,7 @@ _RUNNING = "running"  # the status of Dask
 
 @dataclass(eq=False)
 class Member:
-    """A worker, by its address. ``refusal`` says why it is not used, "" while it starts."""
+    """A worker, by its address. ``refusal`` is the reason why it is not used, "" while it starts."""
 
     address: str
     name: str
@@ -55,16 +55,16 @@ class Member:
 
     @property
     def slots(self) -> int:
-        """How many jobs it may have at the same time."""
+        """The number of jobs that it may have at the same time."""
         return self.report.slots if self.report is not None and self.report.ready and not self.refusal else 0
 
     @property
     def free(self) -> int:
-        """How many more jobs it may have now."""
+        """The number of further jobs that it may have now."""
         return self.slots - len(self.jobs)
 
     def note_visit(self, error: Exception | None) -> None:
-        """Take over how a visit ended."""
+        """Note the end of a visit."""
         self.visit_at = time.monotonic() + VISIT_SECONDS
         if error is not None:
             self.report = None
@@ -88,7 +88,7 @@ class Members:
         return len(self._members)
 
     def update(self, found: Mapping[str, Mapping[str, Any]]) -> list[Member]:
-        """Take over what the scheduler knows of its workers, by address; returns the workers that are gone."""
+        """Update the workers from the scheduler's records, by address; returns the workers that are gone."""
         gone = [one for one in self if one.address not in found]
         for address, known in found.items():
             member = self._members.get(address)
@@ -133,7 +133,7 @@ class Members:
 
     @property
     def slots(self) -> int:
-        """How many jobs the workers may have at the same time."""
+        """The number of jobs that the workers may have at the same time."""
         return sum(one.slots for one in self)
 
     def refusals(self) -> list[str]:
@@ -316,7 +316,7 @@ class DaskEngine:
             await self._pause(_LOOK_SECONDS * max(1.0, len(self._members) / _MANY_WORKERS))
 
     async def _ask(self, client: Any) -> dict[str, Any]:
-        """What the scheduler knows of the cluster; raises when it is lost."""
+        """The scheduler's record of the cluster; raises when the scheduler is lost."""
         answer = self._loop.create_task(client.scheduler.identity(n_workers=-1))
         began = self._loop.time()
         try:
@@ -373,7 +373,7 @@ class DaskEngine:
                 job.following = self._start(self._take(self._client, job, member))
 
     async def _take(self, client: Any, job: _Job, member: Member) -> None:
-        """Run a job on a worker, and hand over its outcome."""
+        """Run a job on a worker, and pass on its outcome."""
         assert member.report is not None
         arguments = (self._settings.name, member.report.identity, job.key, job.call, job.time_limit)
         task = client.submit(

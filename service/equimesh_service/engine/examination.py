@@ -18,8 +18,12 @@ _MAX_CONNECT_SECONDS = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Examined:
-    """A worker: its name, the jobs that it takes at the same time, the memory of its machine in MiB, and its fault."""
+class WorkerExamination:
+    """The examination of a worker.
+
+    ``slots`` is the number of jobs that it takes at the same time, ``memory`` that of its machine in MiB. ``fault`` is
+    the reason why a service cannot use it, "" without one.
+    """
 
     name: str
     slots: int = 0
@@ -29,16 +33,16 @@ class Examined:
 
 @dataclass(frozen=True, kw_only=True)
 class Examination:
-    """A cluster: the ``address`` at which its scheduler says that it can be reached, and its workers."""
+    """The examination of a cluster: the ``address`` that its scheduler reports, and its workers."""
 
     address: str
-    workers: list[Examined]
+    workers: list[WorkerExamination]
 
 
 def examine(scheduler: str, check: PackedCall | None) -> Examination:
-    """The cluster, each of whose workers has called ``check``, which returns its fault; raises OSError without one.
+    """The examination of the cluster of ``scheduler``; raises OSError where no scheduler answers.
 
-    A ``check`` is left out where it is None.
+    Every worker calls ``check``, which returns a fault or "". Nothing is called where ``check`` is None.
     """
     client: Any = Client(scheduler, timeout=_MAX_CONNECT_SECONDS, set_as_default=False, name="equimesh-doctor")
     try:
@@ -54,7 +58,7 @@ def examine(scheduler: str, check: PackedCall | None) -> Examination:
 
 
 async def _look_around(check: PackedCall | None, dask_worker: Worker) -> dict[str, Any]:
-    """What a worker says of itself; called on the worker."""
+    """The versions, slots, memory and fault of a worker; called on the worker."""
     return {
         "versions": versions(),
         "slots": dask_worker.state.nthreads,
@@ -63,11 +67,11 @@ async def _look_around(check: PackedCall | None, dask_worker: Worker) -> dict[st
     }
 
 
-def _examined(name: str, answer: Any) -> Examined:
+def _examined(name: str, answer: Any) -> WorkerExamination:
     if isinstance(answer, ModuleNotFoundError):
-        return Examined(name=name, fault=f"it has no equimesh of this release ({answer})")
+        return WorkerExamination(name=name, fault=f"it has no equimesh of this release ({answer})")
     if isinstance(answer, Exception):
-        return Examined(name=name, fault=f"it does not answer as expected ({type(answer).__name__}: {answer})")
+        return WorkerExamination(name=name, fault=f"it does not answer as expected ({type(answer).__name__}: {answer})")
     different = describe_difference(versions(), answer["versions"])
     fault = f"it has {different}" if different else answer["fault"]
-    return Examined(name=name, slots=answer["slots"], memory=answer["memory"], fault=fault)
+    return WorkerExamination(name=name, slots=answer["slots"], memory=answer["memory"], fault=fault)

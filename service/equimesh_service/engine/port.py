@@ -20,7 +20,7 @@ Result = TypeVar("Result")
 class Health:
     """Whether an engine can run tasks, and the number of its workers.
 
-    ``fault`` says why its workers do not start, "" while they may.
+    ``fault`` is the reason why its workers do not start, "" without one.
     """
 
     ready: bool

@@ -487,7 +487,7 @@ def _main_hidden() -> Iterator[None]:
 
 
 def _end_server() -> None:
-    """End the process that workers are forked from: by itself it would first load all that it was told to load."""
+    """End the process that workers are forked from. It would otherwise import all of its modules before it ends."""
     with _server_lock:
         server: Any = forkserver._forkserver
         if server._forkserver_pid is not None:

@@ -92,7 +92,7 @@ class BlobFiles:
             yield path
 
     async def open_range(self, sha256: str, start: int, end: int) -> AsyncGenerator[bytes, None]:
-        """The bytes from ``start`` up to ``end``; those of a small file in one piece."""
+        """The bytes from ``start`` up to ``end``. A small file comes in one piece."""
         content = await to_thread.run_sync(self._read, sha256)
         if content is None:
             async with aclosing(self.larger.open_range(sha256, start, end)) as pieces:

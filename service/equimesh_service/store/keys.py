@@ -75,7 +75,7 @@ def digest(secret: str) -> str:
 
 
 def expand_scopes(scopes: Iterable[str]) -> frozenset[str]:
-    """These scopes and all that they include: write includes read, admin includes both."""
+    """The scopes and all that they include: write includes read, admin includes both."""
     return frozenset[str]().union(*(_INCLUDED[scope] for scope in scopes))
 
 

@@ -51,10 +51,10 @@ def removal_lookup(connection: Connection) -> Removed:
 
 
 def remove_unused(database: Database, files: Iterable[str], remove_file: Callable[[str], None]) -> None:
-    """Call ``remove_file`` for those of the files that no row names any more; their removal has been noted.
+    """Call ``remove_file`` for all files that no row names any more; their removal has been noted.
 
-    Each in a transaction of its own, since the storage may be slow: no row that names the file can be added between the
-    check and the removal.
+    No row that names a file can be added between the check and the removal. Each file has its own transaction, since
+    the storage may be slow.
     """
     for sha256 in sorted(set(files)):
         with database.write() as connection:
@@ -171,8 +171,8 @@ def use_samples(connection: Connection, new: NewMesh, now: float) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Deleted:
-    """Meshes that were deleted, their files, for ``remove_unused``, and their sequences, for :func:`delete_ended`."""
+class Deletion:
+    """The meshes that were deleted, their files for ``remove_unused``, and their sequences for :func:`delete_ended`."""
 
     meshes: set[str]
     files: set[str]
@@ -185,7 +185,7 @@ def lock_meshes(connection: Connection, names: Iterable[str]) -> list[str]:
     return list(connection.execute(query).scalars())
 
 
-def delete_meshes(connection: Connection, names: Iterable[str], now: float) -> Deleted:
+def delete_meshes(connection: Connection, names: Iterable[str], now: float) -> Deletion:
     """Delete the rows of meshes, and note that their files may be removed.
 
     u at the nodes of an earlier mesh, which a step came with, goes with the last mesh that was made of it.
@@ -200,7 +200,7 @@ def delete_meshes(connection: Connection, names: Iterable[str], now: float) -> D
     connection.execute(delete(meshes).where(meshes.c.id.in_(found)))
     held |= _delete_unused(connection, nodal)
     note_removals(connection, held, now)
-    return Deleted(meshes=set(found), files=held, sequences=moved)
+    return Deletion(meshes=set(found), files=held, sequences=moved)
 
 
 def delete_ended(connection: Connection, names: Iterable[str] | None = None) -> list[tuple[str, str]]:

@@ -265,9 +265,9 @@ class DraftStore:
             return connection.execute(_EXISTS, {"mesh": mesh_id}).first() is not None
 
     def enter(self, draft: Draft, lease: Lease, quota: Quota | None) -> str:
-        """Put a draft whose samples are stored into the store, as running; nothing happens when it is there already.
+        """Store a draft whose samples are stored, as running; nothing happens when it is there already.
 
-        Returns its id, for a repeated idempotency key that of the earlier mesh. Raises as
+        Returns its id, or the id of the earlier mesh with the same idempotency key. Raises as
         :meth:`~equimesh_service.store.meshes.MeshesStore.add`.
         """
         new = draft.new
@@ -297,7 +297,7 @@ class DraftStore:
     ) -> str | None:
         """Store a draft that was finished after ``seconds`` of work, or end the mesh that was entered meanwhile.
 
-        Returns its id, for a repeated idempotency key that of the earlier mesh, and None when the claim is no longer
+        Returns its id, or the id of the earlier mesh with the same idempotency key, or None when the claim is no longer
         valid. A draft that is known to be ``entered`` and is not there was deleted. Raises
         :class:`~equimesh_service.errors.KeyReusedError` and :class:`~equimesh_service.errors.SamplesGoneError`.
         """

@@ -76,7 +76,7 @@ class RetentionStore:
             return connection.execute(delete(retired).where(retired.c.retired_at < self._clock() - age)).rowcount
 
     def has_removed(self, name: str, key_id: str | None) -> bool:
-        """Whether a mesh, samples or a sequence with this id have expired; those of any key for None."""
+        """Whether a mesh, samples or a sequence with this id have expired. ``key_id`` None looks at all keys."""
         query = select(retired.c.id).where(retired.c.id == name)
         if key_id is not None:
             query = query.where(retired.c.key_id == key_id)

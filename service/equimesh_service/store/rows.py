@@ -153,7 +153,7 @@ class NewSamples:
 
 @dataclass(frozen=True, kw_only=True)
 class Draft:
-    """A mesh that a worker computes before the store knows of it, with the samples that came with its request.
+    """A mesh that a worker computes before it is in the store, with the samples that came with its request.
 
     ``key`` is the idempotency key of the request and ``fingerprint`` its fingerprint. ``built`` is the problem that the
     spec describes, as the worker needs it.
@@ -168,9 +168,9 @@ class Draft:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a worker leaves: the result, the error of a failed mesh, and the files, which ``publish`` gives their names.
+    """The outcome of a worker's job: the result, the error of a failed mesh, and the files.
 
-    With ``partial`` the files are those of a mesh that failed.
+    ``publish`` gives the files their names. With ``partial`` they are the files of a mesh that failed.
     """
 
     error: Mapping[str, Any] | None = None
@@ -294,11 +294,11 @@ class Ending:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finished:
-    """A mesh that a worker has finished after ``seconds`` of work, for the service to put into the store.
+class FinishedMesh:
+    """A mesh that a worker has finished after ``seconds`` of work. The service stores it.
 
-    ``contents`` are the bytes of its files by their SHA-256, ``ending`` its end once it is stored. A draft was
-    ``entered`` if it was in the store when the worker last looked.
+    ``contents`` are the bytes of its files by their SHA-256. ``ending`` is its end once it is stored. ``entered``
+    tells whether a draft was in the store when the worker last looked.
     """
 
     outcome: Outcome
@@ -309,14 +309,14 @@ class Finished:
 
 
 @dataclass(frozen=True)
-class Repeated:
+class RepeatedDraft:
     """The end of a draft whose idempotency key belongs to another mesh."""
 
     mesh_id: str
 
 
 @dataclass(frozen=True)
-class Refused:
+class RefusedDraft:
     """The end of a draft that the store refused."""
 
     error: Exception

@@ -16,11 +16,11 @@ from equimesh_service.errors import EngineError
 from equimesh_service.files.port import Publish, Removed, publish_nothing
 from equimesh_service.store.blobs import insert_blob
 from equimesh_service.store.database import Database
-from equimesh_service.store.rows import Claim, Draft, Finished
+from equimesh_service.store.rows import Claim, Draft, FinishedMesh
 from equimesh_service.store.store import Store
 
 Result = TypeVar("Result")
-# The most changes that wait, which are committed together; whoever brings one more waits for a place.
+# The largest number of waiting changes, which are committed together. The caller with one more waits for a place.
 MAX_WAITING = 64
 
 
@@ -32,7 +32,7 @@ class _Change(Generic[Result]):
     future: Future[Result] = field(default_factory=Future)
 
     def attempt(self) -> Callable[[], None]:
-        """Make the change; returns what tells the outcome. Raises where the database as a whole may not work."""
+        """Make the change; returns a function that sets the future. Raises where the database itself may not work."""
         try:
             return partial(self.future.set_result, self.make())
         except SQLAlchemyError:
@@ -116,7 +116,7 @@ class Writer:
             tell()
 
 
-def store_finished(store: Store, claim: Claim, draft: Draft | None, finished: Finished) -> str | None:
+def store_finished(store: Store, claim: Claim, draft: Draft | None, finished: FinishedMesh) -> str | None:
     """Put a finished mesh into the store with the bytes of its files, as one change.
 
     Returns its id, None when the claim is no longer valid, and otherwise as

@@ -35,8 +35,8 @@ MIN_FRAMES = 8
 class Frames:
     """Keeps the meshes of an iteration while it runs: all of them, or every second, fourth, … of a long one.
 
-    ``numbers`` are those of the iterations. The last mesh is always kept. An iteration that begins again takes the
-    place of the one before.
+    ``numbers`` are the numbers of the iterations. The last mesh is always kept. When an iteration begins again, the
+    earlier meshes are dropped.
     """
 
     points: int
@@ -88,8 +88,8 @@ def compare(
 
     A mesh of blocks is compared with the initial one.
 
-    ``certificate`` is that of the mesh in its JSON form. It says which monitor an ``auto`` has chosen: on triangles
-    errors are only measured of a least-error mesh.
+    ``certificate`` is the certificate of the mesh as JSON. It has the monitor that an ``auto`` has chosen: on triangles
+    errors are measured only for a least-error mesh.
     """
     monitor = problem.monitor
     if isinstance(monitor, equimesh.Auto) and _chosen(certificate or {}) == "least_error":
@@ -118,7 +118,7 @@ DOCUMENT = "document"
 
 
 def arrays_of(compared: UniformComparison, *, is_folded: bool) -> Arrays:
-    """The arrays of a mesh and of its uniform mesh; of a folded mesh those of the uniform mesh alone."""
+    """The arrays of a mesh and of its uniform mesh; for a folded mesh only the arrays of the uniform mesh."""
     adapted = {} if is_folded else _arrays_of_mesh(compared.adapted, "")
     return {**adapted, **_arrays_of_mesh(compared.uniform, "uniform_")}
 
@@ -158,7 +158,7 @@ def document_of(
     schwarz: Schwarz | None,
     mesh: Mesh | QuadMesh,
 ) -> dict[str, Any]:
-    """What a drawing says of its mesh in numbers and sentences.
+    """The numbers and sentences of a drawing.
 
     ``result`` has the record of the solve, the certificate and the quality, as a mesh in the store has them; ``error``
     is the problem of a failed solve.
@@ -221,7 +221,7 @@ def pack(document: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) ->
 def document_of_solution(
     spec: Mapping[str, Any], solution: equimesh.Solution[Any, Any], seconds: float
 ) -> dict[str, Any]:
-    """What is said of a solution that is not kept, after a solve of some ``seconds``; ``spec`` is canonical."""
+    """The document of a solution that is not kept, after a solve of some ``seconds``; ``spec`` is canonical."""
     began = time.perf_counter()
     schwarz = None if solution.decomposition is None else solution.schwarz
     document = document_of(

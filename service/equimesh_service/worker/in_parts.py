@@ -187,10 +187,10 @@ _NAMES = (
 
 
 def solve_in_parts(job: Job, spec: BuiltSpec, store: Store, requested: str | None) -> Ending | None:
-    """How a mesh in parts ended, finished in the store; None when the attempt was lost meanwhile.
+    """Compute a mesh in parts and store it; returns its end, or None when the attempt was lost meanwhile.
 
-    Its files are in the format of all meshes in parts, and in the one that is requested. Raises a problem for what the
-    cluster refuses, and :class:`~equimesh_service.errors.WorkerLostError` where workers with parts, or the
+    The files are in the format of all meshes in parts, and in the requested format. Raises a problem where the cluster
+    refuses the mesh, and :class:`~equimesh_service.errors.WorkerLostError` where workers with parts, or the
     connection to the scheduler, were lost.
     """
     from equimesh_cluster import ClusterError, NoSchedulerError, PartsError, WorkersLostError
@@ -304,7 +304,7 @@ def _is_not_removed(_: str) -> bool:
 
 
 def _describe(handle: Handle) -> dict[str, Any]:
-    """What the mesh says of its solution, as that of a whole mesh does."""
+    """The summary of the solution, with the keys of a mesh that is not in parts."""
     unknown = ("transmission", "work", "max_q_eq", "change", "error", "rate", "predicted_rate")
     solution = {
         "status": str(handle.status),

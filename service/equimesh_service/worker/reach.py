@@ -1,4 +1,4 @@
-"""What a worker of a cluster reaches: the database and the files of its service, and not others of the same name."""
+"""A check that a worker of a cluster reaches the database and the files of its service, not others of the same name."""
 
 from __future__ import annotations
 

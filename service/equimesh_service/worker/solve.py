@@ -37,12 +37,12 @@ from equimesh_service.store.rows import (
     Artifact,
     Claim,
     Ending,
-    Finished,
+    FinishedMesh,
     MeshInput,
     NewSamples,
     Outcome,
-    Refused,
-    Repeated,
+    RefusedDraft,
+    RepeatedDraft,
 )
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
@@ -170,7 +170,7 @@ class StepStart:
         )
 
     def _answer(self, step: AnySequenceStep, velocity: str | None) -> dict[str, Any]:
-        """What the step says of itself, with the name of its displacement, and how its fields came."""
+        """The record of the step, with the name of its displacement, and with the transfer of each field."""
         certificate = certificate_of(step)
         fields = {
             name: {"transfer": field.transfer, "location": field.location, "bounds": field.bounds}
@@ -181,7 +181,7 @@ class StepStart:
 
 
 def certificate_of(step: AnySequenceStep) -> dict[str, Any]:
-    """The certificate of the mesh of a step, whose warnings include those of the step."""
+    """The certificate of the mesh of a step, with the warnings of the step."""
     return {**step.certificate.summary(), "warnings": list(step.warnings)}
 
 
@@ -220,11 +220,11 @@ _log = logging.getLogger(__name__)
 MIN_POINTS_FOR_THREADS = 100_000
 
 
-def solve_mesh(job: Job) -> Finished | Ending | Repeated | Refused | None:
-    """How the mesh of ``job`` ended: computed and finished in the store; None when the attempt was lost meanwhile.
+def solve_mesh(job: Job) -> FinishedMesh | Ending | RepeatedDraft | RefusedDraft | None:
+    """Compute the mesh of ``job``; returns its end, or None when the attempt was lost meanwhile.
 
-    A :class:`Finished` is not in the store yet: whoever gave the job puts it there.
-    A draft may belong to an earlier mesh of the same idempotency key, or be refused by the store.
+    A :class:`FinishedMesh` is not in the store yet: the service stores it. A draft may belong to an earlier mesh of the
+    same idempotency key, or be refused by the store.
     """
     with log_context.enter(log_context_of(job.claim)), attempt(job.claim):
         try:
@@ -233,7 +233,7 @@ def solve_mesh(job: Job) -> Finished | Ending | Repeated | Refused | None:
         except AttemptLostError:
             return None
         except (KeyReusedError, SamplesGoneError) as error:
-            return Refused(error)
+            return RefusedDraft(error)
         except Problem:
             raise
         except Exception as error:
@@ -261,7 +261,7 @@ class _Work:
     start: StepStart | None
 
 
-def _solve(job: Job) -> Finished | Ending | Repeated | None:
+def _solve(job: Job) -> FinishedMesh | Ending | RepeatedDraft | None:
     began, stopwatch = time.perf_counter(), Stopwatch()
     store, files = job.storage.store(), job.storage.files()
     work = _build(job, store, files)
@@ -301,7 +301,7 @@ def _solve(job: Job) -> Finished | Ending | Repeated | None:
         stopwatch.lap("file")
         _log.info("mesh %s %s, solved in %.3f s", job.claim.mesh_id, outcome.status, solved - began)
         if job.hands_over and len(contents) == len({file.sha256 for file in artifacts}) and _brings_little(job):
-            return Finished(
+            return FinishedMesh(
                 outcome=replace(outcome, publish=publish_nothing),
                 contents=contents,
                 ending=ending,
@@ -313,7 +313,7 @@ def _solve(job: Job) -> Finished | Ending | Repeated | None:
     if kept is None:
         return None
     if kept != job.claim.mesh_id:
-        return Repeated(kept)
+        return RepeatedDraft(kept)
     return ending
 
 
@@ -397,7 +397,7 @@ def _write(
     output: Output,
     watching: tuple[Reporter, Stopwatch],
 ) -> dict[str, Any]:
-    """Begin to write all files; returns what the mesh says of its solution, measured meanwhile."""
+    """Begin to write all files; returns the summary of the solution, measured meanwhile."""
     (solution, step), (reporter, stopwatch) = computed, watching
     if work.spec.schwarz is not None or solution.descent:
         output.json(CONVERGENCE, solution.convergence())

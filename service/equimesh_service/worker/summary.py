@@ -1,4 +1,4 @@
-"""What a finished mesh says: the record that it stores, its history, and its certificate in sentences."""
+"""The results of a finished mesh: the stored record, the history of the solve, and the certificate in sentences."""
 
 from __future__ import annotations
 
@@ -173,10 +173,10 @@ def sentences_of(
     *,
     before: Literal["uniform", "initial"] = "uniform",
 ) -> list[Sentence]:
-    """Why the solve failed, what the mesh is worth, and every relaxation and warning of its certificate.
+    """Sentences: the reason of a failure, the gain of the mesh, and every relaxation and warning of its certificate.
 
-    The worth is that in ``norm``, ``"l2"`` or ``"h1"``; ``error`` is the problem of a failed solve. Grids are compared
-    with the uniform mesh, blocks with their initial one: ``before`` is the word for it.
+    The gain is measured in ``norm``, ``"l2"`` or ``"h1"``. ``error`` is the problem of a failed solve. Grids are
+    compared with the uniform mesh, blocks with their initial one: ``before`` is the word for it.
     """
     return [
         *_about_failure(error),

@@ -39,7 +39,7 @@ def warm_up_for_basics() -> None:
 
 
 def progress() -> dict[str, int]:
-    """How many loops are compiled, by whichever process, of how many; both 0 where all are, and are only loaded."""
+    """The number of compiled loops, and the number of all; both 0 once all are compiled. Any process compiles them."""
     compiled, of = count_compiled()
     return {"compiled": compiled, "of": of} if compiled < of else {"compiled": 0, "of": 0}
 

@@ -15,7 +15,7 @@ from equimesh_service.problems.problem import Problem
 
 
 def test_a_retry_may_meet_a_newer_release(monkeypatch: pytest.MonkeyPatch) -> None:
-    admitted = admit.Admitted({"label": None, "cells": "quad"}, {}, "digest")
+    admitted = admit.AdmittedSpec({"label": None, "cells": "quad"}, {}, "digest")
     request, points = admitted.fingerprint("vtu"), admitted.points_fingerprint
     monkeypatch.setattr(admit, "_VERSION", "next")
     assert admitted.fingerprint("vtu") == request

@@ -12,7 +12,7 @@ import pytest
 
 from equimesh_service import Settings
 from equimesh_service.admission.callers import ANYONE
-from equimesh_service.admission.computation import Computation, Computed, compute
+from equimesh_service.admission.computation import Computation, ComputationResult, compute
 from equimesh_service.engine.port import PackedCall, open_outcome, pack_outcome
 from equimesh_service.errors import TimeLimitError
 from equimesh_service.files.address import files_address
@@ -59,7 +59,7 @@ def test_samples_of_the_request_leave_no_file(tmp_path: Path) -> None:
 def test_a_task_crosses_to_a_cluster(tmp_path: Path) -> None:
     """As the engine of a cluster sends it: as bytes."""
     good = PackedCall.of(compute, task(tmp_path, small(schwarz={}), frames=True))
-    computed: Computed = open_outcome(pack_outcome(good))
+    computed: ComputationResult = open_outcome(pack_outcome(good))
     with np.load(io.BytesIO(computed.content)) as drawing:
         frames = json.loads(drawing["document"].tobytes())["frames"]
         assert drawing["frames_x"].shape == (len(frames), 8, 9)

@@ -15,7 +15,7 @@ import pytest
 from equimesh_service import Settings
 from equimesh_service.admission import unstored as module
 from equimesh_service.admission.callers import ANYONE
-from equimesh_service.admission.computation import Computed
+from equimesh_service.admission.computation import ComputationResult
 from equimesh_service.admission.unstored import UnstoredMeshes
 from equimesh_service.dispatch.worker_line import WorkerLine
 from equimesh_service.engine.port import Health
@@ -63,7 +63,7 @@ def engine() -> OneWorker:
 
 
 BODY = json.dumps(small()).encode()
-ANSWER = Computed(content=b"answer", certificate="{}", ending=Ending(status="succeeded"), uploads=0)
+ANSWER = ComputationResult(content=b"answer", certificate="{}", ending=Ending(status="succeeded"), uploads=0)
 
 
 def opened(folder: Path, engine: OneWorker) -> UnstoredMeshes:

@@ -21,7 +21,7 @@ from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError, SchedulerLostError, WorkerLostError
 from equimesh_service.problems.problem import Problem
-from equimesh_service.store.rows import Claim, Draft, Ending, Finished, KeysInQueue, MeshInput, NewMesh, Outcome
+from equimesh_service.store.rows import Claim, Draft, Ending, FinishedMesh, KeysInQueue, MeshInput, NewMesh, Outcome
 from equimesh_service.store.store import Store
 from service.conftest import until
 from service.store.stores import add_backlog, status
@@ -368,7 +368,7 @@ def test_a_task_that_is_no_mesh_has_its_worker_until_it_ends(dispatcher: Dispatc
     until(line.reserve)
 
 
-FINISHED = Finished(
+FINISHED = FinishedMesh(
     outcome=Outcome(result={}), contents={}, ending=Ending(status="succeeded"), seconds=1.0, entered=False
 )
 

@@ -21,7 +21,7 @@ from equimesh_service.store.rows import (
     Claim,
     Draft,
     Ending,
-    Finished,
+    FinishedMesh,
     NewMesh,
     NewSamples,
     Outcome,
@@ -32,7 +32,7 @@ from equimesh_service.store.writer import MAX_WAITING, Writer, store_finished
 from service.store.stores import SPEC, add, claimed, status
 
 CONTENTS = {"0" * 64: b"a mesh"}
-FINISHED = Finished(
+FINISHED = FinishedMesh(
     outcome=Outcome(result={}, files=[Artifact("mesh", "0" * 64, 6)]),
     contents=CONTENTS,
     ending=Ending(status="succeeded"),
