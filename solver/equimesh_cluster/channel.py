@@ -193,7 +193,7 @@ class Seat:
 
     @property
     def count(self) -> int:
-        """How many parts there are."""
+        """The number of parts."""
         return len(self.addresses)
 
 

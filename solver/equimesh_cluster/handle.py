@@ -259,7 +259,7 @@ class Handle:
 
     @property
     def status(self) -> Status:
-        """How the solve ended."""
+        """The end of the solve."""
         return self._whole.status
 
     @property

@@ -38,11 +38,11 @@ MAX_CLIMBING = 2
 MAX_VALUE_POINTS = 17 * 17
 """Points of the grids on which the error of u leads a descent for its gradient: it finds fronts more surely."""
 MEASURED_POINTS = 2
-"""Gauss points a direction and cell at which candidates are compared; so many were enough for descents, too."""
+"""Gauss points a direction and cell at which candidates are compared; descents need no more."""
 PARTS = "parts"
 """The name of candidates that keep more of the mesh before."""
 SMOOTH, SHARP = (0.5, 1.0), (0.2, 0.3)
-"""Weights of distortion and smoothness, as those of :class:`~equimesh.monitors.least_error.LeastError`."""
+"""Weights of distortion and smoothness; see :class:`~equimesh.monitors.least_error.LeastError`."""
 SAMPLED = (("whole", 0, SMOOTH), ("whole, sharper", 0, SHARP), (PARTS, 1, SHARP))
 """Candidates from the mesh before: their names, the numbers of the grids on which they begin, and their weights.
 

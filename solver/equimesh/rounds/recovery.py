@@ -30,19 +30,19 @@ TWO_KINDS = (
     "the mesh is one of a grid and the domain one of blocks, or the other way round: a mesh in blocks needs its domain"
     " in blocks"
 )
-"""Why a mesh and a domain of two kinds are refused."""
+"""The reason why a mesh and a domain of two kinds are refused."""
 OTHER_CELLS = (
     "the mesh has other cells than the domain: give values on a mesh of this domain, such as domain.mesh or the mesh of"
     " a solution"
 )
-"""Why a mesh of another domain in blocks is refused."""
+"""The reason why a mesh of another domain in blocks is refused."""
 ESTIMATE_POINTS = 3
 """Gauss points a direction and cell for estimates."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recovery:
-    """u as a function of x and y, from nodal values of a solver that does not know more."""
+    """u as a function of x and y, recovered from the nodal values of a solver."""
 
     u: Field
     domain: Domain | Blocks
@@ -137,9 +137,9 @@ def moved_cells(before: Mesh | QuadMesh, after: Mesh | QuadMesh) -> float:
 # The error of the values, and the mesh for the next solve.
 
 AnyMesh = TypeVar("AnyMesh", Mesh, QuadMesh)
-"""The class of the meshes: those of grids, or of blocks."""
+"""The class of the meshes, of grids or of blocks."""
 KEPT = "kept"
-"""The name of the mesh before, where no candidate is valid or the values are those of a linear function."""
+"""The name of the mesh before, where no candidate is valid or the values are linear in x and y."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -217,7 +217,7 @@ NUMBERS_PER_CROSSING = 2
 
 
 def work(grid: Grid, subdomains: Subdomains, records: Sequence[SubdomainRecord], corrections: int) -> int:
-    """How many corrections of nodes there were."""
+    """The number of corrections of nodes."""
     nodes = [window.shape[0] * window.shape[1] for window in subdomains.windows]
     local = sum(nodes[r.subdomain] * max(r.sweeps, r.newton_steps) for r in records)
     return local + corrections * grid.points

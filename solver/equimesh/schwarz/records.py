@@ -102,7 +102,7 @@ class IterationNumbers:
     failed: bool = False
     """Whether a subdomain has stalled for good, which ends the iteration."""
     work: int = 0
-    """How many corrections of nodes there were."""
+    """The number of corrections of nodes."""
     traffic: int = 0
     """Bytes that the subdomains send each other, each on its own machine; see :mod:`equimesh.schwarz.iteration`."""
     products: int = 0

@@ -217,7 +217,7 @@ class Schwarz:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """How many subdomains there are along xi and along eta."""
+        """The numbers of subdomains along xi and along eta."""
         xi, eta = (len(part) + 1 if isinstance(part, tuple) else part for part in self.subdomains)
         return xi, eta
 

@@ -228,7 +228,7 @@ SEVERAL = (
     "u has several parts, and a mesh of blocks minimises the error of one function: give one of them, or one that"
     " has the features of all, such as a weighted sum"
 )
-"""Why several u are refused on blocks."""
+"""The reason why several u are refused on blocks."""
 
 
 def monitor_for(template: Monitor, given: Any, mesh: Mesh | QuadMesh) -> Monitor:
@@ -411,7 +411,7 @@ def gain_of(solution: AnySolution) -> float:
 
 
 def _better(one: StepSolution, other: StepSolution | None) -> StepSolution:
-    """The one with the larger gain, of those that succeeded."""
+    """The solution with the larger gain. A failed solve loses against one that succeeded."""
     if other is None or not other.solution.status.succeeded:
         return one
     if not one.solution.status.succeeded or other.gain > one.gain:

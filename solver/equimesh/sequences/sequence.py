@@ -147,7 +147,7 @@ class SequenceStep(Generic[M]):
     number: int
     """1 for the first step."""
     mesh: M
-    """The mesh of the sequence after the step: that of the solution, or the last good one where the solve failed.
+    """The mesh of the sequence after the step: the mesh of the solution, or the last good mesh if the solve failed.
 
     The next step begins with it: write into copies of its arrays only.
     """
@@ -188,17 +188,17 @@ class SequenceStep(Generic[M]):
 
     @property
     def status(self) -> Status:
-        """How the solve ended."""
+        """The end of the solve."""
         return self.solution.status
 
     @property
     def certificate(self) -> Certificate:
-        """How good the mesh of the solve is."""
+        """The certificate of the mesh of the solve."""
         return self.solution.certificate
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences to read before going on: those of the step, and those of the certificate."""
+        """Sentences to read before the next step: the notes of the step and the warnings of the certificate."""
         return (*self.notes, *self.certificate.warnings)
 
 
@@ -211,23 +211,22 @@ class Sequence(Generic[M]):
 
     ``problem`` gives domain, grid and the monitor, whose settings hold for all steps. The first mesh is that of
     ``solution``, or ``mesh``, a valid mesh of the domain, with its cells on blocks; without both, the problem is
-    solved. ``schwarz`` and
-    ``options`` are those of :func:`equimesh.solve`: ``mode``, ``allow_relaxed``, ``threads`` (here 1), ``observe`` and
-    ``check``.
+    solved. ``schwarz`` and ``options`` are arguments of :func:`equimesh.solve`: ``mode``, ``allow_relaxed``,
+    ``threads`` (here 1), ``observe`` and ``check``.
 
     ``smoothing`` in [0, 0.9] is the share of the mesh before in each new mesh, so that meshes do not jitter where u is
     noisy or changes little; a front is then followed later, by about ``smoothing / (1 - smoothing)`` steps. It is
     less in a step that would fold a cell. Such a mesh does not solve the equations: its status is ``completed`` where
-    that of the solve was ``converged``, and the estimates of its errors are ``None``.
+    the solve has ``converged``, and the estimates of its errors are ``None``.
 
     ``max_move`` is the move, in cells, that one step may take; ``outrun`` says what happens to a larger one.
     ``"substeps"`` tries a nested start, and meshes for u interpolated in time, where the measured error has risen, and
-    takes the best. ``"refuse"`` raises, and keeps the mesh before; but the first step from a given ``mesh``, which need
-    not be adapted to any u, is not refused, and ``warnings`` tells its move.
+    takes the best. ``"refuse"`` raises, and keeps the mesh before. The first step from a given ``mesh``, which need not
+    be adapted to any u, is not refused: ``warnings`` has its move.
 
     A worker that has a problem, the mesh before and the fields of one step calls
     ``Sequence(problem, schwarz, mesh=before, check=False, ...).step(problem.monitor, fields)``. Its ``solution`` may be
-    an :class:`Earlier`, what is known of the mesh before; without any, no step is refused or taken in substeps.
+    an :class:`Earlier`, the record of the mesh before; without it, no step is refused or taken in substeps.
 
     Raises :class:`~equimesh.errors.InputError` for values that cannot be used, and as :func:`equimesh.solve`.
     """
@@ -364,7 +363,7 @@ class Sequence(Generic[M]):
 
     @property
     def _is_first(self) -> bool:
-        """Whether the next step is the first one from a mesh of which nothing else is known."""
+        """Whether the next step is the first one from a mesh without a solution."""
         return self.solution is None and self._earlier is None
 
     def _refuse_outrun(self, moved: float | None) -> None:

@@ -45,7 +45,7 @@ TIGHT_DEVIATION = 1e-10
 
 
 class Mode(StrEnum):
-    """When a single-domain solve ends.
+    """The condition that ends a single-domain solve.
 
     ``DISCRETIZATION``: when further iterations would change the mesh by no more than a fifth of the error of the grid.
     ``TIGHT``: when squared metric lengths differ from the mean of their line by at most 1e-10 of it; for studies and
@@ -63,7 +63,7 @@ class Step:
     level: int
     """The number of the nested grid, 0 for the coarsest."""
     levels: int
-    """How many nested grids there are."""
+    """The number of nested grids."""
     grid: Grid
     """The grid of the level."""
     step: int

@@ -33,7 +33,7 @@ from equimesh_schema import Candidate
 LEAST_ERROR_SETTINGS = ((0.5, 1.0), (0.5, 0.1))
 """``distortion`` and ``smoothness`` of the least-error candidates; the first are the defaults."""
 DESCENT_WORK = 4.0
-"""The work of a least-error candidate over that of one that equidistributes a metric, about."""
+"""The work of a least-error candidate, about, in units of the work of a candidate that equidistributes a metric."""
 SMOOTHING = 0.02
 """Radius of the smoothed curvature candidate, in units of the domain's shorter extent."""
 
@@ -50,7 +50,7 @@ class CoarseCandidate:
     """The coarse mesh from which a least-error solve continues."""
 
     def gain(self, norm: str) -> float:
-        """How many times smaller the error is than that of the uniform mesh; 0 where there is no mesh."""
+        """The error of the uniform mesh over the error of the candidate; 0 where there is no mesh."""
         if self.errors is None:
             return 0.0
         gain = self.errors.estimated_gain(norm)
@@ -201,7 +201,7 @@ NO_SOURCE = (
     "the second derivatives of u are not finite at the centres of all cells: a code with fluxes between cell centres"
     " has no source there; take a function that is smooth on the whole domain, or leave out the purpose"
 )
-"""Why a u is refused."""
+"""The reason why a u is refused."""
 UNIFORM = "No candidate has a smaller error at cell centres than the uniform mesh, which this is."
 """The note of a uniform mesh."""
 
@@ -414,7 +414,7 @@ def _uniform(problem: Problem, auto: Auto, *, is_measured: bool = True) -> CellC
 
 
 def _passes(solution: Solution) -> bool:
-    """Whether the cells pass the checks of OpenFOAM, or those of the uniform mesh do not, either."""
+    """Whether the cells pass the checks of OpenFOAM, or the cells of the uniform mesh fail them, too."""
     uniform = map_mesh(Mesh.uniform(solution.problem.grid), solution.problem.domain)
     return check_cells(solution.mesh).passed or not check_cells(uniform).passed
 

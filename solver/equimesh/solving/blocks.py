@@ -35,7 +35,7 @@ from equimesh_schema import Candidate
 WEIGHTS = ((0.5, 1.0), (0.5, 0.1))
 """``distortion`` and ``smoothness`` that are compared for an ``Auto`` monitor; the first are the defaults."""
 NO_ROUNDS = "values of a solver are adapted to on the whole mesh: leave the Schwarz settings out, or take LeastError"
-"""Why subdomains are refused for values of a solver."""
+"""The reason why subdomains are refused for values of a solver."""
 KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."
 NO_BETTER = "No mesh was found with a smaller error than that of the initial mesh, which this is."
 
@@ -47,7 +47,7 @@ EQUIDISTRIBUTION_ONLY = ("mode", "allow_relaxed")
 def blocks_method(
     problem: Problem[Blocks], schwarz: Schwarz | None, initial: Initial | Mesh | QuadMesh, given: Iterable[str]
 ) -> Callable[[SolveOptions], OnBlocks]:
-    """What solves a problem on blocks. Refuses what cannot be solved before any work is done.
+    """The function that solves a problem on blocks. Raises for problems that it cannot solve.
 
     ``given`` are the options of equidistribution that were given, which are refused.
     """
@@ -126,7 +126,7 @@ def _again(problem: Problem[Blocks], options: SolveOptions, subdomains: BlockSub
 
 
 def count_subdomains(problem: Problem[Blocks], schwarz: Schwarz) -> int:
-    """How many subdomains there are.
+    """The number of subdomains.
 
     Raises :class:`~equimesh.errors.InputError` for settings of grids, for groups that do not fit the domain, and for
     values of another solver.
@@ -140,7 +140,7 @@ def count_subdomains(problem: Problem[Blocks], schwarz: Schwarz) -> int:
 def is_no_worse(solution: OnBlocks) -> bool:
     """Whether the mesh interpolates u at least as well as the initial mesh, in L2 and in the norm of the monitor.
 
-    A mesh that cuts much off the curved sides of the domain is worse: its error is not that of the domain.
+    A mesh that cuts much off the curved sides of the domain is worse: its error is not the error on the domain.
     """
     errors = solution.interpolation
     if errors is None or solution.mesh.is_folded_on(solution.threads) or solution.cut_off.is_much:
@@ -182,7 +182,7 @@ def _norm(problem: Problem[Blocks]) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _WeightsCandidate:
-    """Weights that were compared, with the end of their descent on a coarse mesh and the error to expect."""
+    """A pair of weights, with the end of its descent on a coarse mesh and the expected error."""
 
     solve: LeastErrorSolve
     reached: DescentEnd

@@ -63,9 +63,9 @@ class Certificate(equimesh_schema.Certificate):
     """
 
     status: Status
-    """How the solve ended."""
+    """The end of the solve."""
     mode: Mode | None
-    """When a single-domain solve ends; ``None`` for a Schwarz iteration and for a gradient map."""
+    """The condition that ends a single-domain solve; ``None`` for a Schwarz iteration and for a gradient map."""
     faces: Faces
     """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
     discretization_error: float | None = None  # type: ignore[assignment]
@@ -145,7 +145,7 @@ def warnings(
     meshes: tuple[MeshWindow, MeshWindow],
     errors: InterpolationErrors | None,
 ) -> Iterator[str]:
-    """Sentences to read before using a mesh. ``meshes`` are that of the domain and that of the reference square."""
+    """Sentences to read before using a mesh. ``meshes`` are the mesh of the domain and its reference mesh."""
     if status is Status.RELAXED:
         what = ", ".join(map(str, relaxed))
         yield f"The mesh solves relaxed equations, not the requested ones: {what}."
@@ -249,7 +249,7 @@ def _about_resolution(errors: InterpolationErrors) -> Iterator[str]:
 def _about_structure(
     problem: Problem, meshes: tuple[MeshWindow, MeshWindow], errors: InterpolationErrors
 ) -> Iterator[str]:
-    """What the monitor does not see of u, and what the grid does not."""
+    """Warnings of features of u that the monitor or the grid misses."""
     mesh, reference = meshes
     u = problem.monitor.u
     if u is None or errors.largest is None:
@@ -278,7 +278,7 @@ def _about_large_errors(errors: InterpolationErrors) -> Iterator[str]:
 
 
 def _about_uniformity(problem: Problem, mesh: MeshWindow, u: Field, errors: InterpolationErrors) -> Iterator[str]:
-    """Where a mesh is uniform, u is probed at many more points."""
+    """A warning where the mesh is uniform although u is not constant: u is evaluated at many more points."""
     monitor = problem.monitor
     if isinstance(monitor, ArcLength) and monitor.a == 0.0:
         return
@@ -299,7 +299,7 @@ def _about_uniformity(problem: Problem, mesh: MeshWindow, u: Field, errors: Inte
 
 
 def _about_gains(errors: InterpolationErrors, other: str = "uniform") -> Iterator[str]:
-    """Where the ``other`` mesh interpolates u or its gradient better."""
+    """Warnings where the ``other`` mesh interpolates u or its gradient better."""
     if errors.gain_l2 < MIN_GAIN:
         if errors.l2_uniform <= errors.rounding[0]:
             yield f"The {other} mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
@@ -319,7 +319,7 @@ def _about_gains(errors: InterpolationErrors, other: str = "uniform") -> Iterato
 def _about_quadratic(
     cells: Cells, uniform: Cells, u: Field, errors: InterpolationErrors, other: str = "uniform"
 ) -> Iterator[str]:
-    """What quadratic elements get, where bilinear ones gain or nearly so."""
+    """A warning where bilinear elements gain, or nearly, and quadratic elements lose."""
     if not errors.gain_l2 >= MIN_GAIN:
         return
     gain = quadratic_gain(cells, uniform, u, errors.size)

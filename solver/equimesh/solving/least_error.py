@@ -93,7 +93,7 @@ def _or_given(found: Solution, start: Mesh, norm: str) -> Solution:
 def is_no_worse(solution: Solution, norm: str) -> bool:
     """Whether the mesh interpolates u at least as well as the uniform mesh, in L2 and in ``norm``.
 
-    A mesh that cuts much off the curved sides of the domain is worse: its error is not that of the domain.
+    A mesh that cuts much off the curved sides of the domain is worse: its error is not the error on the domain.
     """
     errors = solution.interpolation
     if errors is None or solution.mesh.is_folded or solution.cut_off.is_much:

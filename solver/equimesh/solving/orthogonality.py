@@ -63,9 +63,9 @@ def is_within(solution: Solution) -> bool:
 
 
 def bounded(solution: Solution, again: Again) -> Solution:
-    """The solution itself if it is within its bound, otherwise one for a request that is weakened until it is.
+    """The solution if it is within its bound, otherwise the solution of a request that is weakened until it is.
 
-    Its certificate says how much it is weakened.
+    The certificate says how much the request is weakened.
     """
     if is_within(solution):
         return solution

@@ -38,7 +38,7 @@ from equimesh.sweeps.stopping import ALGEBRAIC_SHARE
 
 @dataclass(frozen=True, kw_only=True)
 class SchwarzEnding:
-    """How a Schwarz iteration ended; the fields are those of :class:`~equimesh.solving.solution.Solution`."""
+    """The end of a Schwarz iteration; its fields are fields of :class:`~equimesh.solving.solution.Solution`."""
 
     status: Status
     newton_steps: int
@@ -58,10 +58,10 @@ def ending_of(
     nested: bool,
     folded: bool,
 ) -> SchwarzEnding:
-    """How the iteration with these ``records`` ended; ``tolerance`` is that of its error, ``None`` for a fixed number.
+    """The end of the iteration with these ``records``.
 
-    ``nested`` tells whether it started from a mesh that was interpolated from a coarser grid, ``folded`` whether
-    the last mesh is.
+    ``tolerance`` is the tolerance of its error, ``None`` for a fixed number of iterations. ``nested`` tells whether it
+    started from a mesh that was interpolated from a coarser grid, ``folded`` whether the last mesh is folded.
     """
     last, detours = records[-1], tuple(_detours(schwarz, records))
     notes = [*detours]

@@ -70,15 +70,15 @@ NO_SUBDOMAINS = (
     "the lines of this domain are closed, and the subdomains of a Schwarz iteration end at sides: leave the Schwarz"
     " settings out, or take a domain without closed lines"
 )
-"""Why closed lines with Schwarz settings are refused."""
+"""The reason why closed lines with Schwarz settings are refused."""
 NO_GRADIENT_MAP = (
     "the gradient map of a weight needs four sides, and the lines of this domain are closed: take map = 'lines'"
 )
-"""Why closed lines with a gradient map are refused."""
+"""The reason why closed lines with a gradient map are refused."""
 
 
 def require_open(problem: Problem, schwarz: Schwarz | None) -> None:
-    """Raises :class:`~equimesh.errors.InputError` for what closed lines cannot be solved with."""
+    """Raises :class:`~equimesh.errors.InputError` for Schwarz settings and a gradient map on closed lines."""
     if not is_closed(problem.domain):
         return
     if schwarz is not None:
@@ -88,7 +88,7 @@ def require_open(problem: Problem, schwarz: Schwarz | None) -> None:
 
 
 class Outcome(TypedDict):
-    """What the last step says about a solution, by the names of :class:`~equimesh.solving.solution.Solution`."""
+    """The end of a single-domain solve; its fields are fields of :class:`~equimesh.solving.solution.Solution`."""
 
     status: Status
     newton_steps: int
@@ -122,7 +122,7 @@ def solution_of(step: Step, problem: Problem, options: SolveOptions, *, nested: 
 
 
 def outcome(step: Step, problem: Problem, *, allow_relaxed: bool, folded: bool, nested: bool = True) -> Outcome:
-    """How a solve ended: its last step, and whether the mesh of the domain is ``folded``."""
+    """The end of a solve, from its last step; ``folded`` tells whether the mesh of the domain is folded."""
     status = _status(step, allow_relaxed=allow_relaxed)
     exact = status is Status.CONVERGED
     return Outcome(

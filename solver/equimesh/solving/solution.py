@@ -107,7 +107,7 @@ class MeasuredMesh:
     def deviation(self, residual: float) -> float | None:
         """The residual of the equidistribution equations; ``None`` where these were not solved.
 
-        ``residual`` is that of the solve; for a gradient map it is the answer.
+        ``residual`` is the residual of the solve. For a gradient map it is returned.
         """
         if isinstance(self.problem.monitor, NodalSolution | LeastError):
             return None
@@ -162,7 +162,7 @@ class MeasuredBlocks:
         return self.mesh.min_jacobian
 
     def deviation(self, residual: float) -> None:
-        """None: no equations of equidistribution are solved."""
+        """Always None: no equations of equidistribution are solved."""
 
     def warnings(
         self,
@@ -196,7 +196,7 @@ class Solution(Generic[D, M]):
     reference: M
     """The same mesh on the reference square; of blocks the mesh itself. Solves can start from it."""
     status: Status
-    """How the solve ended."""
+    """The end of the solve."""
     newton_steps: int = 0
     """Newton steps, sweeps, or steps of descent on the finest grid, on blocks on all meshes; of a Schwarz iteration,
     summed over iterations and subdomains.
@@ -209,7 +209,7 @@ class Solution(Generic[D, M]):
     deviations of the cells' shares from their mean. NaN for least error.
     """
     mode: Mode | None = None
-    """When a single-domain solve ends; ``None`` for a Schwarz iteration and for a gradient map."""
+    """The condition that ends a single-domain solve; ``None`` for a Schwarz iteration and for a gradient map."""
     iterations: tuple[Iteration, ...] = ()
     """One record for each Schwarz iteration; empty for a single-domain solve."""
     descent: tuple[Mapping[str, Any], ...] = ()
@@ -252,7 +252,7 @@ class Solution(Generic[D, M]):
 
     @cached_property
     def interpolation(self) -> InterpolationErrors | None:
-        """How well the mesh interpolates u, compared with the uniform or initial mesh; ``None`` where there is no u.
+        """The errors of interpolating u on the mesh and on the uniform or initial mesh; ``None`` where there is no u.
 
         On triangles where a least-error monitor asks for them, else on quadrilaterals.
         """
@@ -349,7 +349,7 @@ class Solution(Generic[D, M]):
 
     @cached_property
     def certificate(self) -> Certificate:
-        """How well the mesh solves the requested equations; see :class:`~equimesh.solving.certificate.Certificate`."""
+        """The certificate of the mesh; see :class:`~equimesh.solving.certificate.Certificate`."""
         return Certificate(
             status=self.status,
             mode=self.mode,
@@ -407,7 +407,7 @@ class Solution(Generic[D, M]):
 
 
 def status_unless_folded(status: Status, *, folded: bool) -> Status:
-    """The status, that of a folded mesh where the mesh is ``folded``: it is never a success."""
+    """The status, or ``FOLDED`` in place of a success where the mesh is ``folded``."""
     return Status.FOLDED if status.succeeded and folded else status
 
 
@@ -425,5 +425,5 @@ class SolveError(EquimeshError):
         self.solution: Any = solution
 
     def __reduce__(self) -> tuple[type[SolveError], tuple[str, AnySolution]]:
-        """How it is pickled: a worker may raise it, and its caller gets it."""
+        """The arguments for pickle, so that the caller of a worker gets the error."""
         return type(self), (str(self), self.solution)

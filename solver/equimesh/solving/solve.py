@@ -43,9 +43,9 @@ NO_SUBDOMAINS = (
     "a least-error mesh minimises one integral over all cells, and its nodes satisfy no equations that subdomains could"
     " exchange: leave the Schwarz settings out, or take the curvature or the arc-length monitor"
 )
-"""Why least error with Schwarz settings is refused."""
+"""The reason why least error with Schwarz settings is refused."""
 NO_BLOCKS = "initial is a mesh of blocks, and the problem has a grid: give a mesh of the reference square"
-"""Why a mesh of blocks is refused as the start of a grid."""
+"""The reason why a mesh of blocks is refused as the start of a grid."""
 
 
 @overload
@@ -62,7 +62,7 @@ def solve(
     An equidistributed mesh is found by Schwarz iteration if ``schwarz`` is given, else on the whole grid. The mesh of a
     domain in blocks is one of least error, with ``schwarz`` by an iteration between its blocks.
 
-    ``options`` are those of :class:`~equimesh.solving.status.SolveArguments`: ``initial``, ``mode``,
+    ``options`` are the keys of :class:`~equimesh.solving.status.SolveArguments`: ``initial``, ``mode``,
     ``allow_relaxed``, ``threads``, ``observe`` and ``check``.
 
     Raises :class:`~equimesh.solving.solution.SolveError`, which carries the partial solution, when the mesh is not the
@@ -94,7 +94,7 @@ def solve(
 def _grid_method(
     problem: Problem, schwarz: Schwarz | None, initial: Initial | Mesh | QuadMesh
 ) -> Callable[[SolveOptions], Solution]:
-    """What solves a problem on a grid. Refuses what cannot be solved before any work is done."""
+    """The function that solves a problem on a grid. Raises for problems that it cannot solve."""
     if schwarz is not None:
         schwarz.require_grid()
     if isinstance(initial, QuadMesh):
@@ -239,7 +239,7 @@ def _is_near(problem: Problem, start: Mesh) -> bool:
 
 
 def _sides(problem: Problem, start: Mesh) -> Iterator[Array]:
-    """How far the nodes of a mesh are from the sides of the reference square, or from the other copy of a seam."""
+    """The distances of nodes from the sides of the reference square, or from the other copy of a seam."""
     along_xi, along_eta = closed_of(problem.domain)
     for closed, along, across in ((along_xi, start.x, start.y), (along_eta, start.y.T, start.x.T)):
         yield from (along[-1] - along[0] - 1.0, across[-1] - across[0]) if closed else (along[0], along[-1] - 1.0)

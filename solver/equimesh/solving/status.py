@@ -1,4 +1,4 @@
-"""How a solve is requested, how far it is, how it ends, and what helps where it fails."""
+"""The options of a solve, the estimates of its progress, and its status, with a remedy where it fails."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ LEAST_SWEEPS = 2
 LEAST_CHANGES = 3
 """Changes of a Schwarz iteration that show a rate."""
 STEADY_RATIO = 1.35
-"""The largest ratio of two numbers of iterations, expected one after the other, of which the second is believed.
+"""The largest ratio of two successive estimates of the number of iterations. A larger one gives no share.
 
 The first changes often fall faster than the later ones.
 """
@@ -268,17 +268,22 @@ class SolveArguments(TypedDict, total=False):
     domain in blocks a mesh of the domain, such as the ``mesh`` of a solution.
     """
     mode: Mode
-    """When a single-domain solve ends. Default: at the error of the grid. A Schwarz iteration has its own tolerance."""
+    """The condition that ends a single-domain solve. Default: at the error of the grid. A Schwarz iteration has its own
+    tolerance.
+    """
     allow_relaxed: bool
     """Whether a mesh of relaxed equations is accepted where no valid mesh satisfies the requested ones. Default: True.
     Its status is ``RELAXED``, and its certificate lists what was relaxed.
     """
     threads: int | None
-    """How many threads share the work on large grids; the mesh does not depend on it. Default: None, one a core."""
+    """The number of threads that share the work on large grids; the mesh does not depend on it. Default: None, one a
+    core.
+    """
     observe: Observer | None
-    """Called with every step of a single-domain solve, also that of a nested start, with every Schwarz iteration, and
-    with every step of descent; with an ``Auto`` monitor also of the candidates on coarse grids. Every record has
-    ``fraction``, the share of the work that is done, and ``phase``, what is being done in words. Default: None.
+    """A function that is called with every step of a single-domain solve and of a nested start, with every Schwarz
+    iteration, and with every step of descent. With an ``Auto`` monitor it also gets the steps of the candidates on
+    coarse grids. Every record has ``fraction``, the share of the work that is done, and ``phase``, the work in words.
+    Default: None.
     """
     check: bool
     """Whether a solve without the requested mesh raises. Default: True. With False, its status reports the failure."""
@@ -313,16 +318,16 @@ class SolveOptions:
     """The options that a single-domain and a Schwarz solve share, checked."""
 
     mode: Mode
-    """When a single-domain solve ends."""
+    """The condition that ends a single-domain solve."""
     allow_relaxed: bool
     """Whether a mesh of relaxed equations is a success."""
     threads: int
-    """How many threads share the work."""
+    """The number of threads that share the work."""
     observer: Announcer | None
-    """Called with every step and iteration."""
+    """The observer, which is called with every step and iteration."""
 
     def observe(self, event: _E) -> _E:
-        """Hand a record to the observer, if there is one; returns the record with what the observer was told."""
+        """Call the observer, if there is one, with a record; returns the record that the observer got."""
         return event if self.observer is None else self.observer.announce(event)
 
     def part(
@@ -343,7 +348,7 @@ class Status(StrEnum):
     RELAXED = "relaxed"
     """The mesh is valid and satisfies weaker equations, which the certificate lists: success, if allowed."""
     COMPLETED = "completed"
-    """All steps were taken, without a tolerance to meet: those of a Schwarz iteration, or of a descent. Success."""
+    """All steps of a Schwarz iteration or a descent were taken, without a tolerance to meet: success."""
     NOT_CONVERGED = "not_converged"
     """A Schwarz iteration reached its limit of iterations before its tolerance."""
     NEWTON_FAILED = "newton_failed"

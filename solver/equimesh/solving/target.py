@@ -30,7 +30,7 @@ MAX_POINTS = 1025 * 1025
 ORDERS = {"l2": 2.0, "h1": 1.0}
 """The power of the spacing to which the error falls in each norm."""
 MARGINS = (1.02, 1.05, 1.12)
-"""How many times smaller than requested an error is aimed at: by the prediction, and by each correction."""
+"""The requested error over the error that is aimed at: of the prediction, and of each correction."""
 LOOSE_SHARE = 0.8
 """A smaller share of the requested error means that a coarser grid may do."""
 MAX_CORRECTIONS = 2
@@ -38,9 +38,9 @@ MAX_CORRECTIONS = 2
 MEASURED_CELLS = 16
 """Cells a side of the uniform mesh whose lines are measured for the proportions."""
 NO_U = "a target is an error of interpolating u, and this monitor has no u: give it one"
-"""Why a target is refused for a monitor without u."""
+"""The reason why a target is refused for a monitor without u."""
 NO_GRID = "the grid of a target is found on domains with four sides: refine the blocks, and solve a Problem of them"
-"""Why a target is refused on blocks."""
+"""The reason why a target is refused on blocks."""
 MAX_PROPORTION = 64.0
 """The largest ratio of the numbers of cells in the two directions."""
 
@@ -75,7 +75,7 @@ class Target:
         return Grid(n_xi=n_xi, n_eta=n_eta)
 
     def largest_cells(self, domain: Domain) -> float:
-        """How many cells a side the largest allowed grid has."""
+        """The number of cells a side of the largest allowed grid."""
         cells = math.sqrt(self.max_points)
         while cells > MIN_CELLS and self.grid(domain, cells).points > self.max_points:
             cells -= 0.5
@@ -144,7 +144,7 @@ def require_reachable(
 
 @dataclass(frozen=True, kw_only=True)
 class _GridSolution:
-    """A solved grid of about ``cells`` a side, with its error and the one that was predicted."""
+    """The solution on a grid of about ``cells`` a side, with its error and the predicted error."""
 
     cells: float
     grid: Grid
@@ -155,14 +155,14 @@ class _GridSolution:
 
 @dataclass
 class _Work:
-    """The work of all solves of a target: that on the second grid is expected, further ones are not."""
+    """The progress of all solves of a target. The solve on the second grid is expected, further ones are not."""
 
     announcer: Announcer | None
     grids: list[Grid] = field(default_factory=list)
 
     @classmethod
     def of(cls, options: SolveArguments) -> _Work:
-        """The work that the observer of the options is told."""
+        """The progress that is reported to the observer of the options."""
         return cls(Announcer.of(options.get("observe")))
 
     def begin(self, grid: Grid) -> Announcer | None:
