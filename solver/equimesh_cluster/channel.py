@@ -1,4 +1,4 @@
-"""How the parts of a run talk: messages between workers, channels, tasks, and reports to the driver."""
+"""Communication of the parts of a run: messages between workers, channels, tasks, and reports to the driver."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ MAX_START_SECONDS = 600.0
 
 @dataclass(frozen=True, kw_only=True)
 class Seat:
-    """A part of a run, and the workers of all its parts. ``identity`` is that of the process of this part."""
+    """A part of a run, and the workers of all its parts. ``identity`` names the process of this part."""
 
     run: str
     number: int
@@ -319,7 +319,7 @@ def run_part(seat: Seat, function: Callable[..., Any], arguments: tuple[Any, ...
 Listener = Callable[[int, Any], None]
 
 _LISTENERS: WeakKeyDictionary[Client, dict[str, Listener]] = WeakKeyDictionary()
-"""Who listens to which run. A client has one handler of a topic, and may have several runs."""
+"""The listeners of the runs. A client has one handler of a topic, and may have several runs."""
 _LOCK = threading.Lock()
 
 

@@ -25,9 +25,9 @@ START = "start one with `dask scheduler`, and workers with `dask worker ADDRESS`
 
 
 def connect(address: str, *, timeout: float | None = None, security: Any = None) -> Client:
-    """A client of the scheduler at ``address``, such as ``"tcp://host:8786"``; it becomes Dask's default one.
+    """A client of the scheduler at ``address``, such as ``"tcp://host:8786"``; it becomes Dask's default client.
 
-    ``security`` is Dask's own: keys and certificates of ``tls://`` addresses; the default is that of Dask's settings.
+    ``security`` has Dask's keys and certificates for ``tls://`` addresses, by default those of Dask's settings.
     Raises :class:`~equimesh_cluster.errors.NoSchedulerError` where no scheduler answers within ``timeout`` seconds
     (30), and :class:`~equimesh.errors.InputError` for an address that is none.
     """
@@ -75,9 +75,9 @@ def check_client(client: object) -> Client:
 
 
 def close_after(client: Client, futures: Sequence[Future[Any]]) -> None:
-    """Close ``client`` when nobody refers to any of ``futures``: they are its last use.
+    """Close ``client`` when no reference to any of ``futures`` is left: they are its last use.
 
-    It is closed in a thread of its own, as the last reference may end in any thread, that of the client included.
+    A separate thread closes it, as the last reference may end in any thread, also in the thread of the client.
     """
     gone = count(1)
 

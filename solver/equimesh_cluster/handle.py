@@ -328,15 +328,15 @@ class Handle:
         return None if self.problem.monitor.u is None else self._array(own_u)
 
     def quality(self) -> Quality:
-        """All quality measures of the mesh, those of :attr:`equimesh.Solution.quality`: every part measures its cells.
+        """The quality measures of the mesh, as in :attr:`equimesh.Solution.quality`, without values of single cells.
 
-        Values of single cells are not in it. It waits while another solve runs on the workers.
+        Every part measures its cells. The measures wait while another solve runs on the workers.
         """
         return self._measures().quality
 
     @property
     def certificate(self) -> Certificate:
-        """How well the mesh solves the requested equations, as :attr:`equimesh.Solution.certificate` says it.
+        """The certificate of the mesh, as in :attr:`equimesh.Solution.certificate`.
 
         It is measured with the quality. It waits while another solve runs on the workers.
         """

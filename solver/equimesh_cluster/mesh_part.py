@@ -69,8 +69,8 @@ class MeshPart:
 def cut(mesh: Mesh, cuts: Sequence[int]) -> list[MeshPart]:
     """The parts of a whole mesh that begin at row 0 and at the rows ``cuts``.
 
-    Their arrays are parts of those of the mesh, not copies. Raises :class:`~equimesh.errors.InputError` where the rows
-    do not grow, or are outside the grid.
+    Their arrays are views of the arrays of the mesh, not copies. Raises :class:`~equimesh.errors.InputError` where the
+    rows do not grow, or are outside the grid.
     """
     firsts, grid = [0, *cuts, mesh.grid.n_xi], mesh.grid
     return [

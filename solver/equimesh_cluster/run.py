@@ -108,7 +108,7 @@ class Attempt:
             future.add_done_callback(lambda _, number=number: self._events.put(("done", number, None)))
 
     def _watch(self, observe: Callable[[int, Any], None]) -> AttemptFailure | None:
-        """Wait for all parts; return what was lost, once it is."""
+        """Wait for all parts; returns the failure as soon as there is one."""
         left = set(range(len(self._futures)))
         looked = time.monotonic()
         while left:
@@ -219,13 +219,13 @@ class RunOptions:
     """Options of :func:`run_parts`."""
 
     observe: Callable[[int, Any], None] | None = None
-    """Called with the number of a part and what it reports, in the caller's thread."""
+    """A function that is called with the number of a part and its report, in the caller's thread."""
     cancel: Event | None = None
-    """Set it from another thread to end the run."""
+    """An event that ends the run when another thread sets it."""
     attempts: int = MAX_ATTEMPTS
-    """How often the run is begun at most, where workers are lost."""
+    """The largest number of attempts, where workers are lost."""
     check_workers: Callable[[list[WorkerFacts]], None] | None = None
-    """Called with the worker of each part before every attempt; what it raises refuses the run."""
+    """A function that is called with the worker of each part before every attempt; an error from it ends the run."""
 
     def before(self, places: list[WorkerFacts]) -> None:
         """Look at the workers before an attempt."""

@@ -48,10 +48,10 @@ _LOCK = Lock()
 
 @dataclass(frozen=True, kw_only=True)
 class SchwarzOptions:
-    """Options of :func:`iterate`; as those of :func:`equimesh_cluster.solve`."""
+    """Options of :func:`iterate`, with the meaning that they have in :func:`equimesh_cluster.solve`."""
 
     parts: int | None = None
-    """How many parts hold the subdomains; by default one for each worker, and at most one for each subdomain."""
+    """The number of parts that hold the subdomains; by default one for each worker, at most one for each subdomain."""
     threads: int = 1
     """The threads of each part, which share its subdomains."""
     initial: Initial | Mesh = Initial.NESTED
@@ -91,10 +91,10 @@ class SchwarzHandle(Handle):
 def iterate(
     problem: Problem, client: Client, schwarz: Schwarz, options: SchwarzOptions, *, own_client: bool = False
 ) -> SchwarzHandle:
-    """The mesh of a Schwarz iteration with its subdomains on the workers; the iterates are those of one process.
+    """The mesh of a Schwarz iteration with its subdomains on the workers. The iterates are the same as in one process.
 
-    The start, and the single-domain mesh with ``compare_single_domain``, are computed here, whole. Where a worker is
-    lost the iteration goes on from its last iterate, on those left. Raises as :func:`equimesh_cluster.solve`.
+    The start, and the single-domain mesh with ``compare_single_domain``, are computed here, whole. After the loss of a
+    worker the iteration continues from its last iterate on the other workers. Raises as :func:`equimesh_cluster.solve`.
     """
     require_lines(problem.monitor)
     count = _count(problem, client, schwarz, options.parts)
@@ -174,7 +174,7 @@ def part_of_iteration(channel: Any, plan: SchwarzPlan, windows: list[Any], name:
 
 
 def kept_on(worker: Worker, name: str) -> Checkpoints:
-    """The copies of the iterates of a run on a worker; those of another run, which has ended, are forgotten."""
+    """The copies of the iterates of a run on a worker. Copies of an earlier run, which has ended, are deleted."""
     with _LOCK:
         found = _KEPT.get(worker)
         if found is None or found[0] != name:

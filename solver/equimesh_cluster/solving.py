@@ -71,7 +71,7 @@ Observer: TypeAlias = Callable[[Progress], None]
 
 
 def coarse_progress(step: Step, levels: int) -> Progress:
-    """The record of a step on a level that one worker solves; ``levels`` are those of the whole solve."""
+    """The record of a step on a level that one worker solves; ``levels`` is the number of levels of the whole solve."""
     is_relaxed = not step.relaxation.is_none
     return Progress(
         level=step.level,
@@ -144,7 +144,7 @@ def solve_blocks(
     observe: Callable[[dict[str, Any]], None] | None = None,
     cancel: threading.Event | None = None,
 ) -> OnBlocks:
-    """The mesh of ``problem``, with its subdomains on ``parts`` workers; equal to that of :func:`equimesh.solve`.
+    """The mesh of ``problem``, with its subdomains on ``parts`` workers; equal to the mesh of :func:`equimesh.solve`.
 
     ``client`` is a client of Dask, or the address of a scheduler. ``schwarz`` are the settings, by default one
     subdomain for each block. ``parts`` is by default one for each worker, and at most one for each subdomain; the mesh

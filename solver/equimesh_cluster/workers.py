@@ -119,7 +119,7 @@ def _require_none_paused(facts: Collection[WorkerFacts]) -> None:
 
 
 def examine_scheduler(client: Client) -> None:
-    """Look at the scheduler, which reads the tasks that it hands on.
+    """Check the packages of the scheduler, which unpacks the tasks that it passes on.
 
     Raises :class:`~equimesh_cluster.errors.ClusterError` where it has no equimesh, or another version of a package.
     """
@@ -133,9 +133,9 @@ def examine_scheduler(client: Client) -> None:
 
 
 def check_versions(versions_of: Mapping[str, Mapping[str, str]]) -> None:
-    """Refuse workers, or a scheduler, with other versions than those of this process, by their names.
+    """Refuse workers, or a scheduler, whose versions differ from the versions of this process.
 
-    Raises :class:`~equimesh_cluster.errors.ClusterError`.
+    Raises :class:`~equimesh_cluster.errors.ClusterError`, which names them.
     """
     here = versions()
     found = [

@@ -135,8 +135,8 @@ class NonlinearRobin:
 class LineData(StrEnum):
     """The data of an optimized interface about the lines beyond it.
 
-    ``LINE_SUMS``: the metric length of the whole rest of every line. ``LOCAL``: that of the first edge, which a
-    neighbour knows in classical Schwarz methods.
+    ``LINE_SUMS``: the metric length of the whole rest of every line. ``LOCAL``: the metric length of the first edge,
+    which a neighbour has in classical Schwarz methods.
     """
 
     LINE_SUMS = "line_sums"

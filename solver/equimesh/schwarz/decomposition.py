@@ -105,7 +105,7 @@ class Decomposition:
 
     @cached_property
     def parts(self) -> tuple[Subdomain, ...]:
-        """All subdomains, those of one column of blocks next to each other."""
+        """The subdomains, column by column."""
         along_xi, along_eta = self.spans
         places = [(i, j) for i in range(len(along_xi)) for j in range(len(along_eta))]
         return tuple(Subdomain(number, (i, j), (along_xi[i], along_eta[j])) for number, (i, j) in enumerate(places))
@@ -158,7 +158,7 @@ def _check_cuts(direction: str, points: int, count: int, cuts: Cuts, overlap: in
 
 
 def _around(overlap: int) -> tuple[int, int]:
-    """How many shared lines there are before a cut and after it."""
+    """The numbers of shared lines before a cut and after it."""
     before = (overlap - 1) // 2
     return before, overlap - 1 - before
 
@@ -217,7 +217,7 @@ class SubdomainWindow:
 
     @property
     def covered(self) -> tuple[slice, slice]:
-        """The subdomain's own points in the grid, with those of the overlap."""
+        """The points of the subdomain in the grid: its own points and the overlap."""
         columns, rows = self.part.columns, self.part.rows
         return slice(columns.start, columns.stop), slice(rows.start, rows.stop)
 
@@ -256,7 +256,7 @@ class SubdomainWindow:
 
 
 def turns(decomposition: Decomposition, ordering: Ordering) -> list[list[int]]:
-    """The numbers of the subdomains of every turn; those of one turn read the same data."""
+    """The numbers of the subdomains of every turn. Subdomains of one turn read the same data."""
     numbers = [part.number for part in decomposition.parts]
     if ordering is Ordering.PARALLEL:
         return [numbers]

@@ -268,7 +268,7 @@ class Exchange:
         self._received: dict[Link | CornerLink, Sequence[Array]] = {}
 
     def read(self, states: Mapping[int, Mesh], turn: Sequence[int] | None) -> None:
-        """Take ``states`` for those of the subdomains that are held here, and send what those of a ``turn`` need."""
+        """Set the ``states`` of the subdomains that are held here, and send the data for a ``turn`` of subdomains."""
         self._states, self._received = states, {}
         if self._holding.is_whole:
             return

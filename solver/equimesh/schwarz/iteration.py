@@ -166,7 +166,7 @@ class Stalls:
         self._classical_iterations, self._mismatch, self._deviation = 0, 0.0, math.nan
 
     def note(self, solved: MergedSolutions, change: float, deviation: float) -> None:
-        """Note an iteration; ``deviation`` is that of squared metric lengths from the mean of their line."""
+        """Note an iteration; ``deviation`` is the deviation of squared metric lengths from the mean of their line."""
         self._deviation = deviation
         self.changes.append(change)
         self._classical_iterations += solved.is_rescued

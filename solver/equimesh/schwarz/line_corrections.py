@@ -106,7 +106,7 @@ class LineSums(Protocol):
 def line_sums(
     problem: Problem, holding: Holding, windows: Sequence[SubdomainWindow], threads: int, *, local: bool = False
 ) -> LineSums:
-    """The sums for subdomains of these windows; with ``local`` those of the sides only, where they are held apart."""
+    """The sums for subdomains of these windows; with ``local`` only the sums of sides, if processes share them."""
     if holding.is_whole:
         return WholeLineSums(problem, interfaces(holding.decomposition), threads)
     return HeldLineSums(problem, holding, windows, local=local)

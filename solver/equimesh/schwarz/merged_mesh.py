@@ -43,17 +43,17 @@ class LineSweep(Protocol):
 class Holding(Protocol):
     """The subdomains that this process holds, and the merged mesh on them.
 
-    A merged mesh is a :class:`~equimesh.meshes.mesh.Mesh`. In one process it is that of the whole grid. Where several
-    processes share the subdomains, its arrays are the windows of those held here, one after the other: arithmetic on
-    them is arithmetic on the nodes, and all else goes through this interface. All processes call the same functions in
-    the same order, and get the same numbers.
+    A merged mesh is a :class:`~equimesh.meshes.mesh.Mesh`. In one process it is the mesh of the whole grid. Where
+    several processes share the subdomains, its arrays are the windows of the subdomains held here, one after the other.
+    Arithmetic on them is arithmetic on the nodes; everything else goes through this interface. All processes call the
+    same functions in the same order, and get the same numbers.
     """
 
     decomposition: Decomposition
     numbers: Sequence[int]
     """The numbers of the subdomains that are held here, in their order."""
     is_whole: bool
-    """Whether a merged mesh is that of the whole grid."""
+    """Whether a merged mesh is the mesh of the whole grid."""
 
     def restrict(self, window: SubdomainWindow, mesh: Mesh) -> Mesh:
         """A copy of the part of a merged mesh in the window of a subdomain that is held here."""
@@ -127,7 +127,7 @@ class Holding(Protocol):
         ...
 
     def line_sweep(self, problem: Problem) -> LineSweep | None:
-        """Corrections of all lines of a merged mesh where it lies in windows; ``None`` for that of the whole grid."""
+        """Corrections of all lines of a merged mesh in windows; ``None`` for the mesh of the whole grid."""
         ...
 
 
@@ -244,7 +244,7 @@ class InOneProcess:
         return data()
 
     def line_sweep(self, problem: Problem) -> None:
-        """Nothing: the mesh is that of the whole grid."""
+        """Always ``None``: the mesh is the mesh of the whole grid."""
 
 
 def product(one: Mesh, other: Mesh, place: Place) -> float:

@@ -61,7 +61,7 @@ class YieldingSide:
 def yielding_sides(
     metric: ReferenceMetric, window: SubdomainWindow, state: Mesh, sums: LineSums, *, local: bool
 ) -> Sides:
-    """The yielding sides of a window; ``state`` is its part of the merged mesh, ``sums`` those of the mesh.
+    """The yielding sides of a window; ``state`` is its part of the merged mesh, ``sums`` are the line sums.
 
     ``local`` takes the length of the first edge beyond an interface for all edges there.
     """
@@ -218,7 +218,7 @@ class YieldingLine:
 
 @dataclass(frozen=True, kw_only=True)
 class YieldingEnd:
-    """Where a yielding interface meets a physical side, at one ``end`` of it: as :class:`YieldingLine` on the side."""
+    """The corner of a yielding interface and a physical side: as :class:`YieldingLine`, on the side at its ``end``."""
 
     side: YieldingSide
     edges: float
@@ -392,7 +392,7 @@ class OptimizedSubdomains:
     """All subdomains of a decomposition, with the optimized condition.
 
     Sweeps of a subdomain end when they move its nodes by no more than ``enough``. With ``in_turns`` each subdomain also
-    writes its overlap into the merged mesh, for those of later turns.
+    writes its overlap into the merged mesh, for subdomains of later turns.
     """
 
     def __init__(
@@ -447,7 +447,7 @@ class OptimizedSubdomains:
         """Nothing to do: every solve reads the merged mesh."""
 
     def place(self, k: int) -> Place:
-        """The nodes that a subdomain owns; in turns also those of its overlap."""
+        """The nodes that a subdomain owns; in turns also the nodes of its overlap."""
         window = self.windows[k]
         return window.covered if self._in_turns else window.part.owned
 

@@ -23,7 +23,7 @@ MAX_LINE_CORRECTIONS = 10
 Auto: TypeAlias = Literal["auto"]
 Discretization: TypeAlias = Literal["discretization"]
 Division: TypeAlias = int | Cuts
-"""How many subdomains there are in one direction, or the grid lines at which they meet."""
+"""The number of subdomains in one direction, or the grid lines at which they meet."""
 
 
 Groups: TypeAlias = Sequence[Sequence[str | int]]
@@ -32,7 +32,7 @@ MAX_LAYERS = 64
 MAX_STEPS = 1000
 """Steps of a subdomain in one exchange, and exchanges, at most."""
 BETWEEN_BLOCKS = ("local_steps", "max_exchanges", "groups")
-"""What only blocks have."""
+"""The settings that only blocks have."""
 ON_GRID = (
     "subdomains",
     "transmission",
@@ -45,7 +45,7 @@ ON_GRID = (
     "max_iterations",
     "compare_single_domain",
 )
-"""What only grids have."""
+"""The settings that only grids have."""
 
 
 class Acceleration(StrEnum):
@@ -174,11 +174,11 @@ class Schwarz:
                 raise InputError(f"{name} is one of the {why}", field=f"schwarz.{name}")
 
     def exchanges(self, steps: int) -> int:
-        """How many exchanges there are at most, where the descent of the whole mesh would take so many ``steps``."""
+        """The largest number of exchanges, where the descent of the whole mesh would take this number of ``steps``."""
         return self.max_exchanges or max(1, math.ceil(steps / self.local_steps))
 
     def _check_newton(self) -> None:
-        """Refuse Newton's method for iterations of which it does not know the derivative."""
+        """Refuse Newton's method for iterations whose derivative is not implemented."""
         if self.acceleration != Acceleration.NEWTON:
             return
         if self.ordering is not Ordering.PARALLEL:

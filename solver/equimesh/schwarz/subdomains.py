@@ -60,8 +60,8 @@ class Outcome:
 class MergedSolutions:
     """The subdomains that are held here after their solves of one iteration, and the merged mesh.
 
-    ``states`` are their solutions, ``records`` those of all subdomains,
-    ``mismatch`` is the largest difference between a subdomain and the merged mesh.
+    ``states`` are their solutions, ``records`` the records of all subdomains. ``mismatch`` is the largest difference
+    between a subdomain and the merged mesh.
     """
 
     mesh: Mesh

@@ -187,7 +187,7 @@ class _Linearisation:
             self._across_q = self._cross_line * self._per_xi * (self._a * self._one_over).mean(axis=0)
 
     def product(self, v: Array) -> Array:
-        """The Jacobian times ``v``, by a difference quotient. The change of u is that of its tangent plane."""
+        """The Jacobian times ``v``, by a difference quotient. The change of u is taken from its tangent plane."""
         largest = float(np.abs(v).max())
         if not 0.0 < largest < math.inf:
             return np.zeros_like(v)
@@ -245,8 +245,8 @@ MAX_SCALE_POINTS = 33
 class Relaxation:
     """The difference between the requested equations and the solved ones.
 
-    ``strength`` in [0, 1] is that of the monitor. ``cross_line`` is the weight of the cross-line term in units of the
-    metric: of the geometric mean of ``sqrt(det M)`` over the reference square.
+    ``strength`` in [0, 1] is the strength of the monitor. ``cross_line`` is the weight of the cross-line term. Its unit
+    is the geometric mean of ``sqrt(det M)`` over the reference square.
     """
 
     strength: float = 1.0

@@ -183,7 +183,7 @@ class Climb:
 
 
 def is_extrapolated(grid: Grid, solved: Sequence[Step]) -> bool:
-    """Whether the mesh on a finer grid is extrapolated from the last two solutions: those of the same equations."""
+    """Whether the mesh on a finer grid is extrapolated from the last two solutions, which solve equal equations."""
     return len(solved) > 1 and solved[-2].relaxation == solved[-1].relaxation and is_refined(grid, solved[-1].grid)
 
 
@@ -303,7 +303,7 @@ class ClosedClimb:
         return (yield from self._level(problem, label, before, tight=self._is_tight(label)))
 
     def _weaker(self, problem: Problem, label: Step) -> Generator[Step, None, Step]:
-        """The solution for the largest strength of the monitor that sweeps reach, raised from that of the start."""
+        """The solution for the largest strength of the monitor that sweeps reach, from the strength of the start."""
         known = replace(label, relaxation=Relaxation(strength=0.0), converged=True, mesh=Mesh.uniform(label.grid))
         if self._solved:
             reached = self._solved[-1].relaxation
@@ -365,9 +365,9 @@ def single_domain_steps(
 
 
 def steps_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[Step]:
-    """Sweeps to a tight tolerance from a mesh near the solution, such as that of a monitor a time step earlier.
+    """Sweeps to a tight tolerance from a mesh near the solution, such as the mesh of an earlier time step.
 
-    Where they do not converge, the steps of :func:`single_domain_steps` without a start.
+    Where the sweeps do not converge, the steps of :func:`single_domain_steps` without a start follow.
     """
     if is_closed(problem.domain):
         yield from ClosedClimb(problem, Mode.TIGHT, threads).steps_from(start)

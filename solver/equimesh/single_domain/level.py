@@ -214,7 +214,7 @@ class Level:
 
     @cached_property
     def _rules(self) -> Rules:
-        """When the sweeps of the level end."""
+        """The rules by which the sweeps of the level end."""
         grid, coarse = self.problem.grid, self.coarse
         return Rules(
             tight=self.tight,
@@ -250,7 +250,7 @@ class Level:
         return Mesh(x, y)
 
     def _gap(self, x: Array, y: Array) -> float:
-        """The difference of the own rows to the coarser solution; NaN where it says nothing about the error."""
+        """The difference of the own rows to the coarser solution; NaN where no error can be estimated from it."""
         if self.coarse is None or not is_refined(self.problem.grid, self.coarse.grid):
             return math.nan
         here = HeldMesh(self.problem.grid, self.parts.begin, x, y)
@@ -310,7 +310,7 @@ def newton_level(
 
 
 def interpolated_level(label: Step, before: Step) -> Step:
-    """The end of a level that keeps the mesh with which it begins, that of the coarser level ``before``."""
+    """The end of a level that keeps its start, the interpolated mesh of the coarser level ``before``."""
     solved = before.solved or before.grid
     return replace(label, relaxation=before.relaxation, residual=math.nan, converged=True, solved=solved)
 

@@ -60,7 +60,7 @@ def with_solved_sides(problem: Problem, mesh: Mesh, tolerance: float = TOLERANCE
 def straight_start(problem: Problem) -> Mesh:
     """The uniform mesh with equidistributed nodes on its sides, the solution for a metric of one coordinate.
 
-    For orthogonal sides it is that of ``trace``. It stays uniform where the sides cannot be solved.
+    Orthogonal sides get the nodes of ``trace``. The mesh stays uniform where the sides cannot be solved.
     """
     uniform = Mesh.uniform(problem.grid)
     boundary = Boundary.TRACE if problem.boundary is Boundary.ORTHOGONAL else problem.boundary

@@ -177,7 +177,7 @@ PARTED_FORMATS: Final = {
 
 
 def parted_format(path: str | os.PathLike[str], name: str | None = None) -> PartedFormat:
-    """The format with this ``name``, or without one that of the suffix of ``path``.
+    """The format with this ``name``; without a name the format of the suffix of ``path``.
 
     Raises :class:`~equimesh.errors.InputError` for an unknown name or suffix, and for a path without the suffix of the
     format.

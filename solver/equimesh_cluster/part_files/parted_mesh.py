@@ -40,7 +40,7 @@ LOOK_SECONDS = 0.05
 def write_part(
     path: str | os.PathLike[str], part: MeshPart, data: PartData | None = None, *, format: str | None = None
 ) -> Path:
-    """Write what ``part`` holds, and return its file. ``path`` is that of the head, which is written at the end.
+    """Write the rows of ``part``, and return the path of their file. ``path`` is the head, which is written at the end.
 
     The file is ``part-0003.vtu`` in the folder ``mesh``, for part 3 of ``mesh.pvtu``; that folder is made. ``format``
     is a name in :data:`~equimesh_cluster.PARTED_FORMATS`; without it the suffix of ``path`` decides. The file appears
@@ -230,9 +230,9 @@ class Rows(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PartedMesh:
-    """A mesh in parts in files, whose arrays are read when they are asked for.
+    """A mesh in parts in files. An array is read when it is used.
 
-    ``nodes`` are the names of its arrays at nodes besides ``x`` and ``y``, ``cells`` those of its arrays in cells.
+    ``nodes`` are the names of its arrays at nodes besides ``x`` and ``y``, ``cells`` the names of its arrays in cells.
     """
 
     path: Path

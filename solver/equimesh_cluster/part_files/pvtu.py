@@ -245,7 +245,7 @@ class Piece:
 
 @dataclass(frozen=True, kw_only=True)
 class Pieces:
-    """The pieces of a head, each of which holds the first row of the next one, too."""
+    """The pieces of a head. Each piece also holds the first row of the next one."""
 
     parted: PartedGrid
     nodes: tuple[str, ...]

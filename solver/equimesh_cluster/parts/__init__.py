@@ -1,1 +1,1 @@
-"""One mesh in parts, strips of rows, each of which another process may hold."""
+"""One mesh in parts: strips of rows, which several processes may hold."""

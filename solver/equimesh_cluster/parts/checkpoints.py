@@ -1,8 +1,8 @@
-"""Copies of the last iterates of subdomains, with which an iteration goes on where a process was lost.
+"""Copies of the last iterates of subdomains, with which an iteration continues after a process was lost.
 
-After an iteration every part keeps the windows that it holds, and those of a partner, in the memory of its process,
-where they outlive the part. After a loss the parts of the next attempt look for the newest iterate of which the
-processes that are left have all windows.
+After an iteration every part keeps its windows and the windows of a partner in the memory of its process. They are
+kept there after the part has ended. After a loss the parts of the next attempt look for the newest iterate whose
+windows are all in the processes that are left.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ def keep(holding: OnChannel, kept: Checkpoints, iteration: int, mesh: Mesh) -> N
 
 
 def resumed(holding: OnChannel, kept: Checkpoints, most: int) -> tuple[int, Mesh] | None:
-    """The newest iterate, of iteration ``most`` at most, of which all parts together have all windows.
+    """The newest iterate, of iteration ``most`` at most, whose windows are all in the parts.
 
-    The number of its iteration, and the merged mesh as ``holding`` has it; ``None`` where there is none.
+    Returns the number of its iteration, and the merged mesh of ``holding``; ``None`` where there is none.
     """
     channel, count = holding.channel, len(holding.patches)
     sources = _sources(channel, kept, most, count)

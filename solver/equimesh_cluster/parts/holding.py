@@ -132,7 +132,7 @@ class OnChannel:
                         q[line] = float(end)
 
     def every(self, numbers: Mapping[int, Numbers]) -> list[Numbers]:
-        """The numbers of all subdomains, gathered in a tree and sent back: each message has those of several."""
+        """The numbers of all subdomains, gathered in a tree and sent back: each message has numbers of several."""
         rows = np.array([[float(k), *numbers[k]] for k in self.numbers])
         here, count, step = self.channel.number, self.channel.count, 1
         while step < count:
@@ -377,7 +377,7 @@ class WindowSweep:
         return found
 
     def _pushes(self, mesh: Mesh, rests: dict[int, Pair]) -> dict[int, Pair]:
-        """What the sides of the grid add to both ends of the lines of every window that ends at an interface."""
+        """The terms that the sides of the grid add to both ends of the lines of every window with an interface."""
         holding = self._holding
         found, moves = dict[int, Pair](), dict[int, Pair]()
         for k in holding.numbers:

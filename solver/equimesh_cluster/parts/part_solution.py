@@ -22,9 +22,9 @@ from equimesh_schema import Relaxed
 
 @dataclass(frozen=True, kw_only=True)
 class PartStep:
-    """The record of one sweep, or of the end of a level; as :class:`~equimesh.single_domain.level.Step`, no mesh.
+    """The record of one sweep, or of the end of a level: :class:`~equimesh.single_domain.level.Step` without a mesh.
 
-    The numbers are those of the whole mesh; every part has the same ones. The traffic is that of this part.
+    The numbers are of the whole mesh, and equal in every part. The traffic is of this part alone.
     """
 
     level: int
@@ -44,17 +44,17 @@ class PartStep:
 class PartSolution:
     """The rows of one part of a solution, and the record of its computation.
 
-    Everything but the meshes and the traffic is that of the whole solution, and the same in every part: these have the
-    names and the meaning that they have in :class:`~equimesh.solving.solution.Solution`.
+    Only the meshes and the traffic belong to the part. All other fields are of the whole solution, and equal in every
+    part; they mean the same as in :class:`~equimesh.solving.solution.Solution`.
     """
 
     problem: Problem
     mode: Mode
     status: Status
     mesh: MeshPart
-    """The rows of the mesh of the domain: those of this part, and the first one of the next part."""
+    """The rows of the mesh of the domain: the rows of this part, and the first row of the next part."""
     reference: HeldMesh
-    """The same mesh on the reference square: the rows of this part, and one more each way."""
+    """The mesh of the reference square: the rows of this part, and one more on each side."""
     newton_steps: int
     residual: float
     note: str = ""
@@ -78,7 +78,7 @@ class PartMeasures:
     """The measures of a whole mesh, small and the same in every part, and the values of the cells of one part."""
 
     quality: Quality
-    """All quality measures; those of single cells are not in it."""
+    """The quality measures of the whole mesh, without values of single cells."""
     certificate: Certificate
     """The certificate, with the faces and the interpolation errors."""
     q_eq: Array
@@ -90,7 +90,7 @@ class PartMeasures:
 
 
 def measure_part(part: PartSolution, channel: Channel) -> PartMeasures:
-    """The measures of the mesh of which ``part`` is that of ``channel``; every part has to call this.
+    """The measures of the whole mesh; ``part`` is the part of ``channel``. Every part has to call this function.
 
     It needs about 40 bytes for each point of the part, besides the part itself.
     """
@@ -130,7 +130,7 @@ def equidistribution_of_part(part: PartSolution, channel: Channel) -> Array:
 
 
 def reference_window(part: MeshPart, reference: HeldMesh, channel: Channel) -> MeshWindow:
-    """The rows of the mesh of the reference square that a part holds, with those of its own cells."""
+    """The rows of the mesh of the reference square that a part holds, with the range of its own cells."""
     first, last = part.cell_rows
     rows = Rows(shape=part.grid.shape, begin=reference.begin, first=first, last=last, channel=channel)
     return MeshWindow(reference.x, reference.y, rows)

@@ -95,9 +95,9 @@ def iterate_part(
 ) -> SchwarzPart:
     """Part ``channel.number`` of the mesh of a Schwarz iteration; every part of ``channel.count`` has to call it.
 
-    ``start`` and ``reference`` are the windows of :meth:`SchwarzPlan.windows`. The iterates are those of
-    :func:`equimesh.schwarz.iteration.schwarz_iterations`. With ``kept``, the copies of this process, the iteration goes
-    on from the newest iterate of which the processes of all parts still have copies. Raises
+    ``start`` and ``reference`` are the windows of :meth:`SchwarzPlan.windows`. The iterates are equal to those of
+    :func:`equimesh.schwarz.iteration.schwarz_iterations`. ``kept`` are the copies of this process: with them the
+    iteration continues from the newest iterate whose copies are still in the processes of the parts. Raises
     :class:`~equimesh.errors.InputError` for more parts than subdomains.
     """
     problem, schwarz = plan.problem, plan.schwarz
@@ -182,7 +182,7 @@ OWN_FIELDS = ("problem", "mesh", "reference")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlocksResult:
-    """What the leading part found, without the problem: the nodes of the mesh, and the other fields of the solution."""
+    """The result of the leading part, without the problem: the nodes of the mesh, and the fields of the solution."""
 
     points: Array
     """Node coordinates, shape ``(n, 2)``."""
@@ -210,8 +210,9 @@ def solve_part_of_blocks(
 ) -> BlocksResult | None:
     """The result in the part that leads, ``None`` in the others; every part of ``channel.count`` has to call it.
 
-    The mesh is that of :func:`equimesh.solve` with the same settings, bit for bit, on any number of parts. ``observe``
-    is called with every step, in the part that leads. The leader solves the coarse meshes and measures the result.
+    The mesh is equal to that of :func:`equimesh.solve` with the same settings, bit for bit, on any number of parts.
+    ``observe`` is called with every step, in the part that leads. The leader solves the coarse meshes and measures the
+    result.
     """
     subdomains = BlockSubdomains(settings=settings, channel=channel)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter

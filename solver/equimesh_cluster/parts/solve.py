@@ -93,7 +93,7 @@ class CoarseSolution:
 
 
 def _rows_wanted(grids: Sequence[Grid], level: int, number: int, count: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The rows of a level that a part needs for the two finer ones, and those of the level below it for the first."""
+    """The rows of a level that a part needs for two finer levels, and the rows of the coarser level for the first."""
     coarse, finer = grids[level].n_xi, grids[level + 1 : level + 3]
     if not finer:
         return rows_held(grids[level].shape, count)[number], (0, grids[max(level - 1, 0)].n_xi)
@@ -201,9 +201,9 @@ def _coarse_level(grids: list[Grid], max_points: int) -> int:
 
 
 def require_metric(problem: Problem) -> None:
-    """Refuse monitors whose meshes are not those of equations along mesh lines, with what to take instead.
+    """Refuse monitors without equations along mesh lines.
 
-    Raises :class:`~equimesh.errors.InputError`.
+    Raises :class:`~equimesh.errors.InputError`, which names a monitor to take instead.
     """
     monitor, field = problem.monitor, "monitor"
     if isinstance(monitor, Auto | LeastError | NodalSolution):
@@ -328,7 +328,7 @@ def _last_of(steps: Steps, channel: Counted, records: list[PartStep], observe: O
 
 
 def _mapped(mesh: HeldMesh, domain: Domain, parts: Parts) -> HeldMesh:
-    """The rows of the mesh of the domain that are held; those of ``mesh`` itself where the map is the identity."""
+    """The held rows of the mesh of the domain; ``mesh`` itself where the map is the identity."""
     if isinstance(domain, Rectangle) and domain.is_unit_square:
         return mesh
     x, y = np.empty(mesh.x.shape), np.empty(mesh.y.shape)
