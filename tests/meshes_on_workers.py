@@ -7,7 +7,7 @@ from typing import Any
 from distributed import Client
 
 import equimesh as em
-from equimesh.meshes.mesh_rows import HeldMesh
+from equimesh.meshes.mesh import HeldMesh
 from equimesh.numerics.channel import Traffic
 from equimesh_cluster.handle import Handle
 from equimesh_cluster.mesh_part import cut

@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.mesh_rows import MeshWindow, Rows
+from equimesh.meshes.mesh import Grid, Mesh, MeshWindow, Rows
 from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.parts import quads_of

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.mesh_rows import MeshWindow, Rows, WindowCells
+from equimesh.meshes.mesh import Grid, Mesh, MeshWindow, Rows, WindowCells
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh_cluster.mesh_part import MeshPart, cut, window_of
 

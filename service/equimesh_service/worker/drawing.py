@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 import equimesh
 from equimesh import Decomposition, Event, Iteration, Mesh, Schwarz
-from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.mesh import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.quality import ComparedMesh, UniformComparison, compare_with_uniform
 from equimesh.solving.solution import MeasuredMesh, OnBlocks, interpolated_cells

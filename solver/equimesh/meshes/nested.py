@@ -8,8 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.meshes.mesh import MIN_POINTS, Grid, Mesh, largest_difference, smallest_in_parts
-from equimesh.meshes.mesh_rows import HeldMesh
+from equimesh.meshes.mesh import MIN_POINTS, Grid, HeldMesh, Mesh, largest_difference, smallest_in_parts
 from equimesh.meshes.parts import Part, Parts
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray

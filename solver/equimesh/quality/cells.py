@@ -13,8 +13,7 @@ import numpy as np
 
 from equimesh.domains.domain import Domain
 from equimesh.meshes.cell_edges import CellEdges
-from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.mesh_rows import MeshWindow, Rows, WindowCells
+from equimesh.meshes.mesh import Grid, Mesh, MeshWindow, Rows, WindowCells
 from equimesh.meshes.nested import OPEN, Closed
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, BoolArray, IntArray

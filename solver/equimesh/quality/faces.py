@@ -14,8 +14,7 @@ import scipy
 
 from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.mesh import Mesh, MeshWindow
 from equimesh.meshes.nested import OPEN, Closed
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled

@@ -11,8 +11,7 @@ import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_rows import Rows, WindowCells
+from equimesh.meshes.mesh import Mesh, Rows, WindowCells
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_maps import gather_values

@@ -23,8 +23,7 @@ from equimesh.domains.domain import UNIT_SQUARE, Domain, Rectangle, closed_of, c
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.mesh import Mesh, MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array, IntArray

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh_rows import Rows, WindowCells
+from equimesh.meshes.mesh import Rows, WindowCells
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_maps import locate

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh_rows import MeshWindow, WindowCells
+from equimesh.meshes.mesh import MeshWindow, WindowCells
 from equimesh.monitors.monitor import Monitor, OfDerivatives
 from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.compiled import compiled, vectorised

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh_rows import MeshWindow, WindowCells
+from equimesh.meshes.mesh import MeshWindow, WindowCells
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import AnyMesh, BilinearCells, CellPoints, MeshCells, cells_of

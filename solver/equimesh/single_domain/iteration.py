@@ -16,8 +16,7 @@ import numpy as np
 
 from equimesh.domains.domain import closed_of, is_closed
 from equimesh.equations.problem import Problem
-from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.mesh_rows import HeldMesh
+from equimesh.meshes.mesh import Grid, HeldMesh, Mesh
 from equimesh.meshes.nested import (
     Closed,
     closed_mesh,

@@ -13,8 +13,7 @@ import numpy as np
 
 from equimesh.equations.newton_solve import newton_steps, smallest_residual
 from equimesh.equations.problem import Problem
-from equimesh.meshes.mesh import Grid, Mesh, smallest_jacobian
-from equimesh.meshes.mesh_rows import HeldMesh
+from equimesh.meshes.mesh import Grid, HeldMesh, Mesh, smallest_jacobian
 from equimesh.meshes.nested import distance, distance_in_rows, is_refined, refinement
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array

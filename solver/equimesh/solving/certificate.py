@@ -15,7 +15,7 @@ from equimesh.fields.expression import Field
 from equimesh.fields.noise import noise_share
 from equimesh.fields.samples import GridSamples
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.mesh import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.types import Pair

@@ -14,9 +14,8 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import closed_of
 from equimesh.equations.problem import D, Problem, understood
 from equimesh.errors import EquimeshError
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Mesh, MeshWindow
 from equimesh.meshes.mesh_data import MeshData, joined
-from equimesh.meshes.mesh_rows import MeshWindow
 from equimesh.meshes.nested import tied_nodes
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError, NodalSolution

@@ -9,8 +9,7 @@ import numpy as np
 from equimesh.domains.domain import closed_of, is_closed
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.problem import Boundary
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.mesh import Mesh, MeshWindow
 from equimesh.meshes.nested import padded
 from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.compiled import vectorised

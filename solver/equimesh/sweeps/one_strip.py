@@ -18,8 +18,7 @@ from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.problem import Boundary, Problem
 from equimesh.fields.bicubic import Axis, patch_slopes, patch_values
 from equimesh.fields.samples import GridSamples
-from equimesh.meshes.mesh import smallest_jacobian
-from equimesh.meshes.mesh_rows import HeldMesh
+from equimesh.meshes.mesh import HeldMesh, smallest_jacobian
 from equimesh.meshes.nested import Rule, common_steps, interpolate, rules
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.calls import address_of, called_at

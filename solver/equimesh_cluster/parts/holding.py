@@ -10,8 +10,7 @@ import numpy as np
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import Mesh, largest_difference, smallest_jacobian
-from equimesh.meshes.mesh_rows import HeldMesh
+from equimesh.meshes.mesh import HeldMesh, Mesh, largest_difference, smallest_jacobian
 from equimesh.meshes.parts import Parts, with_halos
 from equimesh.numerics.channel import Channel, Counted
 from equimesh.numerics.types import Array, Pair

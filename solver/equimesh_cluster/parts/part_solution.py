@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.equations.problem import Problem, understood
-from equimesh.meshes.mesh import Grid
-from equimesh.meshes.mesh_rows import HeldMesh, MeshWindow, Rows
+from equimesh.meshes.mesh import Grid, HeldMesh, MeshWindow, Rows
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality, equidistribution

@@ -13,8 +13,7 @@ from equimesh.domains.domain import Domain, Rectangle, is_closed, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.meshes.mesh import Grid, Mesh, smallest_in_parts
-from equimesh.meshes.mesh_rows import HeldMesh
+from equimesh.meshes.mesh import Grid, HeldMesh, Mesh, smallest_in_parts
 from equimesh.meshes.nested import nested_grids, rows_needed, square_grids
 from equimesh.meshes.parts import Parts, rows_held, strips_of
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution

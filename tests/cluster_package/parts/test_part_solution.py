@@ -12,8 +12,7 @@ import equimesh as em
 from cluster_package.parts.whole import in_parts, low_strips
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_rows import HeldMesh, Rows
+from equimesh.meshes.mesh import HeldMesh, Mesh, Rows
 from equimesh.numerics.channel import Channel, Counted, ThreadChannels
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, SAMPLING
 from equimesh.single_domain.level import Mode

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.mesh_rows import HeldMesh
+from equimesh.meshes.mesh import Grid, HeldMesh, Mesh
 from equimesh.meshes.parts import Parts, row_cuts
 from equimesh.numerics.channel import Channel, ThreadChannels
 

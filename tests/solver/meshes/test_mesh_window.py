@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.mesh_rows import MeshWindow, Rows
+from equimesh.meshes.mesh import Grid, Mesh, MeshWindow, Rows
 
 MESH = Mesh.uniform(Grid(n_xi=1400, n_eta=90))
 

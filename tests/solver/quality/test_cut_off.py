@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_rows import MeshWindow, Rows
+from equimesh.meshes.mesh import Mesh, MeshWindow, Rows
 from equimesh.quality.measures import CutOff, measure_block_cut_off, measure_cut_off
 from equimesh.solving.least_error import is_no_worse
 from equimesh.testing.geometries import l_shape, ring

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_rows import Rows
+from equimesh.meshes.mesh import Mesh, Rows
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.quality import resolution
 from equimesh.quality.cells import BilinearCells, CellPoints

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.mesh_rows import MeshWindow
+from equimesh.meshes.mesh import MeshWindow
 from equimesh.solving.solution import MeasuredMesh
 
 U = em.Expression("tanh(9*(x + y/2 - 0.7))")
