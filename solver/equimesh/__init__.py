@@ -32,11 +32,9 @@ from equimesh.least_error.descent import Descent
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.arc_length import ArcLength
-from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
+from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
 from equimesh.monitors.monitor import Monitor
-from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Intersection, Tensor, Weight
 from equimesh.quality.measures import Quality, measure
 from equimesh.rounds.recovery import Round

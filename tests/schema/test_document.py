@@ -11,8 +11,8 @@ from pydantic import TypeAdapter, ValidationError
 
 import equimesh as em
 from equimesh.io.write import CELLS
-from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import PURPOSES
+from equimesh.monitors.metrics import NORMS
 from equimesh.specs import build
 from equimesh_client.spec.request import monitor_json
 from equimesh_schema import domains, mesh, monitors, schwarz

@@ -19,8 +19,8 @@ from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.kernels import Norm
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.tensor import Weight
 from equimesh.numerics.channel import thread_count
 from equimesh.numerics.types import Array

@@ -19,7 +19,7 @@ from typing import TypeAlias
 import numpy as np
 
 from equimesh.domains.domain import Domain, Rectangle
-from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.metrics import ArcLength
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
 
@@ -52,7 +52,7 @@ class ReferenceMetric:
 
     @cached_property
     def factor(self) -> float:
-        """The factor of u of the arc length; see :attr:`equimesh.monitors.arc_length.ArcLength.factor`."""
+        """The factor of u of the arc length; see :attr:`equimesh.monitors.metrics.ArcLength.factor`."""
         factor = None if self.arc_length is None else self.arc_length.factor
         return 1.0 if factor is None else factor
 

@@ -16,7 +16,7 @@ from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.on_domain import recover
 from equimesh.fields.quad_field import QuadField
 from equimesh.meshes.mesh import Grid
-from equimesh.monitors.curvature import NORMS, Curvature
+from equimesh.monitors.metrics import NORMS, Curvature
 from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
 from equimesh.numerics.types import Array
 
@@ -40,7 +40,7 @@ class LeastError:
     the triangles into which :meth:`~equimesh.meshes.mesh_data.MeshData.triangles` cuts the mesh.
 
     A :class:`~equimesh.monitors.monitor.Monitor`, whose metric only serves the measures of quality: that of
-    :class:`~equimesh.monitors.curvature.Curvature`, in which the mesh would be equidistributed if the error were that
+    :class:`~equimesh.monitors.metrics.Curvature`, in which the mesh would be equidistributed if the error were that
     of its leading order. Raises :class:`~equimesh.errors.InputError` for values outside these ranges.
     """
 

@@ -15,11 +15,9 @@ from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import GridLevel, coarse_level, last_compared, nested_levels
 from equimesh.least_error.starts import mesh_of
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.monitors.arc_length import ArcLength
-from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.least_error import Auto
+from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
 from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor, weaken
-from equimesh.monitors.smoothed import Smoothed
 from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import measure_interpolation

@@ -17,7 +17,7 @@ from equimesh.fields.samples import GridSamples
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.metrics import ArcLength
 from equimesh.numerics.types import Pair
 from equimesh.quality.cells import Cells, UniformCells, cells_of
 from equimesh.quality.faces import Faces

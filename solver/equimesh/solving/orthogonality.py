@@ -13,8 +13,8 @@ from typing import TypeAlias
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
-from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.least_error import MAX_WEIGHT, LeastError, NodalSolution
+from equimesh.monitors.metrics import ArcLength
 from equimesh.monitors.monitor import orthogonality_of
 from equimesh.quality.faces import measure_faces
 from equimesh.solving.solution import OnBlocks, Solution

@@ -14,7 +14,7 @@ from equimesh.errors import InputError
 from equimesh.gradient_map import gradient_map_steps
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import prolong
-from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.metrics import ArcLength
 from equimesh.monitors.monitor import map_of
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration

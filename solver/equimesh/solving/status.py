@@ -16,7 +16,7 @@ from equimesh.least_error.descent import Descent
 from equimesh.least_error.nest import Level
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.metrics import ArcLength
 from equimesh.schwarz.conditions import Optimized, label
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz

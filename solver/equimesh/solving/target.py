@@ -14,7 +14,7 @@ from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.equations.problem import Boundary, Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.monitors.curvature import NORMS
+from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.monitor import Monitor
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve

@@ -19,11 +19,9 @@ from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.sample_arrays import HDF5_SUFFIXES
 from equimesh.io.write import Cells
-from equimesh.monitors.arc_length import ArcLength
-from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
+from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
 from equimesh.monitors.monitor import Monitor
-from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Intersection, Tensor, Weight
 from equimesh.specs.document import Makers, Reading, text, within
 from equimesh.upload.samples import MAX_BYTES, NEEDS_BLOCKS, BlockNodes, block_nodes, nodal_samples, read_samples

@@ -14,7 +14,7 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.expression import Expression, Field
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.metrics import ArcLength
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition

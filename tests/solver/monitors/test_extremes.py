@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.monitors.arc_length import extremes
+from equimesh.monitors.metrics import extremes
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.1234, 1 / 3])

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from block_cases import data_of, in_blocks, l_shape
 from equimesh.fields.expression import Expression
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.metrics import ArcLength
 from equimesh.plot.figure import all_edges, colour_cells, drawn_lines, outlines, owners_of_blocks
 from equimesh.plot.meshes import draw_comparison, draw_mesh, draw_quality, draw_surface
 from equimesh.quality.comparison import compare_with_uniform

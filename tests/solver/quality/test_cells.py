@@ -9,7 +9,7 @@ import equimesh as em
 from block_cases import in_blocks, l_shape
 from equimesh.domains.domain import map_mesh
 from equimesh.meshes.mesh import Mesh
-from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.metrics import ArcLength
 from equimesh.quality import cells as bilinear
 from equimesh.quality import measures
 from equimesh.quality.cells import BilinearCells, corner_angles, measure_angles

@@ -10,7 +10,7 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes.mesh import Mesh
-from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.metrics import ArcLength
 from equimesh.quality import interpolation, measures
 from equimesh.quality.cells import BilinearCells, UniformCells
 from equimesh.quality.interpolation import (

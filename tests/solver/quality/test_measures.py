@@ -15,7 +15,7 @@ import equimesh as em
 from block_cases import channel, in_blocks, l_shape
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
-from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.metrics import ArcLength
 from equimesh.quality import measures
 from equimesh.quality.cells import BilinearCells, QuadCells, cells_of
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, interpolation_errors, probe_errors, sample

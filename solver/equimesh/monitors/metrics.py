@@ -1,0 +1,566 @@
+"""Monitors that are metrics of u: arc length, curvature, and a smoothed metric."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Literal, NamedTuple
+
+import numpy as np
+import scipy
+
+from equimesh.domains.domain import Box, Domain, Periods, closed_of, is_closed, periods_of
+from equimesh.errors import InputError
+from equimesh.fields.expression import Field, require_fields
+from equimesh.fields.periodic import within
+from equimesh.monitors.monitor import (
+    AnyDomain,
+    Monitor,
+    Probe,
+    bound_copy,
+    is_bound_to,
+    map_of,
+    require_orthogonality,
+    require_strength,
+    weaken,
+)
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.spd import Matrices
+from equimesh.numerics.types import Array, BoolArray, Pair
+
+# The arc-length monitor of the paper.
+
+# The smallest and the largest value of a function on a domain with closed lines.
+#
+# Values at the nodes of a grid depend on where its lines begin. Those of the extremes do not: they are sought around
+# the best nodes, closer and closer.
+
+CELLS = 90
+"""Cells in a direction of the first search."""
+CANDIDATES = 32
+"""Nodes around which an extreme is sought."""
+ZOOMS = 16
+"""Closer searches around each of them."""
+ZOOM_SHARE = 0.4
+"""The width of a closer search, as a share of that of the search before."""
+OFFSETS = np.linspace(-1.0, 1.0, 7)
+"""The places of a closer search in a direction, in units of its width."""
+
+
+def extremes(u: Field, domain: Domain) -> tuple[float, float]:
+    """The smallest and the largest finite value of ``u``; ``(0, 0)`` where there is none."""
+    line = np.linspace(0.0, 1.0, CELLS + 1)
+    s, t = (axis.ravel() for axis in np.meshgrid(line, line, indexing="ij"))
+    with np.errstate(all="ignore"):
+        values = _values(u, domain, s, t)
+        known = np.isfinite(values)
+        if not known.any():
+            return 0.0, 0.0
+        s, t, values = s[known], t[known], values[known]
+        return -_largest(u, domain, (s, t), -values, -1.0), _largest(u, domain, (s, t), values, 1.0)
+
+
+def _largest(u: Field, domain: Domain, nodes: tuple[Array, Array], values: Array, sign: float) -> float:
+    """The largest value of ``sign`` times u, from its values at nodes."""
+    best = np.argsort(-values, kind="stable")[:CANDIDATES]
+    s, t, found, width = nodes[0][best], nodes[1][best], values[best], 1.0 / CELLS
+    closed = closed_of(domain)
+    a, b = (offsets.ravel() for offsets in np.meshgrid(OFFSETS, OFFSETS, indexing="ij"))
+    every = np.arange(best.size)
+    for _ in range(ZOOMS):
+        near_s, near_t = s[:, None] + width * a, t[:, None] + width * b
+        near_s, near_t = (
+            q % 1.0 if around else np.clip(q, 0.0, 1.0) for q, around in zip((near_s, near_t), closed, strict=True)
+        )
+        near = sign * _values(u, domain, near_s, near_t)
+        near[~np.isfinite(near)] = -np.inf
+        which = near.argmax(axis=1)
+        s, t, found = near_s[every, which], near_t[every, which], np.maximum(found, near[every, which])
+        width *= ZOOM_SHARE
+    return float(found.max())
+
+
+def _values(u: Field, domain: Domain, s: Array, t: Array) -> Array:
+    return u.evaluate(*domain.map(s, t))[0]
+
+
+RANGE_CELLS = 90
+"""Cells in a direction, at whose nodes the range of u is measured."""
+MAX_CONSTANT_SHARE = 4 * float(np.finfo(np.float64).eps)
+"""u counts as constant when its range is at most this share of its size: that is rounding."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArcLength:
+    """The scaled arc-length metric ``M = k grad u grad u^T + I``, ``k = a^2 / (1 + b |grad u|^2)``.
+
+    Haynes and Howse, equation (1) and the remark below equation (4). A :class:`Monitor`.
+
+    ``a`` in [0, 1] is the strength of the adaptation: 0 gives the uniform mesh. ``b >= 0`` bounds the metric where
+    u is steep (``k |grad u|^2 < a^2 / b``): raise it when cells get too thin or the solve fails.
+
+    ``scaled`` makes the metric independent of the units of u and of the coordinates: ``grad u`` is then the gradient of
+    u over its range (the largest value minus the smallest one on the domain), by lengths in units of the size of the
+    domain (the root of its area). With False u and the lengths are taken as they are given, as in the paper. The two
+    are equal for a u between 0 and 1 on the unit square.
+
+    Raises :class:`~equimesh.errors.InputError` for values outside these ranges.
+    """
+
+    u: Field
+    a: float = 0.7
+    b: float = 0.05
+    scaled: bool = True
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
+    factor: float | None = field(default=None, init=False, compare=False)
+    """The factor of ``grad u``: 1, or the size of the domain over the range of u; known once the monitor is bound.
+
+    0 where u is constant on the domain.
+    """
+    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        require_fields(self, "u")
+        require_orthogonality(self.orthogonality)
+        if not 0.0 <= self.a <= 1.0:
+            raise InputError(f"a = {self.a}: the relaxation parameter a must lie in [0, 1]", field="a")
+        if not (self.b >= 0.0 and math.isfinite(self.b)):
+            raise InputError(f"b = {self.b}: the damping parameter b must be finite and not negative", field="b")
+        if not isinstance(self.scaled, bool):
+            raise InputError(f"scaled = {str(self.scaled)[:20]}: give True or False", field="scaled")
+        if not self.scaled:
+            object.__setattr__(self, "factor", 1.0)
+
+    def strength(self, squared_gradient: Array) -> Array:
+        """``k`` at points where ``|grad u|^2`` is ``squared_gradient``, both in the units of :attr:`factor`."""
+        return self.a**2 / (1.0 + self.b * squared_gradient)
+
+    def strength_slope(self, squared_gradient: Array) -> Array:
+        """The derivative of :meth:`strength`."""
+        return -self.b * self.a**2 / (1.0 + self.b * squared_gradient) ** 2
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` at physical points, from the exact gradient of u.
+
+        Raises :class:`~equimesh.errors.InputError` before a scaled monitor is bound to a domain.
+        """
+        return self.metric_of(*self.u.evaluate(x, y, order=1))
+
+    @property
+    def order(self) -> int:
+        """The metric needs first derivatives; see :class:`~equimesh.monitors.monitor.OfDerivatives`."""
+        return 1
+
+    def metric_of(self, *derivatives: Array) -> tuple[Array, Array, Array]:
+        """The metric where u and its first derivatives are these."""
+        if self.factor is None:
+            raise InputError("the scale of an arc length depends on the domain: call monitor.on(domain) first")
+        _, u_x, u_y = (np.asarray(values, dtype=np.float64, order="C") for values in derivatives)
+        out = np.empty((3, *u_x.shape))
+        _arc_length_metric(u_x.reshape(-1), u_y.reshape(-1), self.factor, self.a**2, self.b, out.reshape(3, -1))
+        return out[0], out[1], out[2]
+
+    def on(self, domain: Domain) -> ArcLength:
+        """The monitor with the :attr:`factor` of ``domain``."""
+        if is_bound_to(self._domain, domain):
+            return self
+        return bound_copy(self, domain, factor=self._scale(domain) if self.scaled else 1.0)
+
+    def weakened(self, strength: float) -> ArcLength:
+        """The monitor with ``strength * a`` for ``a``."""
+        weaker = replace(self, a=require_strength(strength) * self.a)
+        return weaker if self._domain is None else bound_copy(weaker, self._domain, factor=self.factor)
+
+    def _scale(self, domain: Domain) -> float:
+        """The size of the domain over the range of u, from the finite values of u; 0 where there is no range."""
+        probe = Probe.of_closure(domain, RANGE_CELLS)
+        with np.errstate(all="ignore"):
+            (u,) = self.u.evaluate(probe.x, probe.y)
+        known = u[np.isfinite(u)]
+        if known.size == 0:
+            return 1.0
+        low, high = extremes(self.u, domain) if is_closed(domain) else (float(known.min()), float(known.max()))
+        if not high - low > MAX_CONSTANT_SHARE * max(abs(low), abs(high)):
+            return 0.0
+        return math.sqrt(domain.area) / (high - low)
+
+
+@compiled
+def _arc_length_metric(u_x: Array, u_y: Array, factor: float, a2: float, b: float, out: Array) -> None:
+    """The metrics where the derivatives of u, times ``factor``, are these; ``out`` has the shape ``(3, n)``."""
+    m11, m12, m22 = out[0], out[1], out[2]
+    for i in range(u_x.size):
+        x, y = factor * u_x[i], factor * u_y[i]
+        k = a2 / (1.0 + b * (x * x + y * y))
+        m11[i], m12[i], m22[i] = 1.0 + k * x * x, k * x * y, 1.0 + k * y * y
+
+
+# Curvature of u as the monitor: the metric tensors that minimise the error of linear interpolation.
+#
+# Huang, *Metric tensors for anisotropic mesh generation* (J. Comput. Phys. 204, 2005); Huang and Russell, *Adaptive
+# Moving Mesh Methods* (Springer, 2011), chapter 5. With the Hessian H of u, its matrix absolute value and a number
+# alpha,
+#
+# A = I + |H| / alpha, L2: M = det(A)^(-1/6) A, H1: M = (tr(A) / 2)^(1/2) det(A)^(-1/4) A,
+#
+# or, isotropic, with the Frobenius norm h of H: ``M = (1 + h / alpha)^(2/3) I`` and ``M = (1 + h / alpha) I``. alpha
+# is such that the integral of ``sqrt(det M)`` over the domain is twice its area: half of the cells are then used
+# where u is curved, and the metric does not depend on the size of u.
+
+NORMS = ("l2", "h1")
+MAX_LINEAR_SHARE = 1e-8
+"""u counts as linear when H times the domain's size squared is below this share of u: that is rounding."""
+_H1, _ISOTROPIC = 1, 2  # bits of the kernels' ``kind``
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curvature:
+    """The metric of the curvature of u: small cells, thin ones along fronts, where u is far from linear.
+
+    ``norm`` is that of the interpolation error to be made small: ``"l2"`` of u itself, ``"h1"`` of its gradient, which
+    concentrates the nodes more. ``isotropic`` ignores the shape of the cells. ``floor`` rounds off the absolute value
+    where an eigenvalue of H changes sign, ``sqrt(lambda^2 + (floor alpha)^2)``: the metric is a
+    smooth function of H; raise it towards 0.1 if a solve has trouble there.
+
+    A :class:`~equimesh.monitors.monitor.Monitor`; ``alpha`` is known once it is bound to a domain by :meth:`on`, which
+    :class:`~equimesh.equations.problem.Problem` does, and is infinite for a linear u. Where u is steep over less than a
+    hundredth of the domain, a coarse grid cannot resolve its curvature: see
+    :class:`~equimesh.monitors.metrics.Smoothed`. Raises :class:`~equimesh.errors.InputError` for values outside these
+    ranges.
+    """
+
+    u: Field
+    norm: Literal["l2", "h1"] = "l2"
+    isotropic: bool = False
+    floor: float = 0.01
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
+    alpha: float | None = field(default=None, init=False)
+    _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        require_fields(self, "u")
+        require_orthogonality(self.orthogonality)
+        if self.norm not in NORMS:
+            raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
+        if not 0.0 < self.floor <= 1.0:
+            raise InputError(f"floor = {self.floor}: the floor must be positive and at most 1", field="floor")
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` at physical points, from the exact Hessian of u.
+
+        Raises :class:`~equimesh.errors.InputError` before the monitor is bound to a domain.
+        """
+        return self.metric_of(*self.u.evaluate(x, y, order=2))
+
+    @property
+    def order(self) -> int:
+        """The metric needs second derivatives; see :class:`~equimesh.monitors.monitor.OfDerivatives`."""
+        return 2
+
+    def metric_of(self, *derivatives: Array) -> tuple[Array, Array, Array]:
+        """The metric where u and its derivatives up to the second ones are these."""
+        if self.alpha is None:
+            raise InputError(
+                "the scale alpha of a curvature monitor depends on the domain: call monitor.on(domain) first"
+            )
+        h11, h12, h22 = derivatives[3:]
+        shape, out = h11.shape, np.empty((3, h11.size))
+        _curvature_metric(h11.ravel(), h12.ravel(), h22.ravel(), 1.0 / self.alpha, self.floor, self._kind, out)
+        return out[0].reshape(shape), out[1].reshape(shape), out[2].reshape(shape)
+
+    def on(self, domain: AnyDomain) -> Curvature:
+        """The monitor with the ``alpha`` of ``domain``.
+
+        Raises :class:`~equimesh.errors.InputError` at a point of the domain where u or its second derivatives are
+        not finite.
+        """
+        if is_bound_to(self._domain, domain):
+            return self
+        return bound_copy(self, domain, alpha=self._scale(Probe.of(domain)))
+
+    def weakened(self, strength: float) -> Monitor:
+        """The metric to the matrix power ``strength``."""
+        return weaken(self, strength)
+
+    @property
+    def _kind(self) -> int:
+        return _H1 * (self.norm == "h1") + _ISOTROPIC * self.isotropic
+
+    def _scale(self, probe: Probe) -> float:
+        """alpha, between brackets of its logarithm: the integral falls from infinity to less than twice the area."""
+        u, _, _, h11, h12, h22 = self.u.evaluate(probe.x, probe.y, order=2)
+        probe.require_finite([u, h11, h12, h22], "u or its second derivatives are", field="u")
+        size = np.sqrt(h11**2 + 2 * h12**2 + h22**2)
+        typical, weights = float(probe.shares @ size), probe.shares
+        if float(size.max()) * probe.diameter**2 <= MAX_LINEAR_SHARE * float(np.abs(u).max()):
+            return math.inf
+
+        @cache  # the search asks for the ends of its bracket again
+        def excess(logarithm: float) -> float:
+            scale = math.exp(-logarithm) / typical
+            return _mean_density(h11, h12, h22, weights, scale, self.floor, self._kind) - 2.0
+
+        low, high = -1.0, 1.0
+        while excess(low) <= 0.0:
+            low -= 2.0
+        while excess(high) >= 0.0:
+            high += 2.0
+        return typical * math.exp(float(scipy.optimize.brentq(excess, low, high, xtol=1e-10)))
+
+
+@compiled
+def _curvature_metric(
+    h11: Array, h12: Array, h22: Array, inverse_alpha: float, floor: float, kind: int, out: Array
+) -> None:
+    """The tensors from the Hessian's entries. |B| is the root of ``S = B^2 + floor^2 I``, ``B = H / alpha``:
+    ``|B| = (S + sqrt(det S) I) / t`` with its trace ``t = sqrt(tr S + 2 sqrt(det S))``, as in
+    :mod:`equimesh.numerics.spd`.
+    """
+    square = floor * floor
+    for i in range(h11.size):
+        a, b, c = h11[i] * inverse_alpha, h12[i] * inverse_alpha, h22[i] * inverse_alpha
+        total = a * a + 2.0 * b * b + c * c + 2.0 * square
+        if kind >= 2:
+            m = 1.0 + np.sqrt(total)
+            if kind == 2:
+                m = np.cbrt(m * m)
+            out[0, i], out[1, i], out[2, i] = m, 0.0, m
+            continue
+        det = a * c - b * b
+        root = np.sqrt(det * det + square * (total - square))
+        trace = np.sqrt(total + 2.0 * root)
+        volume = 1.0 + trace + root  # det(I + |B|)
+        scale = np.sqrt((1.0 + 0.5 * trace) / np.sqrt(volume)) if kind == 1 else 1.0 / np.sqrt(np.cbrt(volume))
+        part = scale / trace
+        out[0, i] = scale + part * (a * a + b * b + square + root)
+        out[1, i] = part * b * (a + c)
+        out[2, i] = scale + part * (b * b + c * c + square + root)
+
+
+@compiled
+def _mean_density(
+    h11: Array, h12: Array, h22: Array, weights: Array, inverse_alpha: float, floor: float, kind: int
+) -> float:
+    """The weighted sum of ``sqrt(det M)``."""
+    square, result = floor * floor, 0.0
+    for i in range(h11.size):
+        a, b, c = h11[i] * inverse_alpha, h12[i] * inverse_alpha, h22[i] * inverse_alpha
+        total = a * a + 2.0 * b * b + c * c + 2.0 * square
+        if kind >= 2:
+            m = 1.0 + np.sqrt(total)
+            result += weights[i] * (np.cbrt(m * m) if kind == 2 else m)
+            continue
+        det = a * c - b * b
+        root = np.sqrt(det * det + square * (total - square))
+        trace = np.sqrt(total + 2.0 * root)
+        volume = 1.0 + trace + root
+        density = np.sqrt((1.0 + 0.5 * trace) * np.sqrt(volume)) if kind == 1 else np.cbrt(volume)
+        result += weights[i] * density
+    return result
+
+
+MAX_RADIUS = 0.25  # in units of the shorter extent of the box
+SAMPLES = 512  # of the monitor, in a direction of the reference square
+POINTS_PER_RADIUS = 8  # of the table, as far as the numbers below allow
+MIN_TABLE_POINTS = 64  # along the shorter extent of the box
+MAX_TABLE_POINTS = 512  # along the shorter extent of the box
+MAX_LONG_TABLE_POINTS = 2048  # along the longer extent of the box
+MARGIN_POINTS = 3  # table points beyond the box: the spline reaches two of them
+REACH = 6.0  # of the Gaussian, in radii: what lies further away has no weight
+MAX_TURNS = 2  # periods beyond a seam within its reach
+OWN_VARIANCE = 1 / 6 + 1 / 3  # of the table's hat functions and of the cubic B-spline, in squared spacings
+
+
+class Lattice(NamedTuple):
+    """The position of the points of a table: the first point, and the number of points per unit of length."""
+
+    x0: float
+    y0: float
+    per_length: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Table:
+    """Metrics on a uniform grid over a box, read off as cubic B-splines with these coefficients.
+
+    ``entries[i, j]`` holds ``(m11, m12, m22)`` at ``(x0 + i spacing, y0 + j spacing)``. The value at a point is a
+    convex combination of the 16 nearest metrics, positive definite as they are, and has two continuous derivatives.
+    """
+
+    entries: Array
+    origin: tuple[float, float]
+    spacing: float
+
+    def at(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """The metrics at points of any shape; outside the table those of its rim."""
+        x, y = (np.asarray(q, dtype=np.float64, order="C") for q in (x, y))
+        out = np.empty((3, x.size))
+        _look_up(self.entries, Lattice(*self.origin, 1.0 / self.spacing), x.reshape(-1), y.reshape(-1), out)
+        return out[0].reshape(x.shape), out[1].reshape(x.shape), out[2].reshape(x.shape)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smoothed:
+    """The metric of ``monitor``, each entry averaged with a Gaussian over its physical neighbourhood in the domain.
+
+    ``radius`` is the standard deviation of the Gaussian in units of the shorter extent of the domain's box, in
+    (0, 0.25]; a smaller one than about 1/700 acts as 1/700. Steep fronts of the metric become at least as wide as the
+    radius: raise it when a solve fails. A mean of positive definite matrices is positive definite, and a constant
+    metric does not change.
+
+    The mean is over the points of the domain only, with the weights of the part of the Gaussian that lies inside.
+    :meth:`on` samples the monitor at 512 x 512 points; the metric is then read from a table over the domain's box.
+    Distances are straight lines: if a bent domain has a slit narrower than the radius, values are averaged across it.
+
+    A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` for a radius outside its
+    range.
+    """
+
+    monitor: Monitor
+    radius: float = 0.05
+    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+    _table: Table | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.radius <= MAX_RADIUS:
+            raise InputError(
+                f"radius = {self.radius}: the radius of smoothing is positive and at most {MAX_RADIUS:g} of the"
+                " domain's shorter extent; leave the smoothing out for none",
+                field="radius",
+            )
+
+    @property
+    def u(self) -> Field | None:
+        """The u of the monitor."""
+        return self.monitor.u
+
+    @property
+    def map(self) -> str:
+        """The map of the monitor."""
+        return map_of(self.monitor)
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` at physical points, from the table.
+
+        Raises :class:`~equimesh.errors.InputError` before the monitor is bound to a domain.
+        """
+        if self._table is None:
+            raise InputError("a smoothed monitor is an average over a domain: call monitor.on(domain) first")
+        return self._table.at(*(within(self._domain, x, y) if self._domain is not None else (x, y)))
+
+    def on(self, domain: Domain) -> Smoothed:
+        """The monitor bound to ``domain``, with the table of its averages there.
+
+        Raises :class:`~equimesh.errors.InputError` where the metric of ``monitor`` is not finite.
+        """
+        if is_bound_to(self._domain, domain):
+            return self
+        inner = self.monitor.on(domain)
+        return bound_copy(self, domain, monitor=inner, _table=_averages(inner, domain, self.radius))
+
+    def weakened(self, strength: float) -> Monitor:
+        """The smoothed metric to the matrix power ``strength``."""
+        return weaken(self, strength)
+
+
+def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
+    """The averages on a grid: samples weighted by area, spread, filtered, and divided by the filtered weights."""
+    (x0, x1), (y0, y1) = box = domain.box
+    short, long = sorted((x1 - x0, y1 - y0))
+    if any(map(any, periods_of(domain))):  # what lies beyond a seam counts, too
+        (x0, x1), (y0, y1) = _beyond_seams(box, periods_of(domain), REACH * radius * short)
+        long = max(x1 - x0, y1 - y0)
+    spacing = max(
+        short / min(max(math.ceil(POINTS_PER_RADIUS / radius), MIN_TABLE_POINTS), MAX_TABLE_POINTS),
+        long / MAX_LONG_TABLE_POINTS,
+    )
+    origin = (x0 - MARGIN_POINTS * spacing, y0 - MARGIN_POINTS * spacing)
+    shape = tuple(math.ceil(extent / spacing) + 2 * MARGIN_POINTS + 1 for extent in (x1 - x0, y1 - y0))
+    probe = Probe.of(domain, SAMPLES)
+    m11, m12, m22 = monitor.metric(probe.x, probe.y)
+    probe.require_finite((m11, m12, m22), "the metric is", field="smoothing")
+    sums, lattice = np.zeros((4, *shape)), Lattice(*origin, 1.0 / spacing)
+    for x, y, found in _copies(probe, periods_of(domain), ((x0, x1), (y0, y1))):
+        _spread((x, y), probe.shares[found], (m11[found], m12[found], m22[found]), lattice, sums)
+    deviation = math.sqrt(max((radius * short / spacing) ** 2 - OWN_VARIANCE, 0.0))
+    if deviation > 0.0:
+        for layer in sums:
+            scipy.ndimage.gaussian_filter(layer, deviation, output=layer, mode="constant", truncate=REACH)
+    weights = sums[3]
+    known = weights > 1e-9 * weights.max()
+    entries = np.moveaxis(sums[:3], 0, -1) / np.where(known, weights, 1.0)[..., None]
+    if not known.all():
+        nearest = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+        entries = entries[tuple(nearest)]
+    return Table(entries=np.ascontiguousarray(entries), origin=origin, spacing=spacing)
+
+
+def _beyond_seams(box: Box, periods: Periods, reach: float) -> Box:
+    """The box, and so much beyond its sides that are seams."""
+    (x0, x1), (y0, y1) = box
+    along_x, along_y = (reach * any(period) for period in periods)
+    return (x0 - along_x, x1 + along_x), (y0 - along_y, y1 + along_y)
+
+
+def _copies(probe: Probe, periods: Periods, box: Box) -> Iterator[tuple[Array, Array, BoolArray]]:
+    """The samples in a box, and which of the probe's they are: its own, and their copies by whole periods."""
+    (x0, x1), (y0, y1) = box
+    turns = [range(-MAX_TURNS, MAX_TURNS + 1) if any(period) else range(1) for period in periods]
+    for i in turns[0]:
+        for j in turns[1]:
+            x = probe.x + (i * periods[0][0] + j * periods[1][0])
+            y = probe.y + (i * periods[0][1] + j * periods[1][1])
+            found = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+            if found.any():
+                yield x[found], y[found], found
+
+
+@compiled
+def _spread(points: Pair, weights: Array, metric: Matrices, lattice: Lattice, sums: Array) -> None:
+    """The weighted metrics, and the weights, distributed over the four table points around each sample."""
+    (x, y), (m11, m12, m22) = points, metric
+    x0, y0, per_length = lattice
+    for k in range(x.size):
+        p, q = (x[k] - x0) * per_length, (y[k] - y0) * per_length
+        i, j = min(max(int(p), 0), sums.shape[1] - 2), min(max(int(q), 0), sums.shape[2] - 2)
+        p, q = min(max(p - i, 0.0), 1.0), min(max(q - j, 0.0), 1.0)
+        for a in range(2):
+            for b in range(2):
+                w = weights[k] * (p if a else 1.0 - p) * (q if b else 1.0 - q)
+                sums[0, i + a, j + b] += w * m11[k]
+                sums[1, i + a, j + b] += w * m12[k]
+                sums[2, i + a, j + b] += w * m22[k]
+                sums[3, i + a, j + b] += w
+
+
+@compiled
+def _look_up(entries: Array, lattice: Lattice, x: Array, y: Array, out: Array) -> None:
+    """Uniform cubic B-splines: the weights of the four nearest table points in each direction."""
+    x0, y0, per_length = lattice
+    n, m = entries.shape[0], entries.shape[1]
+    for k in range(x.size):
+        if x[k] - x[k] != 0.0 or y[k] - y[k] != 0.0:  # NaN or infinite: not in the table
+            out[0, k] = out[1, k] = out[2, k] = np.nan
+            continue
+        p, q = min(max((x[k] - x0) * per_length, 1.0), n - 2.0), min(max((y[k] - y0) * per_length, 1.0), m - 2.0)
+        i, j = min(int(p), n - 3), min(int(q), m - 3)
+        p, q = p - i, q - j
+        r, s = 1.0 - p, 1.0 - q
+        w0, w3 = s * s * s / 6.0, q * q * q / 6.0
+        w1 = 2.0 / 3.0 - q * q * (1.0 - 0.5 * q)
+        w2 = 1.0 - w0 - w1 - w3
+        v0, v3 = r * r * r / 6.0, p * p * p / 6.0
+        v1 = 2.0 / 3.0 - p * p * (1.0 - 0.5 * p)
+        v2 = 1.0 - v0 - v1 - v3
+        m11, m12, m22 = 0.0, 0.0, 0.0
+        for a in range(4):
+            v = v0 if a == 0 else v1 if a == 1 else v2 if a == 2 else v3
+            row = entries[i - 1 + a]
+            m11 += v * (w0 * row[j - 1, 0] + w1 * row[j, 0] + w2 * row[j + 1, 0] + w3 * row[j + 2, 0])
+            m12 += v * (w0 * row[j - 1, 1] + w1 * row[j, 1] + w2 * row[j + 1, 1] + w3 * row[j + 2, 1])
+            m22 += v * (w0 * row[j - 1, 2] + w1 * row[j, 2] + w2 * row[j + 1, 2] + w3 * row[j + 2, 2])
+        out[0, k], out[1, k], out[2, k] = m11, m12, m22
