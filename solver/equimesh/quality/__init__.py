@@ -1,4 +1,4 @@
-"""How good a mesh is: measures of its cells, and how well it interpolates u."""
+"""The quality of a mesh: measures of its cells, and the errors of interpolating u."""
 
 from equimesh.quality.cells import Angles, measure_angles
 from equimesh.quality.comparison import ComparedMesh, UniformComparison, compare_with_uniform

@@ -71,7 +71,7 @@ class CellMap(NamedTuple):
 class Cells(ABC):
     """Bilinear cells in rows and columns, numbered as in :class:`~equimesh.meshes.mesh.Mesh`.
 
-    Own cells are those of the rows that are here. Numbers are those of the whole mesh.
+    Own cells are the cells of the rows that are here. They have the numbers of the whole mesh.
     """
 
     @property
@@ -136,9 +136,9 @@ def pieces(start: int, end: int, points: CellPoints) -> Iterator[slice]:
 
 @dataclass(frozen=True, eq=False)
 class UniformCells(Cells):
-    """The cells of the uniform mesh of a domain, of which only those that are looked at are computed.
+    """The cells of the uniform mesh of a domain. Only the cells that are used are computed.
 
-    Their mesh must be known to be valid.
+    The mesh must be known to be valid.
     """
 
     grid: Grid
@@ -180,7 +180,7 @@ class MeshCells(Cells):
     @property
     @abstractmethod
     def area(self) -> Array:
-        """Signed area of all held cells, shape ``(cells,)``; those of :meth:`places` are the own ones."""
+        """Signed area of all held cells, shape ``(cells,)``; the own cells are at :meth:`places`."""
 
     @property
     @abstractmethod
@@ -205,14 +205,14 @@ class MeshCells(Cells):
     @property
     @abstractmethod
     def cuts(self) -> dict[int, int]:
-        """The cells that are cut through a corner of the domain, by their places among the own ones.
+        """The cells that are cut through a corner of the domain, by their places among the own cells.
 
-        The cuts are those of :func:`~equimesh_coupling.parts.corner_cuts`.
+        :func:`~equimesh_coupling.parts.corner_cuts` makes the cuts.
         """
 
     @abstractmethod
     def places(self, cells: slice) -> slice:
-        """Where consecutive cells are among the held ones."""
+        """The places of consecutive cells among the held cells."""
 
     @abstractmethod
     def corner_values(self, nodal: Array, cells: IntArray) -> Array:
@@ -251,7 +251,7 @@ class BilinearCells(MeshCells):
 
     @property
     def area(self) -> Array:
-        """Signed area of all held cells, shape ``(cells,)``; those of :meth:`places` are the own ones."""
+        """Signed area of all held cells, shape ``(cells,)``; the own cells are at :meth:`places`."""
         return self._measured[0]
 
     @property
@@ -281,7 +281,7 @@ class BilinearCells(MeshCells):
         return {cell - own.start: cut for cell, cut in corner_cuts(self.shape).items() if own.start <= cell < own.stop}
 
     def places(self, cells: slice) -> slice:
-        """Where consecutive cells are among the held ones."""
+        """The places of consecutive cells among the held cells."""
         shift = self.rows.begin * self.shape[1]
         return slice(cells.start - shift, cells.stop - shift)
 
@@ -399,11 +399,11 @@ class QuadCells(MeshCells):
 
     @cached_property
     def edges(self) -> CellEdges:
-        """The edges, those of a periodic join once."""
+        """The edges. An edge of a periodic join is counted once."""
         return CellEdges.of(self.mesh.cells, len(self.mesh.points), self.mesh.ties)
 
     def places(self, cells: slice) -> slice:
-        """The same places: all cells are held."""
+        """The places of consecutive cells: their numbers, since all cells are held."""
         return cells
 
     def corners(self, cells: Block) -> Array:

@@ -24,7 +24,7 @@ from equimesh.quality.triangles import squared_errors
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComparedMesh:
-    """One of two meshes that are compared, with what is measured of its cells."""
+    """One of two compared meshes, with the measures of its cells."""
 
     mesh: Mesh | QuadMesh
     """The mesh of the domain."""
@@ -35,28 +35,28 @@ class ComparedMesh:
     error: Array | None
     """Root mean square of ``u - u_h`` over every cell, in the unit of u, of the ``cell_shape`` of the mesh.
 
-    u_h is the interpolant that :class:`~equimesh.quality.interpolation.InterpolationErrors` are measured of. The sum of
-    its squares times the areas of the cells is the square of the L2 error, where that is resolved. Infinite on a folded
+    u_h is the interpolant of :class:`~equimesh.quality.interpolation.InterpolationErrors`. The sum of the squared
+    numbers times the areas of the cells is the square of the L2 error, where that is resolved. Infinite on a folded
     mesh; ``None`` where there is no u.
     """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UniformComparison:
-    """A mesh next to the uniform mesh of the same domain and size, or next to the mesh of blocks that it began with."""
+    """A mesh and the uniform mesh of the same domain and size; for blocks a mesh and the initial mesh."""
 
     adapted: ComparedMesh
     """The mesh itself."""
     uniform: ComparedMesh
-    """The image of the uniform mesh of the unit square; of a mesh of blocks the one that it began with."""
+    """The image of the uniform mesh of the unit square; for blocks the initial mesh."""
     interpolation: InterpolationErrors | None
     """The errors on both meshes, and their ratios, the gains; ``None`` where there is no u."""
 
     @property
     def gain(self) -> float | None:
-        """How many times smaller the L2 error is than on the uniform mesh; below 1 it is larger.
+        """The L2 error on the uniform mesh over the L2 error on this mesh.
 
-        It is the best estimate where the error is not resolved; ``None`` where there is no u or no valid mesh.
+        The best estimate where the error is not resolved; ``None`` where there is no u or no valid mesh.
         """
         errors = self.interpolation
         if errors is None or not math.isfinite(errors.l2):

@@ -1,4 +1,4 @@
-"""How well a mesh interpolates u, compared with the uniform mesh of its size."""
+"""The errors of interpolating u on a mesh, compared with the uniform mesh of its size."""
 
 from __future__ import annotations
 
@@ -40,10 +40,8 @@ class LargestError(NamedTuple):
 class InterpolationErrors:
     """Error of the isoparametric Q1 interpolant of u, on the mesh and on the uniform one of its size.
 
-    A mesh of blocks has no uniform one: it is compared with the mesh that it began with, whose errors are
-    ``l2_uniform`` and ``h1_uniform`` then.
-
-    Of :func:`~equimesh.quality.triangles.triangle_errors` it is that of the linear interpolant on triangles.
+    A mesh of blocks is compared with its initial mesh, whose errors are ``l2_uniform`` and ``h1_uniform`` then.
+    :func:`~equimesh.quality.triangles.triangle_errors` returns the errors of the linear interpolant on triangles.
 
     ``l2`` is the norm of ``u - u_h``, ``h1`` that of ``grad u - grad u_h``; both over the whole domain, in the units of
     u and of its gradient times a length. Infinite on a folded mesh. ``rounding`` is the part of the two that is due to
@@ -326,9 +324,9 @@ SHARES = (0.7548776662466927, 0.5698402909980532)
 def probe_errors(mesh: AnyMesh, u: Field) -> tuple[LargestError, float]:
     """The largest difference of u and its bilinear interpolant at the probes, and the range of u.
 
-    The range is the largest value at the probes and the nodes minus the smallest one. The place is that of the probe.
-    Every cell has as many probes, in other places of each. Values that are not finite
-    have no part in it.
+    The range is the largest value at the probes and the nodes minus the smallest one. The place of the largest
+    difference is the place of the probe. Every cell has the same number of probes, at different places. Values that are
+    not finite are left out.
     """
     cells = cells_of(mesh)
     with np.errstate(all="ignore"):
@@ -342,9 +340,9 @@ def probe_errors(mesh: AnyMesh, u: Field) -> tuple[LargestError, float]:
 
 
 def _of_strip(cells: BilinearCells, first: int, last: int, u: Field) -> Iterator[tuple[float, ...]]:
-    """The smallest and the largest value of u, the largest error and its place: of nodes, and of blocks of cells.
+    """The smallest and largest u, the largest error and its place, in the rows ``first`` to ``last - 1`` of cells.
 
-    They are those of the rows ``first`` to ``last - 1`` of cells.
+    The first tuple is for the nodes, the others for blocks of cells.
     """
     columns, nodal = cells.shape[1], u.evaluate(*cells.window.nodes(first, last))[0]
     yield float(np.nanmin(nodal)), float(np.nanmax(nodal)), 0.0, np.nan, np.nan

@@ -1,7 +1,7 @@
-"""How good a mesh is: for its monitor, in its geometry, and for interpolating u.
+"""The quality of a mesh: for its monitor, in its geometry, and for interpolating u.
 
-``Q_eq``, ``Q_ali`` and ``Q_geo`` are those of Huang and Russell, *Adaptive Moving Mesh Methods* (Springer,
-2011), chapter 4, in two dimensions and on quadrilaterals; ``Q_eq`` is what Haynes and Howse print in Table 1.
+``Q_eq``, ``Q_ali`` and ``Q_geo`` are defined by Huang and Russell, *Adaptive Moving Mesh Methods* (Springer,
+2011), chapter 4; here they are used in two dimensions and on quadrilaterals. Table 1 of Haynes and Howse has ``Q_eq``.
 All measures are dimensionless. Per-cell arrays have shape ``(n_xi - 1, n_eta - 1)``, or ``(m,)`` on a mesh of blocks.
 
 On a folded cell nothing is equidistributed, aligned or interpolated: ``Q_eq``, ``Q_ali``, ``Q_geo`` and
@@ -76,16 +76,15 @@ class Measure:
     def cells(self) -> Array:
         """The numbers, one for each cell; on a large mesh they are computed when first used.
 
-        Their shape is ``(n_xi - 1, n_eta - 1)``, or ``(m,)`` on a mesh of blocks.
-
-        Where some rows of a mesh are measured, they are those of the own cells.
+        Their shape is ``(n_xi - 1, n_eta - 1)``, or ``(m,)`` on a mesh of blocks. Where only some rows of a mesh are
+        measured, they are the numbers of the own cells.
         """
         return self.compute()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quality:
-    """All measures of one mesh, as :func:`measure` returns them."""
+    """The measures of one mesh; see :func:`measure`."""
 
     q_eq: Measure
     """Equidistribution, 1 best: see :func:`equidistribution`. Its mean over the cells is 1."""
@@ -107,7 +106,7 @@ class Quality:
     min_jacobian_over_mean: float
     """The smallest corner Jacobian over the mean one: the same number, since the mean is the mean area of a cell."""
     interpolation_error: InterpolationErrors | None
-    """How well u is interpolated; ``None`` for a monitor without u."""
+    """The errors of interpolating u; ``None`` for a monitor without u."""
 
     def without_cells(self) -> Quality:
         """The measures without the values of cells, small and ready to be sent to another process."""
@@ -151,7 +150,7 @@ PER_CELL = ROWS
 def measure(
     mesh: Mesh | QuadMesh, monitor: Monitor, *, uniform: Mesh | QuadMesh | None = None, gauss: int | None = None
 ) -> Quality:
-    """All quality measures of ``mesh`` for ``monitor``, which must be bound to a domain if it depends on one.
+    """The quality measures of ``mesh`` for ``monitor``, which must be bound to a domain if it depends on one.
 
     ``uniform`` is the mesh of the same size that interpolation of u is compared with, by default the uniform mesh of
     the unit square; a mesh of blocks has none, and its gains are then NaN. ``gauss`` is the number of Gauss points
@@ -209,7 +208,7 @@ def measure_quality(
 
 
 def window_image(window: MeshWindow, domain: Domain) -> MeshWindow:
-    """The rows of the uniform mesh of ``domain`` that belong to those of a mesh."""
+    """The rows of the uniform mesh of ``domain`` with the numbers of the rows of ``window``."""
     uniform = MeshWindow.uniform(window.rows, window.x.shape[0])
     mapped = map_mesh(Mesh(uniform.x, uniform.y), domain)
     return MeshWindow(mapped.x, mapped.y, window.rows)
@@ -334,7 +333,7 @@ def measure_interpolation(
     kind: Literal["quad", "triangle"] = "quad",
     threads: int = 1,
 ) -> InterpolationErrors | None:
-    """How well u is interpolated, ``None`` where there is no u; the arguments are those of :func:`measure`.
+    """The errors of interpolating u, ``None`` where there is no u; the arguments are as in :func:`measure`.
 
     With ``kind = "triangle"`` it is interpolated linearly on triangles. ``threads`` share the work if cells are many.
     """
@@ -352,7 +351,7 @@ def measure_interpolation(
 # How much of a domain the cells of a mesh cut off at its curved sides.
 
 ROUNDING = 1e-6
-"""What a share may lie above the bound, as a share of it: parameters of a finished mesh are found to rounding."""
+"""The tolerance of the bound, as a share of it: parameters of a finished mesh are found only to rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,7 +368,7 @@ class CutOff:
 
     @property
     def most(self) -> float:
-        """What a mesh of least error may have: a quarter of the domain more than the initial mesh, or twice as much."""
+        """The largest share of a mesh of least error: ``initial`` plus 0.25, or twice ``initial`` if that is more."""
         return most_cut_off(self.initial, 1.0)
 
     @property

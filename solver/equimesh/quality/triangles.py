@@ -1,4 +1,4 @@
-"""How well the triangles into which a mesh is cut interpolate u, compared with those of the uniform mesh.
+"""The errors of interpolating u on the triangles into which a mesh is cut, compared with the uniform mesh.
 
 A triangle is a bilinear cell with two corners at one point, and a linear interpolant is bilinear on it. So the pieces
 of cells also measure triangles, and divide them where a layer lies inside one.
@@ -39,7 +39,7 @@ MIDDLE = (0.5, 1.0 / 3.0)
 
 
 def triangle_errors(mesh: AnyMesh, u: Field, uniform: AnyMesh | None = None) -> InterpolationErrors:
-    """The errors of linear interpolation of u on the triangles of ``mesh``, and on those of ``uniform``.
+    """The errors of linear interpolation of u on the triangles of ``mesh`` and of ``uniform``.
 
     Both are cut as :meth:`~equimesh.meshes.mesh_data.MeshData.triangles` cuts them. ``uniform`` is the uniform mesh of
     the domain, by default of the unit square; of blocks it is the mesh to compare with. On more than 150 000 cells the

@@ -1,8 +1,8 @@
 """The solve of one step of a sequence: from the mesh before, and in smaller steps or from new starts if u moved far.
 
-A descent from the mesh before is sooner done than one from a uniform mesh, and loses where a front moves by more than
-a cell. What it has lost is measured: the error of the mesh, relative to that of the uniform mesh. Then a nested start
-is tried, and substeps with u interpolated in time, and the smallest error decides.
+A descent from the mesh before takes less time than one from a uniform mesh, and has a larger error where a front moves
+by more than a cell. The gain of the mesh shows that: the error on the uniform mesh over its own error. Where it has
+fallen, a nested start is tried, and substeps with u interpolated in time. The smallest error decides.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def _corner_areas(points: Array, mesh: QuadMesh) -> Array:
 def largest_jump(values: Array, cells: IntArray | None = None) -> float:
     """The largest change of nodal values along one edge, as a share of their range; 0 for a constant.
 
-    The values are those of a grid, or with ``cells`` those of a mesh of blocks.
+    The values belong to a grid, or with ``cells`` to a mesh of blocks.
     """
     whole = float(np.ptp(values))
     if cells is not None:
@@ -331,13 +331,13 @@ class StepSolution:
 
     @property
     def gain(self) -> float:
-        """The error on the uniform mesh, on blocks the initial one, over that on this one; NaN where there is none."""
+        """The error on the uniform or initial mesh over the error on this mesh; NaN where there is no error."""
         return gain_of(self.solution)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Earlier:
-    """A mesh whose solution is gone: its ``u``, or None, and its ``gain``, or NaN."""
+    """The record of a mesh without its solution: its ``u``, or None, and its ``gain``, or NaN."""
 
     u: Field | None = None
     gain: float = math.nan
@@ -345,7 +345,7 @@ class Earlier:
 
 @dataclass(frozen=True, kw_only=True)
 class Pursuit:
-    """Finds the mesh of the next step after ``before``, whose u was ``u``; ``None`` where it is not known."""
+    """Finds the mesh of the next step. ``u`` is the u of the mesh ``before``, ``None`` where it is not known."""
 
     options: SolveArguments
     before: Mesh | QuadMesh
@@ -357,7 +357,7 @@ class Pursuit:
     schwarz: Schwarz | None = None
 
     def solve(self, problem: Problem[Any]) -> StepSolution:
-        """The solution with the smallest measured error of those that were needed."""
+        """The solution with the smallest measured error. Further starts are solved only where the gain has fallen."""
         found = StepSolution(solution=self._from(problem, self.before))
         if isinstance(problem.monitor, Auto) and problem.monitor.purpose is not None:
             return found  # its meshes are chosen by another error than that of interpolation, and for each u anew

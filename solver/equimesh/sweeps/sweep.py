@@ -85,7 +85,7 @@ class SideNodes(NamedTuple):
 
     @classmethod
     def gathered(cls, x: Array, y: Array, parts: Parts) -> SideNodes:
-        """The sides of a mesh, of which every process holds some rows; each of them sends its own to all."""
+        """The sides of a mesh whose rows several processes hold. Every process sends its rows to all."""
         first, last = parts.own.first - parts.begin, parts.own.last - parts.begin
         left = y[0] if parts.begin == 0 else np.empty(0)
         right = y[-1] if parts.end == parts.shape[0] else np.empty(0)
@@ -309,7 +309,7 @@ def halve_moves(moved: Array, old: Array) -> None:
 
 
 def take_midpoints(moved: Array, old: Array) -> None:
-    """The same as :func:`halve_moves` but for rounding, which the meshes of subdomains show in their last bit."""
+    """Halve the moves as :func:`halve_moves`, with other rounding: meshes of subdomains depend on the last bit."""
     moved += old
     moved *= 0.5
 
@@ -374,7 +374,7 @@ class Sweep:
         self._moved_side_nodes: SideNodes | None = None
 
     def correct(self, x: Array, y: Array, rest: Pair | None = None, push: Pair | None = None) -> Correction:
-        """One full correction of the nodes ``x``, ``y``; the result is in ``new_x`` and ``new_y``.
+        """Compute a full correction of the nodes ``x``, ``y``; the result is in ``new_x`` and ``new_y``.
 
         ``rest`` holds the sums of the squared metric lengths of the edges beyond the yielding sides, of shape
         ``(2, n_eta)`` at the two ends of the xi-lines and ``(2, n_xi)`` at those of the eta-lines. ``push``, of the
