@@ -170,7 +170,7 @@ class _Sum:
 class Quotas:
     """The limits of all keys. For one event loop; ``clock`` returns monotonic seconds.
 
-    Callers without a key share one limit of waits, and have no other limits than those of the service.
+    Callers without a key share one limit of waits. Apart from it they have only the limits of the service.
     """
 
     def __init__(self, settings: Settings, store: QuotaStore, *, clock: Callable[[], float] = time.monotonic) -> None:

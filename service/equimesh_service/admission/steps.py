@@ -195,7 +195,7 @@ def read_long_json(admission: Admission, data: bytes, points: int) -> Move:
 
 
 def max_bytes(settings: Settings, points: int) -> int:
-    """The most bytes of an npz step when it is unpacked: twice those of u and all fields on a mesh of ``points``."""
+    """The largest number of bytes of an unpacked npz step: twice the size of u and all fields on ``points`` points."""
     return min(4 * settings.max_body, _NPZ_BYTES + 16 * (1 + MAX_FIELDS) * points)
 
 

@@ -1,7 +1,7 @@
 """The pool of processes that a Dask worker owns, its settings, and the requests of a service to it.
 
 A task in a thread of a Dask worker can neither be killed nor be limited in its memory. So the worker runs none of the
-jobs itself: its task hands the job to a process of the pool and waits. When the scheduler gives up the task, for
+jobs itself: its task gives the job to a process of the pool and waits. When the scheduler gives up the task, for
 instance because its client is gone, the process is killed.
 """
 
@@ -58,9 +58,9 @@ def _relevant(name: str, found: Mapping[str, str]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class PoolReport:
-    """The state of a pool: how many jobs it takes at the same time, and whether it takes any now.
+    """The state of a pool: the number of jobs that it takes at the same time, and whether it takes any now.
 
-    ``identity`` names the process of the worker; ``fault`` says why it cannot be used, "" while it starts.
+    ``identity`` names the process of the worker. ``fault`` is the reason why it cannot be used, "" while it starts.
     """
 
     identity: str

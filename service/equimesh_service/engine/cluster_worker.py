@@ -20,7 +20,7 @@ _MAX_LEAVE_SECONDS = 5.0
 
 
 def default_name() -> str:
-    """A name that tells workers apart: the machine, and the process."""
+    """A name that differs for every worker: the machine and the process."""
     return f"{socket.gethostname()}-{os.getpid()}"
 
 

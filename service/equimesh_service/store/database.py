@@ -131,7 +131,7 @@ _KEEPALIVE = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count
 class Database:
     """Reading and writing transactions, for all threads of a process.
 
-    ``clock`` returns the database's time in seconds since 1970; that of SQLite is this machine's. Raises
+    ``clock`` returns the database's time in seconds since 1970; SQLite has the time of this machine. Raises
     :class:`UnusableDatabaseError`.
     """
 
@@ -323,9 +323,9 @@ def upgrade(url: str) -> str:
 
 
 def prepare(database: Database) -> str:
-    """Create the tables, or upgrade those of an older release with their rows; returns the revision.
+    """Create the tables, or upgrade the tables of an older release with their rows; returns the revision.
 
-    All in one transaction; other services that do the same wait for it. Raises :class:`NewerDatabaseError`.
+    It is one transaction, for which other services that do the same wait. Raises :class:`NewerDatabaseError`.
     """
     with database.read() as connection:
         if _revision(connection) == LATEST:

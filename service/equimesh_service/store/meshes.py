@@ -80,7 +80,7 @@ class SequencesStore:
     def page(
         self, *, key_id: str | None = None, before: tuple[float, str] | None = None, limit: int = 50
     ) -> list[SequenceRow]:
-        """Sequences at their last steps, newest first, after the position ``before``; those of one key, unless None."""
+        """Sequences at their last steps, newest first, after the position ``before``; of one key, unless None."""
         order = (sequences.c.created_at, sequences.c.id)
         has_steps = select(steps.c.mesh_id).where(steps.c.sequence_id == sequences.c.id).exists()
         query = select(*_SHOWN_SEQUENCES).where(has_steps).order_by(*(column.desc() for column in order)).limit(limit)
@@ -341,7 +341,7 @@ class MeshesStore:
         before: Position | None = None,
         limit: int = 50,
     ) -> list[MeshRow]:
-        """Meshes, newest first, after the position ``before``; those of one key, unless that is None."""
+        """Meshes, newest first, after the position ``before``; of one key, unless it is None."""
         order = (meshes.c.number,) if key_id is None else (meshes.c.created_at, meshes.c.id)
         query = select(*_SHOWN).order_by(*(column.desc() for column in order)).limit(limit)
         if key_id is not None:

@@ -54,7 +54,7 @@ class NewMesh:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The points of the mesh along xi and eta; with a target those of the largest square grid that it may take.
+        """The points of the mesh along xi and eta; with a target the points of the largest square grid that it allows.
 
         The nodes of a mesh of blocks are one row.
         """

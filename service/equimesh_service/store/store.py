@@ -33,7 +33,7 @@ class Store:
         self.quotas = QuotaStore(self.database)
 
     def prepare(self) -> None:
-        """Create the tables, or upgrade those of an older release.
+        """Create the tables, or upgrade the tables of an older release.
 
         Raises :class:`~equimesh_service.errors.NewerDatabaseError`.
         """

@@ -276,7 +276,7 @@ def draw_mesh_row(
 
 
 def _problem(spec: Mapping[str, Any], certificate: Mapping[str, Any], find: SamplesOf) -> equimesh.Problem[Any]:
-    """The problem that was solved: where the monitor was chosen, that of the chosen one."""
+    """The solved problem. Where an ``auto`` monitor has chosen another one, the problem has the chosen one."""
     chosen = next((one for one in certificate.get("comparison", ()) if one["chosen"]), None)
     if spec["monitor"]["kind"] == "auto" and chosen is not None:
         shared = {name: spec["monitor"][name] for name in ("u", "orthogonality") if name in spec["monitor"]}

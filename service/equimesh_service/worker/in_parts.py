@@ -119,7 +119,7 @@ class PartsLayout:
 
     @property
     def rows(self) -> tuple[tuple[int, int], ...]:
-        """The first row of each part, and that of the next one."""
+        """The first row of each part, and the first row of the next part."""
         return tuple(pairwise((*self.firsts, self.grid.n_xi)))
 
 
@@ -244,12 +244,12 @@ def _compute(job: Job, spec: BuiltSpec, reporter: Reporter, formats: set[str]) -
             artifacts = _write(handle, layout, job.storage, sorted(formats))
             result = {**_describe(handle), "parts": {**layout.record(), "traffic": _traffic(handle)}}
     result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
-    return Outcome(result=result, files=artifacts, publish=_Published(artifacts, files))
+    return Outcome(result=result, files=artifacts, publish=_PublicationCheck(artifacts, files))
 
 
 @dataclass(frozen=True)
-class _Published:
-    """Sees, in the transaction that names them, that files are there: workers have published them already."""
+class _PublicationCheck:
+    """Checks that files which workers have published are still there, in the transaction that names them."""
 
     artifacts: list[Artifact]
     files: Files
@@ -299,7 +299,7 @@ def write_part_into(_: Any, part: PartSolution, storage: Storage, formats: list[
 
 
 def _is_not_removed(_: str) -> bool:
-    """Whether content was removed: looked at when the mesh is finished, see :class:`_Published`."""
+    """Whether content was removed: looked at when the mesh is finished, see :class:`_PublicationCheck`."""
     return False
 
 

@@ -217,11 +217,11 @@ def accelerator(
 ) -> Accelerator:
     """The accelerator of the settings; ``subdomains`` returns all of them, for a process that has whole meshes."""
     if settings.accelerated_by is Acceleration.NEWTON:
-        return ByNewton(holding, lambda: Raspen(subdomains(), rounding, threads))
-    return ByAnderson(holding) if settings.accelerated_by is Acceleration.ANDERSON else Unaccelerated()
+        return NewtonAccelerator(holding, lambda: Raspen(subdomains(), rounding, threads))
+    return AndersonAccelerator(holding) if settings.accelerated_by is Acceleration.ANDERSON else NoAcceleration()
 
 
-class Unaccelerated:
+class NoAcceleration:
     """No acceleration."""
 
     maps_merged_meshes = False
@@ -237,7 +237,7 @@ class Unaccelerated:
         """Nothing is remembered."""
 
 
-class ByAnderson:
+class AndersonAccelerator:
     """Anderson's combination, near the solution and while it is needed."""
 
     maps_merged_meshes = False
@@ -263,7 +263,7 @@ class ByAnderson:
         self._anderson = Anderson(self._holding)
 
 
-class ByNewton:
+class NewtonAccelerator:
     """Newton steps for the fixed point, where all subdomains were solved with the requested condition."""
 
     maps_merged_meshes = True

@@ -10,7 +10,15 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.acceleration import Accelerator, ByAnderson, ByNewton, Raspen, Slope, Unaccelerated, accelerator
+from equimesh.schwarz.acceleration import (
+    Accelerator,
+    AndersonAccelerator,
+    NewtonAccelerator,
+    NoAcceleration,
+    Raspen,
+    Slope,
+    accelerator,
+)
 from equimesh.schwarz.functionals import FunctionalSubdomains
 from equimesh.schwarz.iteration import subdomains_of
 from equimesh.schwarz.line_corrections import CorrectionResult
@@ -31,7 +39,7 @@ def made(kind: em.Acceleration) -> Accelerator:
 def test_each_setting_has_its_accelerator() -> None:
     found = {kind: made(kind) for kind in (em.Acceleration.NONE, em.Acceleration.ANDERSON, em.Acceleration.NEWTON)}
     kinds = [type(one) for one in found.values()]
-    assert kinds == [Unaccelerated, ByAnderson, ByNewton]
+    assert kinds == [NoAcceleration, AndersonAccelerator, NewtonAccelerator]
     assert [one.maps_merged_meshes for one in found.values()] == [False, False, True]
 
 

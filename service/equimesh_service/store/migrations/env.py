@@ -1,4 +1,4 @@
-"""How alembic runs the steps: on a connection that is given, inside its transaction."""
+"""The script by which alembic runs the steps: on a given connection, inside its transaction."""
 
 from alembic import context
 
