@@ -76,7 +76,7 @@ HEAD = f"{'':22} {'points':>6} {'CPU ms':>9} {'wall ms':>9} {'a second':>9}"
 
 
 def cpu_seconds(pid: int) -> float:
-    """Processor time of a process and its descendants until now."""
+    """Processor time of a process and its descendants until now, also of those that ended."""
     return sum(map(_own_seconds, _family(pid)))
 
 
@@ -89,7 +89,7 @@ def _family(pid: int) -> Iterator[int]:
 
 def _own_seconds(pid: int) -> float:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
 
 
 def settle(pid: int) -> None:

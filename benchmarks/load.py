@@ -13,11 +13,12 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,11 +62,17 @@ def body(points: int, number: int) -> bytes:
 
 
 @contextmanager
-def service(folder: Path, workers: int, *, under: Sequence[str] = ()) -> Iterator[tuple[str, int]]:
-    """The URL and the process id of a service that has warmed up, started by the command ``under``."""
+def service(
+    folder: Path, workers: int, *, under: Sequence[str] = (), variables: Mapping[str, str] | None = None
+) -> Iterator[tuple[str, int]]:
+    """The URL and the process id of a service that has warmed up, started by the command ``under``.
+
+    It has these environment variables in addition.
+    """
     command = [*under, sys.executable, "-m", "equimesh_cli", "serve", "--port", "0", "--workers", str(workers)]
     command += ["--data-dir", str(folder), "--log-level", "info", "--max-points", "5000000"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    environment = {**os.environ, **(variables or {})}
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
     assert process.stderr is not None
     try:
         said = next(line for line in process.stderr if "listening on" in line)

@@ -14,6 +14,7 @@ from pathlib import Path
 import adapt
 import bench
 import cluster
+import cold_start
 import convection
 import golden
 import latency
@@ -386,3 +387,33 @@ def test_latency_counts_all_processes_of_a_server() -> None:
         assert latency.cpu_seconds(pid) > 0.0
         assert pid in latency._family(os.getpid())
     assert latency.in_process(9, 1).cpu > 0.0
+
+
+def test_the_cost_of_a_start_is_that_of_all_processes_and_compiled_loops_are_counted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    found = {row.what: row for row in cold_start.rows(["commands"], 1)}
+    assert {*found} == {"import equimesh", "equimesh --help", "equimesh config"}
+    assert all(0.0 < row.value < 100.0 and row.goal is not None for row in found.values())
+    burn = "import time\nwhile time.process_time() < 0.3: pass"
+    child = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {burn!r}])"
+    assert cold_start._command(["-c", child]) > 0.3
+    with pytest.raises(SystemExit, match="ended with status 3"):
+        cold_start._command(["-c", "raise SystemExit(3)"])
+
+    @contextmanager
+    def service(*_: object, variables: dict[str, str]) -> Iterator[tuple[str, int]]:
+        loops = Path(variables["EQUIMESH_CACHE_DIR"], "level")
+        loops.mkdir(exist_ok=True)
+        for name in ("new-b-c", "again-b-c", ".new-b-c.lock"):
+            (loops / name).touch()
+        yield "", os.getpid()
+
+    (tmp_path / "level").mkdir()
+    for name in ("again-b-c", "kept-b-c"):
+        (tmp_path / "level" / name).touch()
+        os.utime(tmp_path / "level" / name, (0, 0))
+    monkeypatch.setattr(cold_start, "service", service)
+    seconds, compiled = cold_start.start(tmp_path, {})
+    assert seconds > 0.0
+    assert compiled == 2
