@@ -55,6 +55,7 @@ export function createNotice(place) {
  */
 export function waitingOf(problem, readiness) {
   if (problem.status === 0) return { text: "The service does not answer. The page tries again until it does." };
+  if (readiness?.status === "ok") return null; // it computes, and still compiles loops of rare kinds of problems
   const { compiled = 0, of = 0 } = readiness?.warm_up ?? {};
   if (of > 0) {
     return { text: `The service warms up: it compiles its loops, once in an environment. ${compiled} of ${of} are done.`, done: compiled, of };

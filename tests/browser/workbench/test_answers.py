@@ -97,13 +97,22 @@ def test_the_page_comes_back_after_the_service(page: Page) -> None:
 def test_a_service_that_compiles_says_how_far_it_is(page: Page) -> None:
     busy = {"type": "/problems/workers-busy", "title": "Workers busy", "detail": "All workers are busy."}
     page.route(PREVIEWS, lambda route: route.fulfill(status=503, json=busy))
-    page.route("**/readyz", lambda route: route.fulfill(status=503, json={"warm_up": {"compiled": 37, "of": 146}}))
+    unready = {"status": "unavailable", "warm_up": {"compiled": 37, "of": 146}}
+    page.route("**/readyz", lambda route: route.fulfill(status=503, json=unready))
     page.fill(FUNCTION, "tanh(9*x)")
     expect(page.locator(NOTICE)).to_contain_text("compiles its loops, once in an environment. 37 of 146 are done")
     assert page.locator(f"{NOTICE} progress").evaluate("bar => [bar.value, bar.max]") == [37, 146]
     page.unroute(PREVIEWS)
     page.unroute("**/readyz")
     expect(page.locator(NOTICE)).to_be_hidden()
+
+
+def test_a_service_that_is_ready_does_not_warm_up(page: Page) -> None:
+    """It may still compile loops of rare kinds; that its workers are busy has then another reason."""
+    for status, says in (("unavailable", True), ("ok", False)):
+        readiness = {"status": status, "warm_up": {"compiled": 58, "of": 153}}
+        said = ran(page, "notice.js", "it.waitingOf(...values)", {"status": 503}, readiness)
+        assert (said is not None) == says
 
 
 def test_a_failed_solve_keeps_the_last_mesh_and_a_button_does_what_its_remedy_says(page: Page) -> None:
