@@ -48,6 +48,6 @@ class Store:
         return describe_skew(skew(self.clock))
 
     def check(self) -> None:
-        """Raise when the database does not answer."""
-        with self.database.read() as connection:
+        """Raise when the database does not answer, or takes no writes now."""
+        with self.database.write(durable=False) as connection:
             connection.execute(select(func.count()).select_from(samples))
