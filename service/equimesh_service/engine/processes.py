@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import atexit
-import gc
 import logging
-import multiprocessing
-import os
 import pickle
 import selectors
-import signal
 import socket
-import struct
-import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
-from multiprocessing import forkserver
-from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
-from equimesh_service.engine.port import Health, open_outcome, pack_error, pack_result
+from equimesh_service.engine.fork_server import forking_context
+from equimesh_service.engine.port import Health, open_outcome
+from equimesh_service.engine.worker_process import LENGTH, run_worker
 from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError, WorkerLostError
 
 Result = TypeVar("Result")
@@ -38,14 +31,8 @@ _MAX_BROKEN = 3
 _PAUSE_SECONDS = 5.0
 # Seconds for the threads of an engine to end; they need less than one, unless a process is just started.
 _STOP_SECONDS = 30.0
-# The time between two checks of a worker's parent.
-_WATCH_SECONDS = 0.2
-# A message is its length, and that many bytes.
-_LENGTH = struct.Struct("<Q")
 # Bytes that the system holds between the two ends of a socket, where it allows so many.
 _BUFFER_BYTES = 1 << 20
-_server_lock = threading.Lock()
-_THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(eq=False)
@@ -72,7 +59,7 @@ class _Worker:
     def send(self, message: bytes | None = None) -> None:
         """Send what the socket takes now of a message, or of what is left of one."""
         if message is not None:
-            self.unsent = memoryview(_LENGTH.pack(len(message)) + message)
+            self.unsent = memoryview(LENGTH.pack(len(message)) + message)
         while self.unsent:
             try:
                 self.unsent = self.unsent[self.channel.send(self.unsent) :]
@@ -84,9 +71,9 @@ class _Worker:
         try:
             while piece := self.channel.recv(_BUFFER_BYTES):
                 self.came += piece
-                end = _LENGTH.size + _LENGTH.unpack_from(self.came)[0] if len(self.came) >= _LENGTH.size else None
+                end = LENGTH.size + LENGTH.unpack_from(self.came)[0] if len(self.came) >= LENGTH.size else None
                 if end is not None and len(self.came) >= end:
-                    message, self.came = bytes(memoryview(self.came)[_LENGTH.size : end]), bytearray()
+                    message, self.came = bytes(memoryview(self.came)[LENGTH.size : end]), bytearray()
                     return message
         except BlockingIOError:
             return None
@@ -120,7 +107,7 @@ class ProcessEngine:
         prepare: Callable[[], None] | None = None,
     ) -> None:
         self._count = workers
-        self._context = _context(preload)
+        self._context = forking_context(preload)
         # Workers hold the reading end, which closes when this process ends, however it ends.
         reader, self._lifeline = self._context.Pipe(duplex=False)
         self._start = (memory_limit, prepare, warm_up, reader)
@@ -401,7 +388,7 @@ class ProcessEngine:
         ours, theirs = socket.socketpair()
         for end in (ours, theirs):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
-        process = self._context.Process(target=_work, args=(theirs, *self._start), daemon=True)
+        process = self._context.Process(target=run_worker, args=(theirs, *self._start), daemon=True)
         try:
             process.start()
         except BaseException:
@@ -426,163 +413,3 @@ def _opened(message: bytes) -> tuple[Any, Exception | None]:
         return open_outcome(message), None
     except Exception as error:
         return None, error
-
-
-def _context(preload: Sequence[str]) -> Any:
-    if sys.platform == "win32":  # pragma: no cover
-        return multiprocessing.get_context("spawn")
-    context = _Forking()
-    context.set_forkserver_preload(list(preload))
-    _start_server()
-    return context
-
-
-if sys.platform != "win32":
-    from multiprocessing.context import ForkServerContext, ForkServerProcess
-
-    class _Forked(ForkServerProcess):
-        """A process that is forked from the server, which is restarted when it is gone."""
-
-        def start(self) -> None:
-            _start_server()
-            with _main_hidden():
-                super().start()
-
-    class _Forking(ForkServerContext):
-        Process = _Forked
-
-
-def _start_server() -> None:
-    """Start the process that workers are forked from, unless it runs."""
-    # One thread in each worker, as there are as many workers as processors. Libraries read this when the server loads
-    # them.
-    with _server_lock:
-        atexit.unregister(_end_server)
-        atexit.register(_end_server)
-        missing = [name for name in _THREAD_COUNTS if name not in os.environ]
-        try:
-            for name in missing:
-                os.environ[name] = "1"
-            forkserver.ensure_running()
-        finally:
-            for name in missing:
-                del os.environ[name]
-
-
-@contextmanager
-def _main_hidden() -> Iterator[None]:
-    """Keep a new process from importing the main module, which it does not need.
-
-    A script that calls :func:`~equimesh_service.running` outside of ``if __name__ == "__main__"`` would otherwise start
-    a service in every worker of its service.
-    """
-    main = vars(sys.modules["__main__"])
-    with _server_lock:
-        hidden: dict[str, Any] = {name: main[name] for name in ("__spec__", "__file__") if name in main}
-        main.update(dict.fromkeys(hidden))
-        try:
-            yield
-        finally:
-            main.update(hidden)
-
-
-def _end_server() -> None:
-    """End the process that workers are forked from. It would otherwise import all of its modules before it ends."""
-    with _server_lock:
-        server: Any = forkserver._forkserver
-        if server._forkserver_pid is not None:
-            with suppress(ProcessLookupError):
-                os.kill(server._forkserver_pid, signal.SIGKILL)
-            server._stop()
-
-
-def _work(
-    channel: socket.socket,
-    memory_limit: int | None,
-    prepare: Callable[[], None] | None,
-    warm_up: Callable[[], None] | None,
-    lifeline: Connection[Any, Any],
-) -> None:
-    """The life of a worker: it warms up, and makes calls until its socket is closed."""
-    # A worker is stopped by signals. Python would handle them between two instructions, after a long factorisation.
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_die_with_parent, args=(lifeline, os.getppid()), daemon=True).start()
-    first = _prepared(prepare, warm_up)
-    if memory_limit is not None:
-        _limit_memory(memory_limit)
-    gc.collect()
-    gc.freeze()  # what is here stays: to look through it again and again takes as long as a small mesh
-    with suppress(OSError):
-        _send(channel, first)
-        while (message := _receive(channel)) is not None:
-            _send(channel, _outcome(message))
-
-
-def _prepared(prepare: Callable[[], None] | None, warm_up: Callable[[], None] | None) -> bytes:
-    """The seconds that the warm-up took, or what it raised, as the first message of a worker."""
-    try:
-        if prepare is not None:
-            prepare()
-        began = time.perf_counter()
-        if warm_up is not None:
-            warm_up()
-        return pack_result(time.perf_counter() - began)
-    except Exception as error:  # the service learns of it, and replaces this worker
-        return pack_error(error)
-
-
-def _outcome(message: bytearray) -> bytes:
-    """The outcome of a call as a message."""
-    try:
-        function, arguments = pickle.loads(message)
-        return pack_result(function(*arguments))
-    except MemoryError:
-        pass
-    except Exception as error:
-        return pack_error(error)
-    gc.collect()  # nothing refers to the objects of the task now, and the next one needs the memory
-    return pack_error(MemoryLimitError("the memory limit was reached"))
-
-
-def _send(channel: socket.socket, message: bytes) -> None:
-    channel.sendall(_LENGTH.pack(len(message)))
-    channel.sendall(message)
-
-
-def _receive(channel: socket.socket) -> bytearray | None:
-    """The next message; None when the other end is closed."""
-    head = _exactly(channel, _LENGTH.size)
-    return None if head is None else _exactly(channel, _LENGTH.unpack(head)[0])
-
-
-def _exactly(channel: socket.socket, size: int) -> bytearray | None:
-    found = bytearray(size)
-    left = memoryview(found)
-    while left:
-        count = channel.recv_into(left)
-        if not count:
-            return None
-        left = left[count:]
-    return found
-
-
-def _die_with_parent(lifeline: Connection[Any, Any], parent: int) -> None:
-    # The service may be killed before it stops its workers, and an orphan would compute in vain. So would a worker
-    # without the server that it was forked from: the service knows of it through the server alone.
-    while not lifeline.poll(_WATCH_SECONDS):
-        if os.getppid() != parent:
-            break
-    os._exit(1)
-
-
-def _limit_memory(mebibytes: int) -> None:
-    if sys.platform != "linux":  # pragma: no cover - elsewhere the system does not enforce this limit
-        return
-    import resource
-
-    with open("/proc/self/statm") as file:
-        held = int(file.read().split()[0]) * resource.getpagesize()
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    limit = held + mebibytes * 1024 * 1024
-    resource.setrlimit(resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
