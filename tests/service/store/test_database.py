@@ -7,7 +7,8 @@ import re
 from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, make_url, text
+from sqlalchemy import create_engine, event, make_url, text
+from sqlalchemy.exc import OperationalError
 
 from equimesh_cli import main
 from equimesh_service import Settings, running
@@ -22,6 +23,19 @@ def test_sqlite_writes_ahead_and_to_disk(tmp_path: Path) -> None:
         assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
         assert connection.execute(text("PRAGMA synchronous")).scalar() == 2
         assert connection.execute(text("PRAGMA foreign_keys")).scalar() == 1
+    store.close()
+
+
+def test_a_database_that_takes_no_writes_is_noticed_though_it_can_be_read(tmp_path: Path) -> None:
+    store = Store(f"sqlite:///{tmp_path / 'test.sqlite3'}")
+    store.prepare()
+    store.check()
+    store.close()
+    event.listen(store.database._engine, "connect", lambda raw, _: raw.execute("PRAGMA query_only = ON"))
+    with store.database.read() as connection:
+        assert connection.execute(text("SELECT count(*) FROM meshes")).scalar() == 0
+    with pytest.raises(OperationalError, match="readonly database"):
+        store.check()
     store.close()
 
 
