@@ -19,6 +19,11 @@ import leftovers
 from programs import PROGRAMS, missing_program, must_be_here
 from scheduler import FileScheduling
 
+# Before anything loads NumPy: threads of linear algebra spin while they wait, which costs some tests half their time,
+# and several processes run at once. Services give their workers one thread, too.
+for count in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(count, "1")
+
 LEFT_OUT = pytest.StashKey[Counter[str]]()
 MARK = pytest.StashKey[str]()
 # Seconds from the last test until a process of tests must have ended, and until what it started is ended.
