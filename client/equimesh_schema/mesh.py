@@ -32,6 +32,7 @@ SUFFIXES: Mapping[str, str] = {
     ".msh": "msh",
     ".mesh": "medit",
     ".su2": "su2",
+    ".inp": "abaqus",
     ".p3d.zip": "p3d",
     ".foam.zip": "foam",
     ".npz": "npz",

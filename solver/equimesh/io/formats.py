@@ -80,6 +80,13 @@ FORMATS: Final = {
             description="SU2 text with a marker for each side: SU2",
         ),
         MeshFormat(
+            name="abaqus",
+            suffix=".inp",
+            media_type="application/x-abaqus",
+            description="Abaqus input with a node set and a surface for each side: p4est, Trixi, deal.II, CalculiX,"
+            " meshio",
+        ),
+        MeshFormat(
             name="p3d",
             suffix=".p3d.zip",
             media_type="application/x-plot3d+zip",

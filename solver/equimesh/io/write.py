@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError
 from equimesh.io import solver_files
+from equimesh.io.abaqus import abaqus_text
 from equimesh.io.formats import CELLS, FORMATS, Cells, MeshFormat
 from equimesh.io.npz import mesh_arrays, npz_bytes
 from equimesh.io.solver_files import gmsh_text, medit_text, neutral_map, plot3d_text, su2_text, with_time
@@ -230,6 +231,10 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
             file.write_text(text, encoding="ascii", newline="\n")
         case "su2":
             text = su2_text(data.mesh.points, corners_of(data, kind), data.mesh.sides)
+            file.write_text(text, encoding="ascii", newline="\n")
+        case "abaqus":
+            owner = np.repeat(data.subdomain.ravel(), per_quad(kind))
+            text = abaqus_text(data.mesh.points, corners_of(data, kind), data.mesh.sides, subdomain=owner)
             file.write_text(text, encoding="ascii", newline="\n")
         case "foam":
             with TemporaryDirectory(dir=file.parent) as folder:

@@ -15,7 +15,7 @@ from service.conftest import PAPER
 
 def test_capabilities_name_every_choice(http: httpx.Client, document: dict[str, Any], settings: Settings) -> None:
     able = http.get("/v1/capabilities").json()
-    names = {"vtu", "vtk", "vts", "vtm", "p3d", "xdmf", "msh", "medit", "su2", "foam", "npz"}
+    names = {"vtu", "vtk", "vts", "vtm", "p3d", "xdmf", "msh", "medit", "su2", "abaqus", "foam", "npz"}
     assert {form["name"] for form in able["formats"]} == names
     assert {form["name"] for form in able["formats"] if form["cells"] == ["quad"]} == {"vts", "vtm", "p3d"}
     properties = document["components"]["schemas"]["MeshSpec"]["properties"]

@@ -12,7 +12,7 @@ from equimesh_schema.mesh import SUFFIXES
 
 
 def test_each_format_is_described() -> None:
-    assert list(FORMATS) == ["vtu", "vtk", "vts", "vtm", "xdmf", "msh", "medit", "su2", "p3d", "foam", "npz"]
+    assert list(FORMATS) == ["vtu", "vtk", "vts", "vtm", "xdmf", "msh", "medit", "su2", "abaqus", "p3d", "foam", "npz"]
     for name, known in FORMATS.items():
         assert known.name == name
         assert known.suffix.startswith(".")
