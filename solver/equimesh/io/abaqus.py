@@ -76,4 +76,5 @@ def _faces(cells: IntArray, edges: IntArray) -> IntArray:
 
 def _keys(pairs: IntArray, count: int) -> IntArray:
     """One number for both directions of an edge between two of ``count`` nodes."""
-    return pairs.min(axis=1).astype(np.int64) * count + pairs.max(axis=1)
+    keys: IntArray = pairs.min(axis=1).astype(np.int64) * count + pairs.max(axis=1)
+    return keys
