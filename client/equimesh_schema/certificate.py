@@ -151,6 +151,24 @@ class InterpolationGain(Answer, Mapping[str, float]):
 
 
 @dataclass(frozen=True, kw_only=True)
+class DegreeGain(Answer):
+    """How many times smaller the interpolation error of elements of one degree is than on the uniform mesh.
+
+    On blocks it is compared with the initial mesh. The gains are estimates from some of the cells, but for degree 1.
+    """
+
+    degree: int
+    """The degree of the element: 1 is bilinear, 2 biquadratic, 3 bicubic; on triangles linear and quadratic."""
+    l2: Number
+    """Of u itself; nan, in JSON null, where a layer of u lies inside a cell."""
+    h1: Number
+    """Of the gradient of u."""
+
+    def __str__(self) -> str:
+        return f"degree {self.degree}: {_short(self.l2)} in L2, {_short(self.h1)} in H1"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Certificate(Answer):
     """How well a mesh solves the requested equations. A number that is not known is nan, in JSON null."""
 
@@ -183,6 +201,8 @@ class Certificate(Answer):
     """Whether the gains are known; false where a layer of u lies inside a cell: they are null."""
     interpolation_gain: InterpolationGain | None
     """The error on another mesh over that on this one; null without a u."""
+    gains_by_degree: tuple[DegreeGain, ...] = ()
+    """The same for elements of degree 1, 2 and 3, on triangles 1 and 2; empty without a u, and of a failed mesh."""
     target: Aim | None = None
     """The requested error and what was reached; null where a grid was given."""
     comparison: tuple[Candidate, ...] = ()
@@ -248,6 +268,8 @@ class Certificate(Answer):
             lines.append(
                 f"  interpolation gain    {gains}  (error on the {self.compared_with} mesh over that on this one)"
             )
+        if self.gains_by_degree:
+            lines.append(f"  by degree             {'; '.join(map(str, self.gains_by_degree))}")
         if self.target is not None:
             lines.append(f"  target                {self.target}")
         lines += [f"  compared              {candidate}" for candidate in self.comparison]

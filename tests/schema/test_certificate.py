@@ -94,7 +94,18 @@ def test_json_of_a_certificate_is_that_it_was_read_from() -> None:
         "resolved": True,
         "compared_with": "uniform",
         "understood": {},
+        "gains_by_degree": [],
     }
+
+
+def test_the_gains_of_each_degree_are_told() -> None:
+    gains = [{"degree": 1, "l2": 16.8, "h1": 4.9}, {"degree": 2, "l2": 0.456, "h1": None}]
+    certificate = Certificate.from_json({**CERTIFICATE, "gains_by_degree": gains})
+    assert [(one.degree, one.l2) for one in certificate.gains_by_degree] == [(1, 16.8), (2, 0.456)]
+    assert math.isnan(certificate.gains_by_degree[1].h1)
+    assert "degree 1: 17 in L2, 4.9 in H1; degree 2: 0.46 in L2, not known in H1" in str(certificate)
+    assert certificate.to_json()["gains_by_degree"] == gains
+    assert "by degree" not in str(Certificate.from_json(CERTIFICATE))
 
 
 def test_what_is_absent_or_no_number_is_not_known_and_null_again() -> None:

@@ -11,30 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.cells import CellPoints
+from equimesh.quality.elements import CellKind, Element, quadrilateral, triangle
 from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 
 SHARES = 5
 """Shares of a corner: derivatives by x and y, and the three second derivatives."""
-
-
-class Element(NamedTuple):
-    """A reference element: shape functions and their derivatives at the points of a quadrature rule.
-
-    ``shape``, ``along_s`` and ``along_t`` have the shape ``(points, corners)``; ``weights`` sum to its area.
-    """
-
-    shape: Array
-    along_s: Array
-    along_t: Array
-    weights: Array
 
 
 class Nodes(NamedTuple):
@@ -361,17 +349,6 @@ def quasi_newton_direction(
 # Elements on which the error is measured: bilinear quadrilaterals, or the triangles of a cut mesh.
 
 Norm: TypeAlias = Literal["l2", "h1"]
-CellKind: TypeAlias = Literal["quad", "triangle"]
-
-TRIANGLE_RULE = (
-    (0.445948490915964886, 0.223381589678011466),
-    (0.091576213509770743, 0.109951743655321868),
-)
-"""Two orbits of the rule of degree 4 with six points: the barycentric coordinate that occurs twice, and the weight.
-
-D. A. Dunavant, *High degree efficient symmetrical Gaussian quadrature rules for the triangle*, Int. J. Numer. Meth.
-Eng. 21 (1985). The rule is exact for the squared error of a quadratic u.
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -407,31 +384,3 @@ class Rule:
         )
         triangles: IntArray = CUTS[cuts] + 4 * np.arange(count)[:, None, None]
         return triangles.reshape(-1, 3)
-
-
-@cache
-def quadrilateral(points: int) -> Element:
-    """The bilinear element with the Gauss rule of this many ``points`` a direction."""
-    s, t, weights = CellPoints.gauss(points)
-    return Element(
-        shape=np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=1),
-        along_s=np.stack([t - 1, 1 - t, t, -t], axis=1),
-        along_t=np.stack([s - 1, -s, s, 1 - s], axis=1),
-        weights=weights,
-    )
-
-
-@cache
-def triangle() -> Element:
-    """The linear element with the rule of degree 4."""
-    shape, weights = [], []
-    for twice, weight in TRIANGLE_RULE:
-        for k in range(3):
-            shape.append([1.0 - 2.0 * twice if corner == k else twice for corner in range(3)])
-            weights.append(0.5 * weight)
-    return Element(
-        shape=np.array(shape),
-        along_s=np.tile([-1.0, 1.0, 0.0], (len(weights), 1)),
-        along_t=np.tile([-1.0, 0.0, 1.0], (len(weights), 1)),
-        weights=np.array(weights),
-    )

@@ -19,14 +19,13 @@ from equimesh.meshes.mesh import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.metrics import ArcLength
 from equimesh.numerics.types import Pair
-from equimesh.quality.cells import Cells, UniformCells, cells_of
 from equimesh.quality.faces import Faces
-from equimesh.quality.interpolation import InterpolationErrors, probe_errors, quadratic_gain
+from equimesh.quality.interpolation import InterpolationErrors, probe_errors
 from equimesh.quality.measures import CutOff, measure_cut_off
 from equimesh.single_domain.level import Mode
 from equimesh.solving.status import Status
 from equimesh_schema import Relaxed
-from equimesh_schema.certificate import FaceAngles, InterpolationGain
+from equimesh_schema.certificate import DegreeGain, FaceAngles, InterpolationGain
 from equimesh_schema.document import Json
 
 # Error estimates of a certificate: those of the solve times a factor, so that they err on the safe side.
@@ -50,6 +49,8 @@ def safe_discretization_error(estimate: float | None) -> float | None:
     return None if estimate is None else finite_or_none(DISCRETIZATION_SAFETY * estimate)
 
 
+ELEMENTS = {1: "bilinear", 2: "quadratic", 3: "cubic", 4: "quartic"}
+"""The names of elements of each degree."""
 MEASURED = ("faces", "interpolation")
 """The fields that are answered by those that follow from them."""
 
@@ -112,8 +113,8 @@ class Certificate(equimesh_schema.Certificate):
 
 # A mesh whose L2 gain is smaller interpolates u worse than the uniform mesh by a hundredth, and deserves a warning.
 MIN_GAIN = 0.99
-# The same for the H1 gain of a mesh whose L2 gain is not warned of, and for the estimated gain of quadratic elements.
-MIN_GAIN_H1, MIN_QUADRATIC_GAIN = 0.9, 0.9
+# The same for the H1 gain of a mesh whose L2 gain is not warned of, and for the estimated gain of other degrees.
+MIN_GAIN_H1, MIN_ESTIMATED_GAIN = 0.9, 0.9
 # A residual that rounding alone causes deserves a warning above this.
 MAX_SILENT_ROUNDING = 1e-6
 # Largest error of interpolation, as a share of the range of u, that a mesh may have without a warning.
@@ -144,8 +145,12 @@ def warnings(
     relaxed: Sequence[Relaxed],
     meshes: tuple[MeshWindow, MeshWindow],
     errors: InterpolationErrors | None,
+    gains: Sequence[DegreeGain],
 ) -> Iterator[str]:
-    """Sentences to read before using a mesh. ``meshes`` are the mesh of the domain and its reference mesh."""
+    """Sentences to read before using a mesh. ``meshes`` are the mesh of the domain and its reference mesh.
+
+    ``gains`` are those of elements of each degree.
+    """
     if status is Status.RELAXED:
         what = ", ".join(map(str, relaxed))
         yield f"The mesh solves relaxed equations, not the requested ones: {what}."
@@ -160,10 +165,7 @@ def warnings(
         yield from _about_structure(problem, meshes, errors)
         yield from about_cut_off(measure_cut_off(problem.domain, meshes[1]))
     yield from _about_gains(errors)
-    u, on_triangles = problem.monitor.u, getattr(problem.monitor, "cells", "quad") == "triangle"
-    if u is not None and status.succeeded and not on_triangles:
-        uniform = UniformCells(problem.grid, problem.domain, meshes[0].rows)
-        yield from _about_quadratic(cells_of(meshes[0]), uniform, u, errors)
+    yield from about_degrees(gains)
 
 
 def about_cut_off(cut: CutOff) -> Iterator[str]:
@@ -178,12 +180,13 @@ def about_cut_off(cut: CutOff) -> Iterator[str]:
 
 
 def block_warnings(
-    mesh: QuadMesh, initial: QuadMesh | None, u: Field | None, errors: InterpolationErrors | None, faces: Faces
+    mesh: QuadMesh,
+    u: Field | None,
+    errors: InterpolationErrors | None,
+    faces: Faces,
+    gains: Sequence[DegreeGain],
 ) -> Iterator[str]:
-    """Sentences to read before using a mesh of blocks: about u, its interpolant, and thin or oblique cells.
-
-    ``initial`` is the mesh that it began with, ``None`` where u is interpolated on triangles.
-    """
+    """Sentences to read before using a mesh of blocks: about u, its interpolant, and thin or oblique cells."""
     if u is None or errors is None or mesh.is_folded:
         return
     yield from _about_noise(u)
@@ -192,8 +195,7 @@ def block_warnings(
     yield from _about_thin_cells(mesh.min_jacobian)
     yield from _about_large_errors(errors)
     yield from _about_gains(errors, "initial")
-    if initial is not None:
-        yield from _about_quadratic(cells_of(mesh), cells_of(initial), u, errors, "initial")
+    yield from about_degrees(gains, "initial")
     yield from about_faces(faces)
 
 
@@ -316,17 +318,16 @@ def _about_gains(errors: InterpolationErrors, other: str = "uniform") -> Iterato
         )
 
 
-def _about_quadratic(
-    cells: Cells, uniform: Cells, u: Field, errors: InterpolationErrors, other: str = "uniform"
-) -> Iterator[str]:
-    """A warning where bilinear elements gain, or nearly, and quadratic elements lose."""
-    if not errors.gain_l2 >= MIN_GAIN:
+def about_degrees(gains: Sequence[DegreeGain], other: str = "uniform") -> Iterator[str]:
+    """A warning where elements of degree 2 or 3 lose against the ``other`` mesh, unless degree 1 loses, too."""
+    if any(one.degree == 1 and one.l2 < MIN_GAIN for one in gains):
         return
-    gain = quadratic_gain(cells, uniform, u, errors.size)
-    if 0.0 < gain < MIN_QUADRATIC_GAIN:
+    worse = [one for one in gains if one.degree > 1 and 0.0 < one.l2 < MIN_ESTIMATED_GAIN]
+    if worse:
+        losses = " and ".join(f"{1 / one.l2:.2g} times larger for {ELEMENTS[one.degree]} ones" for one in worse)
         yield (
-            f"The mesh is one for bilinear elements: quadratic ones interpolate u worse on it than on the {other} mesh,"
-            f" with an L2 error about {1 / gain:.2g} times as large. Take the {other} mesh for quadratic elements."
+            f"The mesh is one for bilinear elements: the L2 error of interpolation is about {losses} than on the"
+            f" {other} mesh. Take the {other} mesh for them."
         )
 
 

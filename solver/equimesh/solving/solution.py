@@ -21,8 +21,9 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.cells import Angles, measure_angles
+from equimesh.quality.cells import Angles, UniformCells, cells_of, measure_angles
 from equimesh.quality.comparison import UniformComparison, compare_with_uniform
+from equimesh.quality.degrees import gains_by_degree
 from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import (
@@ -42,7 +43,7 @@ from equimesh.single_domain.level import Mode
 from equimesh.solving.certificate import Certificate, about_cut_off, about_faces, block_warnings, warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation
-from equimesh_schema import Aim, Candidate, Estimate, Relaxed
+from equimesh_schema import Aim, Candidate, DegreeGain, Estimate, Relaxed
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar
@@ -103,6 +104,14 @@ class MeasuredMesh:
         """The smallest corner Jacobian, 1 on the uniform mesh of a rectangle."""
         return self.mesh.min_jacobian / self.problem.domain.area
 
+    def gains(self, errors: InterpolationErrors | None) -> tuple[DegreeGain, ...]:
+        """The gains of elements of each degree; none without u, and on a folded mesh."""
+        problem, mesh = self.problem, cells_of(self.mesh)
+        if problem.monitor.u is None or errors is None or not mesh.all_valid:
+            return ()
+        uniform = UniformCells(problem.grid, problem.domain, self.mesh.rows)
+        return gains_by_degree(mesh, uniform, problem.monitor.u, errors, interpolated_cells(problem.monitor))
+
     def deviation(self, residual: float) -> float | None:
         """The residual of the equidistribution equations; ``None`` where these were not solved.
 
@@ -119,10 +128,15 @@ class MeasuredMesh:
         return deviation(metric, self.problem.boundary, self.reference, u=u, threads=self.threads)
 
     def warnings(
-        self, status: Status, relaxed: Sequence[Relaxed], errors: InterpolationErrors | None, faces: Faces
+        self,
+        status: Status,
+        relaxed: Sequence[Relaxed],
+        errors: InterpolationErrors | None,
+        faces: Faces,
+        gains: Sequence[DegreeGain],
     ) -> tuple[str, ...]:
         """Sentences to read before using the mesh."""
-        found = warnings(self.problem, status, relaxed, (self.mesh, self.reference), errors)
+        found = warnings(self.problem, status, relaxed, (self.mesh, self.reference), errors, gains)
         return (*found, *about_faces(faces))
 
 
@@ -160,6 +174,13 @@ class MeasuredBlocks:
         """The smallest corner Jacobian, relative to the mean cell."""
         return self.mesh.min_jacobian
 
+    def gains(self, errors: InterpolationErrors | None) -> tuple[DegreeGain, ...]:
+        """The gains of elements of each degree; none without u, and on a folded mesh."""
+        monitor, mesh = self.problem.monitor, cells_of(self.mesh)
+        if monitor.u is None or errors is None or not mesh.all_valid:
+            return ()
+        return gains_by_degree(mesh, cells_of(self.problem.initial), monitor.u, errors, interpolated_cells(monitor))
+
     def deviation(self, residual: float) -> None:
         """Always None: no equations of equidistribution are solved."""
 
@@ -169,11 +190,10 @@ class MeasuredBlocks:
         relaxed: Sequence[Relaxed],  # noqa: ARG002
         errors: InterpolationErrors | None,
         faces: Faces,
+        gains: Sequence[DegreeGain],
     ) -> tuple[str, ...]:
         """Sentences to read before using the mesh."""
-        monitor, domain = self.problem.monitor, self.problem.domain
-        initial = None if interpolated_cells(monitor) == "triangle" else domain.mesh
-        found = block_warnings(self.mesh, initial, monitor.u, errors, faces)
+        found = block_warnings(self.mesh, self.problem.monitor.u, errors, faces, gains)
         return (*found, *about_cut_off(self.cut_off()))
 
 
@@ -343,8 +363,18 @@ class Solution(Generic[D, M]):
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Sentences to read before using the mesh, as the certificate has them."""
-        found: tuple[str, ...] = self._measured.warnings(self.status, self.relaxed, self.interpolation, self.faces)
+        found: tuple[str, ...] = self._measured.warnings(
+            self.status, self.relaxed, self.interpolation, self.faces, self.gains_by_degree
+        )
         return self.detours + found
+
+    @cached_property
+    def gains_by_degree(self) -> tuple[DegreeGain, ...]:
+        """How many times smaller the error of elements of degree 1, 2 and 3 is than on the uniform or initial mesh.
+
+        On triangles of degree 1 and 2. Empty without a u, and for a folded mesh.
+        """
+        return self._measured.gains(self.interpolation)
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -360,6 +390,7 @@ class Solution(Generic[D, M]):
             relaxed=self.relaxed,
             warnings=self.warnings,
             interpolation=self.interpolation,
+            gains_by_degree=self.gains_by_degree,
             target=self.target,
             comparison=self.comparison,
             estimate=self.estimate,

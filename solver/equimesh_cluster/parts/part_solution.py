@@ -103,6 +103,7 @@ def measure_part(part: PartSolution, channel: Channel) -> PartMeasures:
         )
         quality = measured.quality()
         faces, errors = measured.faces(), quality.interpolation_error
+        gains = measured.gains(errors)
         certificate = Certificate(
             status=part.status,
             mode=part.mode,
@@ -112,8 +113,9 @@ def measure_part(part: PartSolution, channel: Channel) -> PartMeasures:
             discretization_error=part.discretization_error,
             algebraic_error=part.algebraic_error,
             relaxed=part.relaxed,
-            warnings=measured.warnings(part.status, part.relaxed, errors, faces),
+            warnings=measured.warnings(part.status, part.relaxed, errors, faces, gains),
             interpolation=errors,
+            gains_by_degree=gains,
             understood=understood(part.problem),
         )
         return PartMeasures(quality=quality.without_cells(), certificate=certificate, q_eq=quality.q_eq.cells)

@@ -31,7 +31,7 @@ def test_a_certificate_says_what_is_measured(domain: em.Domain) -> None:
     assert found.min_jacobian() == certificate.min_jacobian
     assert found.deviation(1.0) == pytest.approx(certificate.equation_residual, rel=1e-6)
     errors = solution.interpolation
-    assert found.warnings(solution.status, (), errors, found.faces()) == certificate.warnings
+    assert found.warnings(solution.status, (), errors, found.faces(), found.gains(errors)) == certificate.warnings
 
 
 def test_known_values_of_u_are_not_evaluated_again() -> None:

@@ -7,10 +7,16 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
-from equimesh.least_error.kernels import Nodes, Rule, quadrilateral, triangle
+from equimesh.least_error.kernels import Nodes, Rule
+from equimesh.quality.elements import CellKind, basis, lobatto, nodes_of, quadrilateral, rule, triangle
 from solver.bent import bent, objective_on, uniform
 
-ELEMENTS = {**{f"quad {n}": quadrilateral(n) for n in (2, 3, 4, 5)}, "triangle": triangle()}
+ELEMENTS = {
+    **{f"quad {n}": quadrilateral(n) for n in (2, 3, 4, 5)},
+    "triangle": triangle(),
+    "finer triangle": triangle(finer=True),
+}
+BASES: list[tuple[CellKind, int]] = [*(("quad", degree) for degree in (1, 2, 3, 4)), ("triangle", 1), ("triangle", 2)]
 CORNERS = {4: np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]), 3: np.array([[0, 0], [1, 0], [0, 1.0]])}
 
 
@@ -42,14 +48,33 @@ def test_shape_functions_and_their_derivatives_belong_to_the_points(name: str) -
             assert got[:, corner] == pytest.approx(part, abs=1e-14)
 
 
-def test_the_rule_of_triangles_is_exact_to_degree_4() -> None:
-    element = triangle()
+@pytest.mark.parametrize(("finer", "degree"), [(False, 4), (True, 6)])
+def test_the_rules_of_triangles_are_exact_to_their_degree(finer: bool, degree: int) -> None:
+    element = triangle(finer=finer)
     s, t = (element.shape @ CORNERS[3]).T
-    factorial = [1, 1, 2, 6, 24, 120, 720]
-    for p in range(5):
-        for q in range(5 - p):
+    factorial = [1, 1, 2, 6, 24, 120, 720, 5040, 40320]
+    for p in range(degree + 1):
+        for q in range(degree + 1 - p):
             exact = factorial[p] * factorial[q] / factorial[p + q + 2]
-            assert element.weights @ (s**p * t**q) == pytest.approx(exact, rel=1e-13)
+            assert element.weights @ (s**p * t**q) == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize(("cells", "degree"), BASES)
+def test_a_basis_interpolates_the_polynomials_of_its_degree(cells: CellKind, degree: int) -> None:
+    (a, b), element, found = nodes_of(cells, degree), rule(cells, 5), basis(cells, degree, 5)
+    s, t = (element.shape @ CORNERS[element.shape.shape[1]]).T
+    assert found.places @ CORNERS[element.shape.shape[1]] == pytest.approx(np.stack([a, b], axis=1), abs=1e-15)
+    for p in range(degree + 1):
+        for q in range(degree + 1 if cells == "quad" else degree + 1 - p):
+            nodal = a**p * b**q
+            assert found.value @ nodal == pytest.approx(s**p * t**q, abs=1e-13)
+            assert found.along_s @ nodal == pytest.approx(p * s ** max(p - 1, 0) * t**q, abs=1e-12)
+            assert found.along_t @ nodal == pytest.approx(q * t ** max(q - 1, 0) * s**p, abs=1e-12)
+
+
+def test_nodes_are_gauss_lobatto_points() -> None:
+    assert lobatto(3) == pytest.approx([0.0, 0.5 - 0.05**0.5, 0.5 + 0.05**0.5, 1.0], abs=1e-15)
+    assert lobatto(4) == pytest.approx([0.0, 0.5 - (3 / 28) ** 0.5, 0.5, 0.5 + (3 / 28) ** 0.5, 1.0], abs=1e-15)
 
 
 def test_the_squared_error_of_a_quadratic_on_triangles_is_exact() -> None:

@@ -1,0 +1,181 @@
+"""Reference elements: the map of a cell from its corners, rules of quadrature, and Lagrange bases of any degree.
+
+A quadrilateral is the image of the unit square, with the corners (0, 0), (1, 0), (1, 1), (0, 1). A triangle is that of
+the corners (0, 0), (1, 0), (0, 1).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from equimesh.numerics.types import Array
+from equimesh.quality.cells import CellPoints
+
+CellKind: TypeAlias = Literal["quad", "triangle"]
+MAX_DEGREES = {"quad": 4, "triangle": 2}
+"""The largest degree of an element on each kind of cell."""
+
+TRIANGLE_RULE = (
+    (0.445948490915964886, 0.223381589678011466),
+    (0.091576213509770743, 0.109951743655321868),
+)
+"""Two orbits of the rule of degree 4 with six points: the barycentric coordinate that occurs twice, and the weight.
+
+D. A. Dunavant, *High degree efficient symmetrical Gaussian quadrature rules for the triangle*, Int. J. Numer. Meth.
+Eng. 21 (1985). The rule is exact for the squared error of a quadratic u.
+"""
+FINER_TRIANGLE_RULE = (
+    (0.249286745170910421, 0.116786275726379366),
+    (0.063089014491502282, 0.050844906370206817),
+)
+"""Two orbits of the rule of degree 6 with twelve points, from the same source."""
+UNEVEN_ORBIT = ((0.053145049844816947, 0.310352451033784405), 0.082851075618373575)
+"""Its third orbit: two barycentric coordinates of six points, and the weight."""
+
+
+class Element(NamedTuple):
+    """A reference element: shape functions and their derivatives at the points of a quadrature rule.
+
+    ``shape``, ``along_s`` and ``along_t`` have the shape ``(points, corners)``; ``weights`` sum to its area.
+    """
+
+    shape: Array
+    along_s: Array
+    along_t: Array
+    weights: Array
+
+
+@cache
+def quadrilateral(points: int) -> Element:
+    """The bilinear element with the Gauss rule of this many ``points`` a direction."""
+    s, t, weights = CellPoints.gauss(points)
+    return Element(
+        shape=np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=1),
+        along_s=np.stack([t - 1, 1 - t, t, -t], axis=1),
+        along_t=np.stack([s - 1, -s, s, 1 - s], axis=1),
+        weights=weights,
+    )
+
+
+@cache
+def triangle(*, finer: bool = False) -> Element:
+    """The linear element with the rule of degree 4, or of degree 6 if it is to be ``finer``."""
+    shape, weights = [], []
+    for twice, weight in FINER_TRIANGLE_RULE if finer else TRIANGLE_RULE:
+        for k in range(3):
+            shape.append([1.0 - 2.0 * twice if corner == k else twice for corner in range(3)])
+            weights.append(0.5 * weight)
+    if finer:
+        (one, two), weight = UNEVEN_ORBIT
+        three = 1.0 - one - two
+        for point in ((one, two, three), (two, three, one), (three, one, two)):
+            shape += [[*point], [*point[::-1]]]
+            weights += [0.5 * weight] * 2
+    return Element(
+        shape=np.array(shape),
+        along_s=np.tile([-1.0, 1.0, 0.0], (len(weights), 1)),
+        along_t=np.tile([-1.0, 0.0, 1.0], (len(weights), 1)),
+        weights=np.array(weights),
+    )
+
+
+class Basis(NamedTuple):
+    """A Lagrange basis at the points of a rule, and the places of its nodes.
+
+    ``places`` of shape ``(nodes, corners)`` are the shape functions of the corners at the nodes: they map the nodes
+    with the cell. ``value``, ``along_s`` and ``along_t`` are the functions of the basis and their derivatives, of
+    shape ``(points, nodes)``.
+    """
+
+    places: Array
+    value: Array
+    along_s: Array
+    along_t: Array
+
+
+@cache
+def basis(cells: CellKind, degree: int, points: int) -> Basis:
+    """The basis of a ``degree`` at the points of :func:`rule`.
+
+    Its nodes are the Gauss-Lobatto points of both directions on quadrilaterals; the corners, and the middles of the
+    edges for degree 2, on triangles.
+    """
+    element, (s, t) = rule(cells, points), nodes_of(cells, degree)
+    corners = np.array([[0, 1, 1, 0], [0, 0, 1, 1.0]] if cells == "quad" else [[0, 1, 0], [0, 0, 1.0]])
+    found = lagrange(cells, degree, *(corners @ element.shape.T))
+    return Basis(shapes_at(cells, s, t).T.copy(), *(np.ascontiguousarray(part.T) for part in found))
+
+
+def rule(cells: CellKind, points: int) -> Element:
+    """The element with the Gauss rule of so many ``points`` a direction; on triangles, that of about as many."""
+    return quadrilateral(points) if cells == "quad" else triangle(finer=points > 3)
+
+
+def shapes_at(cells: CellKind, s: Array, t: Array) -> Array:
+    """The shape functions of the corners at some points, the first axis for the corners."""
+    if cells == "triangle":
+        return np.stack([1.0 - s - t, s, t])
+    return np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t])
+
+
+@cache
+def nodes_of(cells: CellKind, degree: int) -> tuple[Array, Array]:
+    """s and t of the nodes of the basis."""
+    if cells == "triangle":
+        count = 3 if degree == 1 else 6
+        return np.array([0, 1, 0, 0.5, 0.5, 0])[:count], np.array([0, 0, 1, 0, 0.5, 0.5])[:count]
+    s, t = np.meshgrid(lobatto(degree), lobatto(degree), indexing="ij")
+    return s.ravel(), t.ravel()
+
+
+@cache
+def lobatto(degree: int) -> Array:
+    """The ``degree + 1`` Gauss-Lobatto points of the unit interval."""
+    inner = np.polynomial.legendre.Legendre.basis(degree).deriv().roots().real
+    return np.concatenate([[0.0], 0.5 + 0.5 * np.sort(inner), [1.0]])
+
+
+def lagrange(cells: CellKind, degree: int, s: Array, t: Array) -> tuple[Array, Array, Array]:
+    """The functions of the basis at some points, and their derivatives along s and t; the first axis for the nodes."""
+    if cells == "quad":
+        (a, da), (b, db) = _along(degree, s), _along(degree, t)
+        pairs = ((a, b), (da, b), (a, db))
+        one, two, three = (np.reshape(p[:, None] * q[None, :], (-1, *s.shape)) for p, q in pairs)
+        return one, two, three
+    corners = shapes_at(cells, s, t)
+    slopes = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
+    ones = np.ones_like(corners)
+    if degree == 1:
+        return corners, ones * _raised(slopes[:, 0], s), ones * _raised(slopes[:, 1], s)
+    ahead = np.roll(corners, -1, axis=0)
+    values = np.concatenate([corners * (2.0 * corners - 1.0), 4.0 * corners * ahead])
+    derivatives = []
+    for slope in slopes.T:
+        own, next_one = _raised(slope, s), _raised(np.roll(slope, -1), s)
+        middle = 4.0 * (own * ahead + corners * next_one)
+        derivatives.append(np.concatenate([own * (4.0 * corners - 1.0), middle]))
+    return values, derivatives[0], derivatives[1]
+
+
+def _raised(numbers: Array, like: Array) -> Array:
+    """``numbers`` along the first axis, before the axes of ``like``."""
+    return np.reshape(numbers, (-1, *(1 for _ in like.shape)))
+
+
+def _along(degree: int, q: Array) -> tuple[Array, Array]:
+    """The Lagrange polynomials of the Gauss-Lobatto points, and their derivatives, at some points of an interval."""
+    nodes = lobatto(degree)
+    values, slopes = np.empty((2, nodes.size, *q.shape))
+    for k, node in enumerate(nodes):
+        roots = np.delete(nodes, k)
+        parts = [(q - root) / (node - root) for root in roots]
+        values[k] = np.prod(parts, axis=0)
+        slopes[k] = sum(
+            np.prod([part for other, part in enumerate(parts) if other != one] or [np.ones_like(q)], axis=0)
+            / (node - roots[one])
+            for one in range(roots.size)
+        )
+    return values, slopes
