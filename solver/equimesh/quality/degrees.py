@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -47,7 +48,7 @@ def gains_by_degree(
         chosen = WindowCells.of(cells.rows, chosen.numbers[scattered(chosen.numbers, one_of)])
     bases, element = [basis(kind, degree, GAUSS_POINTS) for degree in degrees], rule(kind, GAUSS_POINTS)
     with np.errstate(all="ignore"):
-        found = [squared_errors(one, chosen.numbers, u, bases, element, kind) for one in (cells, other)]
+        found = [squared_errors(one, chosen, u, bases, element, kind) for one in (cells, other)]
         squares = chosen.total(np.concatenate(found).reshape(-1, chosen.numbers.size))
         here, there = np.sqrt(squares * cells.count / chosen.count()).reshape(2, len(degrees), 2)
     rounding, gains = noise(cells, errors.size), [DegreeGain(degree=1, l2=errors.gain_l2, h1=errors.gain_h1)]
@@ -61,22 +62,28 @@ def gains_by_degree(
 
 
 def squared_errors(
-    cells: Cells, numbers: IntArray, u: Field, bases: Sequence[Basis], element: Element, kind: CellKind = "quad"
+    cells: Cells, chosen: WindowCells, u: Field, bases: Sequence[Basis], element: Element, kind: CellKind = "quad"
 ) -> Array:
-    """The integrals of the squared errors of u and of its gradient over the cells with these ``numbers``.
+    """The integrals of the squared errors of u and of its gradient over the ``chosen`` cells.
 
     They are those of the interpolants with each of the ``bases``, by the rule of ``element``: an array of the shape
-    ``(bases, 2, cells)``. u is evaluated at all points and nodes of a block of cells at once.
+    ``(bases, 2, cells)``. u is evaluated at all points and nodes of a block of cells at once. Blocks, and
+    with them the last digits, are the same for any number of holders.
     """
     places = np.concatenate([element.shape, *(one.places for one in bases)])
-    result = np.empty((len(bases), 2, numbers.size))
-    for first in range(0, numbers.size, BLOCK_CELLS):
-        block = slice(first, first + BLOCK_CELLS)
-        x, y = corners_of(cells, numbers[block], kind)
+    result = np.empty((len(bases), 2, chosen.numbers.size))
+    for block in _blocks(chosen):
+        x, y = corners_of(cells, chosen.numbers[block], kind)
         u_everywhere, u_x, u_y = u.evaluate(places @ x, places @ y, order=1)
         for k, squares in enumerate(_squares(element, bases, (x, y), u_everywhere, (u_x, u_y))):
-            result[k, :, block] = squares.reshape(2, numbers[block].size, -1).sum(axis=-1)
+            result[k, :, block] = squares.reshape(2, block.stop - block.start, -1).sum(axis=-1)
     return result
+
+
+def _blocks(chosen: WindowCells) -> Iterator[slice]:
+    for start, end in pairwise(map(int, chosen.ends)):
+        for first in range(start, end, BLOCK_CELLS):
+            yield slice(first, min(first + BLOCK_CELLS, end))
 
 
 def _squares(element: Element, bases: Sequence[Basis], corners: Pair, values: Array, slopes: Pair) -> Iterator[Array]:
