@@ -10,6 +10,7 @@ from equimesh_schema.certificate import (
     FaceAngles,
     InterpolationGain,
     Relaxed,
+    SolverGain,
 )
 from equimesh_schema.domains import AnnulusSector, MeshFile, Quadrilateral, Rectangle
 from equimesh_schema.mesh import Target
@@ -35,6 +36,7 @@ __all__ = [
     "Rectangle",
     "Relaxed",
     "Schwarz",
+    "SolverGain",
     "Target",
 ]
 __all__ += monitors.__all__

@@ -150,6 +150,31 @@ class InterpolationGain(Answer, Mapping[str, float]):
         return 2
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SolverGain(Answer, Mapping[str, float]):
+    """How many times smaller the error of a solver is than on the uniform mesh, or on the initial one of blocks.
+
+    The solver has bilinear finite elements, on triangles linear ones, and solves Poisson's equation with u as solution.
+    It is also a mapping of the two norms.
+    """
+
+    l2: Number
+    """Of u itself; nan, in JSON null, where a layer of u lies inside a cell."""
+    h1: Number
+    """Of the gradient of u."""
+    points: int
+    """Nodes of the two meshes on which it was measured; fewer than the mesh has where that is large."""
+
+    def __getitem__(self, norm: str) -> float:
+        return {"l2": self.l2, "h1": self.h1}[norm]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(("l2", "h1"))
+
+    def __len__(self) -> int:
+        return 2
+
+
 @dataclass(frozen=True, kw_only=True)
 class DegreeGain(Answer):
     """How many times smaller the interpolation error of elements of one degree is than on the uniform mesh.
@@ -203,6 +228,11 @@ class Certificate(Answer):
     """The error on another mesh over that on this one; null without a u."""
     gains_by_degree: tuple[DegreeGain, ...] = ()
     """The same for elements of degree 1, 2 and 3, on triangles 1 and 2; empty without a u, and of a failed mesh."""
+    solver_gain: SolverGain | None = None
+    """The error of a solver on the other mesh over that on this one.
+
+    It is measured for meshes of least error and of auto; null for others, without a u, and in large blocks.
+    """
     target: Aim | None = None
     """The requested error and what was reached; null where a grid was given."""
     comparison: tuple[Candidate, ...] = ()
@@ -237,11 +267,18 @@ class Certificate(Answer):
         if self.interpolation_gain is None:
             return "The mesh is finished. There is no u, so no error of interpolation is measured."
         l2, h1 = self.interpolation_gain.l2, self.interpolation_gain.h1
-        if not (math.isfinite(l2) and l2 > 0.0):
+        if not is_known(l2):
             return "The mesh is finished. How much smaller the error of interpolation is, is not known."
-        (here, word), there = compared(l2), "uniform" if self.compared_with == "uniform" else "initial"
-        of_gradient = f"; that of its gradient is {compared(h1)[0]}" if math.isfinite(h1) and h1 > 0.0 else ""
-        return f"The error of interpolating u is {here} {word} on the {there} mesh{of_gradient}."
+        solver = math.nan if self.solver_gain is None else self.solver_gain.l2
+        if is_known(solver):
+            rest = f"; that of interpolating u is {compared(l2)[0]}"
+            return f"A solver's error is {self._than_there(solver)}{rest}."
+        of_gradient = f"; that of its gradient is {compared(h1)[0]}" if is_known(h1) else ""
+        return f"The error of interpolating u is {self._than_there(l2)}{of_gradient}."
+
+    def _than_there(self, gain: float) -> str:
+        here, word = compared(gain)
+        return f"{here} {word} on the {'uniform' if self.compared_with == 'uniform' else 'initial'} mesh"
 
     @property
     def details(self) -> str:
@@ -270,6 +307,9 @@ class Certificate(Answer):
             )
         if self.gains_by_degree:
             lines.append(f"  by degree             {'; '.join(map(str, self.gains_by_degree))}")
+        if self.solver_gain is not None:
+            gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.solver_gain.items())
+            lines.append(f"  solver gain           {gains}  (the same of a finite element solution that is u)")
         if self.target is not None:
             lines.append(f"  target                {self.target}")
         lines += [f"  compared              {candidate}" for candidate in self.comparison]
@@ -294,6 +334,11 @@ def _short(value: float | None) -> str:
 
 def _error(value: float | None) -> str:
     return "exact" if value == 0.0 else _short(value)
+
+
+def is_known(gain: float | None) -> bool:
+    """Whether a gain is a number that can be told."""
+    return gain is not None and math.isfinite(gain) and gain > 0.0
 
 
 def compared(gain: float) -> tuple[str, str]:

@@ -44,6 +44,22 @@ def test_the_first_line_says_what_a_mesh_is_worth(gains: dict[str, float | None]
     assert str(certificate).splitlines()[0] == certificate.headline
 
 
+def test_what_a_solver_gets_is_said_first() -> None:
+    gains = {"interpolation_gain": {"l2": 22.4, "h1": 5.9}, "solver_gain": {"l2": 8.04, "h1": 5.5, "points": 2401}}
+    certificate = Certificate.from_json({**CERTIFICATE, **gains})
+    assert certificate.headline == (
+        "A solver's error is 8 times smaller than on the uniform mesh; that of interpolating u is 22 times smaller."
+    )
+    assert "  solver gain           8 in L2, 5.5 in H1  (" in str(certificate)
+    assert certificate.solver_gain is not None
+    assert (dict(certificate.solver_gain), len(certificate.solver_gain)) == ({"l2": 8.04, "h1": 5.5}, 2)
+    worse = {**gains, "solver_gain": {"l2": 0.5, "h1": 1.0, "points": 81}, "compared_with": "initial"}
+    said = Certificate.from_json({**CERTIFICATE, **worse}).headline
+    assert said.startswith("A solver's error is 2 times larger than on the initial mesh; ")
+    unknown = {**gains, "solver_gain": {"l2": None, "h1": None, "points": 81}}
+    assert Certificate.from_json({**CERTIFICATE, **unknown}).headline.startswith("The error of interpolating u is 22 ")
+
+
 def test_a_failed_mesh_has_no_gain_in_its_first_line() -> None:
     failed = Certificate.from_json({**CERTIFICATE, "status": "not_converged"})
     assert failed.headline == "The solve failed: not converged."
@@ -88,6 +104,7 @@ def test_a_mesh_of_least_error_has_a_comparison_in_place_of_a_residual() -> None
 def test_json_of_a_certificate_is_that_it_was_read_from() -> None:
     assert Certificate.from_json(CERTIFICATE).to_json() == {
         **CERTIFICATE,
+        "solver_gain": None,
         "target": None,
         "comparison": [],
         "estimate": None,

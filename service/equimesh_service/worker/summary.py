@@ -153,6 +153,7 @@ def _descent_table(records: Sequence[Mapping[str, Any]]) -> str:
 
 # The names of errors by their norms.
 ERRORS = {"l2": "The error", "h1": "The error of the gradient"}
+SOLVER_ERRORS = {"l2": "A solver's error", "h1": "A solver's error of the gradient"}
 
 
 class Sentence(TypedDict):
@@ -196,15 +197,16 @@ def _about_gain(certificate: Mapping[str, Any], norm: str, before: str) -> Itera
     if gains is None:
         yield {"tone": "note", "text": "There is no u, so no interpolation error is measured."}
         return
-    gain = gains[norm]
+    interpolation, solver = gains[norm], (certificate.get("solver_gain") or {}).get(norm)
+    names, gain = (SOLVER_ERRORS, solver) if solver else (ERRORS, interpolation)
     if not gain:
         return  # a warning or the failure says why it is not known
     one = "the initial" if before == "initial" else "a uniform"
     here, word = compared(gain)
     if word == "as":
-        yield {"tone": "note", "text": f"{ERRORS[norm]} is that of the {before} mesh."}
+        yield {"tone": "note", "text": f"{names[norm]} is that of the {before} mesh."}
     else:
-        yield {"tone": "good" if gain > 1.0 else "bad", "text": f"{ERRORS[norm]} is {here} than on {one} mesh."}
+        yield {"tone": "good" if gain > 1.0 else "bad", "text": f"{names[norm]} is {here} than on {one} mesh."}
 
 
 def _about_request(certificate: Mapping[str, Any]) -> Iterator[Sentence]:

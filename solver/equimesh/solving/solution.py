@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias
 
@@ -35,6 +35,7 @@ from equimesh.quality.measures import (
     measure_interpolation,
     measure_quality,
 )
+from equimesh.quality.ritz import solver_gain
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, last_rate, plain
@@ -43,7 +44,7 @@ from equimesh.single_domain.level import Mode
 from equimesh.solving.certificate import Certificate, about_cut_off, about_faces, block_warnings, warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation
-from equimesh_schema import Aim, Candidate, DegreeGain, Estimate, Relaxed
+from equimesh_schema import Aim, Candidate, DegreeGain, Estimate, Relaxed, SolverGain
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar
@@ -287,6 +288,21 @@ class Solution(Generic[D, M]):
         )
 
     @cached_property
+    def solver_gain(self) -> SolverGain | None:
+        """How many times smaller the error of a solver is than on the uniform or initial mesh; ``None`` without a u.
+
+        Of the Ritz projection of u, see :func:`~equimesh.quality.ritz.solver_gain`. NaN where :attr:`interpolation` is
+        not resolved, since a layer of u that lies inside a cell is seen by no solver.
+        """
+        errors = self.interpolation
+        if errors is None or self.problem.monitor.u is None:
+            return None
+        triangles = interpolated_cells(self.problem.monitor) == "triangle"
+        found = solver_gain(self.mesh, self.initial, self.problem.monitor.u, ties=self.ties, triangles=triangles)
+        l2, h1 = errors.resolved
+        return found and replace(found, l2=found.l2 if l2 else math.nan, h1=found.h1 if h1 else math.nan)
+
+    @cached_property
     def against_uniform(self) -> UniformComparison:
         """The mesh next to the uniform mesh of its size, of blocks the initial one: u, Q_eq, the error of each cell."""
         mesh: Any = self.mesh
@@ -391,12 +407,18 @@ class Solution(Generic[D, M]):
             warnings=self.warnings,
             interpolation=self.interpolation,
             gains_by_degree=self.gains_by_degree,
+            solver_gain=self.solver_gain if self._takes_longer else None,
             target=self.target,
             comparison=self.comparison,
             estimate=self.estimate,
             compared_with="initial" if isinstance(self.mesh, QuadMesh) else "uniform",
             understood=understood(self.problem),
         )
+
+    @property
+    def _takes_longer(self) -> bool:
+        """Whether the solve takes several times as long as to measure what a solver gets."""
+        return bool(self.comparison) or isinstance(self.problem.monitor, LeastError)
 
     @property
     def decomposition(self) -> Decomposition | None:

@@ -45,6 +45,15 @@ def test_the_error_is_that_of_the_norm_of_the_monitor() -> None:
     assert said(norm="h1") == [("good", "The error of the gradient is 1.5 times smaller than on a uniform mesh.")]
 
 
+def test_what_a_solver_gets_is_said_where_it_is_known() -> None:
+    gains = {"l2": 3.2, "h1": 0.5, "points": 81}
+    assert said(solver_gain=gains) == [("good", "A solver's error is 3.2 times smaller than on a uniform mesh.")]
+    bad = "A solver's error of the gradient is 2 times larger than on a uniform mesh."
+    assert said(solver_gain=gains, norm="h1") == [("bad", bad)]
+    for unknown in (None, {"l2": None, "h1": None, "points": 81}):
+        assert said(solver_gain=unknown) == said()
+
+
 def test_an_unknown_gain_is_left_to_the_warning() -> None:
     assert said(interpolation_gain={"l2": None, "h1": None}, warnings=["A layer."]) == [("warning", "A layer.")]
     assert said(interpolation_gain=None) == [("note", "There is no u, so no interpolation error is measured.")]

@@ -66,13 +66,16 @@ function numbersOf({ arrays, document: facts, isQuick }) {
   const { quality = {}, certificate = {}, seconds = {} } = facts;
   const gain = (isQuick ? null : certificate.interpolation_gain) ?? {};
   const byDegree = (isQuick ? [] : certificate.gains_by_degree ?? []).filter((one) => one.l2);
+  const solver = (isQuick ? null : certificate.solver_gain) ?? {};
   const shape = arrays.x?.shape;
   return [
     certificate.status && ["status", STATUSES[certificate.status] ?? certificate.status],
     shape && ["points", pointsOf(facts, shape)],
     facts.blocks && ["blocks", String(facts.blocks.length)],
-    gain.l2 && ["gain of the error of u (L2)", amount(gain.l2)],
-    gain.h1 && ["gain of the error of its gradient (H1)", amount(gain.h1)],
+    solver.l2 && ["gain of a solver's error (L2)", amount(solver.l2)],
+    solver.h1 && ["gain of a solver's error of the gradient (H1)", amount(solver.h1)],
+    gain.l2 && ["gain of interpolating u (L2)", amount(gain.l2)],
+    gain.h1 && ["gain of its gradient (H1)", amount(gain.h1)],
     byDegree.length > 0 && [`gain for elements of degree ${byDegree.map((one) => one.degree).join(", ")} (L2)`, byDegree.map((one) => amount(one.l2)).join(", ")],
     quality?.q_eq && ["largest share of a cell (Q_eq), 1 is equal", amount(quality.q_eq.max)],
     quality?.min_jacobian !== undefined && [facts.blocks ? "smallest Jacobian, over the mean area" : "smallest Jacobian, 1 is uniform", amount(quality.min_jacobian)],
