@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from equimesh_coupling import BadValues, MeshParts
-from equimesh_coupling.parts import SIDES, TAGS
+from equimesh_coupling.parts import CUTS, SIDES, TAGS, better_cuts, corner_cuts, quads_of, triangles_of
 
 
 def doubled_areas(parts: MeshParts) -> np.ndarray:
@@ -41,3 +41,102 @@ def test_both_kinds_of_cells_are_made_of_each_other(quads: MeshParts, triangles:
     assert np.array_equal(triangles.mesh_parts("quad").cells, quads.cells)
     with pytest.raises(BadValues, match="unknown kind of cells 'hexagon': choose quad or triangle"):
         quads.mesh_parts("hexagon")  # type: ignore[arg-type]
+
+
+# Cuts of quadrilaterals: the diagonal that leaves the larger smallest angle.
+
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def angles(triangle: np.ndarray) -> list[float]:
+    """The signed angles, in degrees, from sines and cosines of plain vectors."""
+    found = []
+    for k in range(3):
+        a, b = triangle[(k + 1) % 3] - triangle[k], triangle[(k + 2) % 3] - triangle[k]
+        found.append(np.degrees(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)))
+    return found
+
+
+def test_the_diagonal_with_the_larger_smallest_angle_is_taken() -> None:
+    corners = SQUARE + np.random.default_rng(1).uniform(-0.4, 0.4, (200, 4, 2))
+    chosen = better_cuts(corners)
+    assert set(chosen) == {0, 1}
+    for cell, cut in zip(corners, chosen, strict=True):
+        smallest = [min(min(angles(cell[list(part)])) for part in parts) for parts in CUTS]
+        assert smallest[cut] == max(smallest)
+
+
+def test_a_dent_is_cut_from_its_corner() -> None:
+    # One corner is pushed inwards: only the cut through it leaves two positive triangles.
+    for dented in range(4):
+        cell = SQUARE.copy()
+        cell[dented] = 0.55 * SQUARE[(dented + 2) % 4] + 0.45 * SQUARE[dented]
+        assert better_cuts(cell[None])[0] == dented % 2
+        assert all(min(angles(cell[list(part)])) > 0 for part in CUTS[dented % 2])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 2.0])
+def test_equal_diagonals_give_the_first_cut(turn: float) -> None:
+    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    assert better_cuts((SQUARE @ matrix)[None]).tolist() == [0]
+
+
+def test_the_triangles_cover_the_cell() -> None:
+    for parts in CUTS:
+        assert sorted({*parts.ravel()}) == [0, 1, 2, 3]
+        areas = [np.linalg.det(np.diff(SQUARE[list(part)], axis=0)) / 2 for part in parts]
+        assert areas == pytest.approx([0.5, 0.5])
+
+
+def corner_cells() -> np.ndarray:
+    """Six cells of a 3 x 2 grid, all cut better from corner 1 to 3 or, where the row says so, from 0 to 2."""
+    wide = SQUARE @ np.array([[1.0, 0.4], [0.4, 1.0]])  # corners 0 and 2 far apart: 1 to 3 is better
+    return np.stack([wide] * 6)
+
+
+def test_cells_at_the_corners_are_cut_through_the_corner() -> None:
+    cells, through = corner_cells(), corner_cuts((3, 2))
+    assert through == {0: 0, 1: 1, 4: 1, 5: 0}
+    assert better_cuts(cells).tolist() == [1] * 6
+    assert better_cuts(cells, through).tolist() == [0, 1, 1, 1, 1, 0]
+    mirrored = cells[:, ::-1] * [-1.0, 1.0]
+    assert better_cuts(mirrored[:, [3, 0, 1, 2]], through).tolist() == [0, 1, 1, 1, 1, 0]
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 5), (7, 4)])
+def test_the_corners_of_the_grid_are_in_two_triangles(shape: tuple[int, int]) -> None:
+    number = np.arange((shape[0] + 1) * (shape[1] + 1)).reshape(shape[0] + 1, shape[1] + 1)
+    ends = (number[0, 0], number[-1, 0], number[-1, -1], number[0, -1])
+    parts = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]
+    cells = np.stack([part.ravel() for part in parts], axis=1)
+    for cell, cut in corner_cuts(shape).items():
+        (end,) = {*cells[cell]} & {*ends}
+        assert all(end in cells[cell][list(part)] for part in CUTS[cut])
+    assert len(corner_cuts(shape)) == 4
+
+
+def test_a_cut_that_inverts_a_triangle_is_not_taken() -> None:
+    cell = SQUARE.copy()
+    cell[0] = [0.55, 0.55]
+    assert better_cuts(cell[None], {0: 1}).tolist() == [0]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 4), (4, 1)])
+def test_grids_one_cell_wide_have_no_such_cells(shape: tuple[int, int]) -> None:
+    assert corner_cuts(shape) == {}
+
+
+def test_the_triangles_of_a_grid_hold_each_corner_twice() -> None:
+    xi, eta = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 4), indexing="ij")
+    points = np.column_stack([(xi + 0.3 * eta).ravel(), eta.ravel()])  # sheared: elsewhere the other diagonal is better
+    triangles = triangles_of(points, (5, 4))
+    assert triangles.shape == (24, 3)
+    assert [np.count_nonzero(triangles == end) for end in (0, 3, 16, 19)] == [2, 2, 2, 2]
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    assert doubled.min() > 0
+    assert abs(doubled.reshape(-1, 2).sum(axis=1) - 1 / 6).max() < 1e-15
+    assert {*map(frozenset, quads_of((5, 4)).tolist())} == {
+        frozenset(pair.ravel()) for pair in triangles.reshape(-1, 6)
+    }

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from equimesh_client import Client, DeadlineExceeded, DownloadDamaged, NotFound, RetryPolicy, ServiceUnreachable
+from equimesh_client import (
+    BadArgument,
+    Client,
+    DeadlineExceeded,
+    DownloadDamaged,
+    NotFound,
+    RetryPolicy,
+    ServiceUnreachable,
+)
+from equimesh_client.wire.downloads import FOAM_FILES, unpack_foam, unpack_xdmf, write_atomically
 
 DATA = bytes(range(251)) * 400  # longer than a socket's pieces, and no two parts alike
 
@@ -171,3 +182,91 @@ def test_a_killed_program_and_two_at_the_same_time(service: Any, fault: Any, tmp
         assert mesh.download(path).read_bytes() == DATA
         assert str(requested_ranges(service)[-1]).startswith("bytes=")
         assert names(tmp_path) == ["m.vtu"]
+
+
+# The four files of an XDMF mesh, and the five of an OpenFOAM mesh.
+
+
+def archive(*names: str) -> bytes:
+    """A zip of these files, each with a reference to the heavy data of its part."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as made:
+        for name in names:
+            made.writestr(name, f"{name.partition('.')[0]}.h5:/0")
+    return file.getvalue()
+
+
+def test_xdmf_is_unpacked_under_its_own_name(connect: Any, service: Any, tmp_path: Any) -> None:
+    mesh = connect(service.url).generate("x", 5)
+    assert mesh.download(tmp_path / "a.xdmf") == tmp_path / "a.xdmf"
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {
+        "a.xdmf": "<DataItem>a.h5:/data0</DataItem>",
+        "a.h5": "mesh",
+        "a_facets.xdmf": "<DataItem>a_facets.h5:/data0</DataItem>",
+        "a_facets.h5": "facets",
+    }
+    assert mesh.download(tmp_path / "a.xdmf.zip").read_bytes()[:2] == b"PK"
+
+
+@pytest.mark.parametrize("data", [b"", b"no zip", archive("mesh.h5", "mesh.xdmf")])
+def test_an_archive_without_its_files_writes_nothing(data: bytes, tmp_path: Path) -> None:
+    with pytest.raises(DownloadDamaged, match="XDMF archive"):
+        unpack_xdmf(data, tmp_path / "m.xdmf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_references_follow_the_new_name(tmp_path: Path) -> None:
+    data = archive("mesh.h5", "mesh.xdmf", "facets.h5", "facets.xdmf")
+    assert unpack_xdmf(data, tmp_path / "m.xdmf") == tmp_path / "m.xdmf"
+    names = {
+        "m.h5": "mesh.h5:/0",
+        "m.xdmf": "m.h5:/0",
+        "m_facets.h5": "facets.h5:/0",
+        "m_facets.xdmf": "m_facets.h5:/0",
+    }
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == names
+
+
+def test_foam_is_unpacked_into_a_case_whose_other_files_stay(connect: Any, service: Any, tmp_path: Path) -> None:
+    (tmp_path / "system").mkdir()
+    (tmp_path / "system" / "controlDict").write_text("mine")
+    mesh = connect(service.url).generate("x", 5)
+    assert mesh.download(tmp_path) == mesh.download(tmp_path, "foam") == tmp_path
+    found = {path.relative_to(tmp_path).as_posix(): path.read_text() for path in tmp_path.rglob("*") if path.is_file()}
+    assert found.pop("system/controlDict") == "mine"
+    assert found == {name: name for name in FOAM_FILES}
+    assert mesh.download(tmp_path / "a.foam.zip").read_bytes()[:2] == b"PK"
+
+
+@pytest.mark.parametrize("data", [b"no zip", archive(*FOAM_FILES[1:])])
+def test_an_incomplete_foam_mesh_writes_nothing(data: bytes, tmp_path: Path) -> None:
+    with pytest.raises(DownloadDamaged, match="OpenFOAM archive"):
+        unpack_foam(data, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+# Files that appear whole or not at all.
+
+
+def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"old")
+    assert write_atomically(tmp_path / "a", b"new") == tmp_path / "a"
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a": b"new"}
+
+
+def test_a_failure_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "a").write_bytes(b"old")
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(BadArgument, match="No space left"):
+        write_atomically(tmp_path / "a", b"new")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a": b"old"}
+
+
+def test_a_folder_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(BadArgument, match="is a folder"):
+        write_atomically(tmp_path, b"")
+    with pytest.raises(BadArgument, match="No such file"):
+        write_atomically(tmp_path / "no" / "where", b"")

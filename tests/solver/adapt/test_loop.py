@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domains.domain import UNIT_SQUARE
+from equimesh.adapt.loop import Rounds, averaged_mesh, indicated_mesh, record_of
+from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError
+from equimesh.quality.cells import BilinearCells
+from equimesh.quality.faces import measure_faces
 from equimesh.quality.interpolation import interpolation_errors
+from equimesh.rounds.recovery import ErrorEstimate
+from equimesh.testing import GEOMETRIES
+from equimesh.testing.geometries import l_shape
 
 FRONT = em.Expression("tanh(30*(x + y/2 - 0.75))")
 SECTOR = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0))
@@ -217,3 +223,110 @@ def test_solutions_and_indicators_are_not_mixed() -> None:
 def test_other_arguments_that_cannot_be_used(changed: dict, words: str) -> None:
     with pytest.raises(em.InputError, match=words):
         em.adapt(lambda mesh: mesh.x, 9, **changed)
+
+
+# The next mesh of blocks from averages over the cells: better, and of cells that suit finite volumes.
+
+
+def test_cells_stay_even_where_the_usual_weights_make_them_oblique() -> None:
+    domain = GEOMETRIES["step"](400)
+    layer = em.Expression("tanh(8*(y - 0.5 - 0.1*x))")
+    u = em.QuadField(mesh=domain.mesh, values=layer.evaluate(*domain.mesh.points.T)[0])
+    even = averaged_mesh(u, domain, "l2", threads=1)
+    usual = em.adapt_round(domain.mesh, u.values, domain)
+    assert even.distance(domain.mesh) > 0.0
+    assert measure_faces(even).non_orthogonality < 0.7 * measure_faces(usual.mesh).non_orthogonality
+
+
+def test_the_mesh_of_a_linear_function_is_the_one_before() -> None:
+    domain = GEOMETRIES["step"](100)
+    flat = em.QuadField(mesh=domain.mesh, values=domain.mesh.points[:, 0].copy())
+    assert averaged_mesh(flat, domain, "l2", threads=1).distance(domain.mesh) == 0.0
+
+
+# The next mesh by an error indicator of the cells.
+
+
+def uniform(n: int, m: int, domain: em.Domain = UNIT_SQUARE) -> em.Mesh:
+    return map_mesh(em.Mesh.uniform(em.Grid(n_xi=n, n_eta=m)), domain)
+
+
+def middles(mesh: em.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    return tuple(0.25 * (q[1:, 1:] + q[1:, :-1] + q[:-1, 1:] + q[:-1, :-1]) for q in (mesh.x, mesh.y))
+
+
+@pytest.mark.parametrize("domain", [UNIT_SQUARE, SECTOR])
+def test_cells_are_small_where_the_indicator_is_large(domain: em.Domain) -> None:
+    mesh = uniform(17, 17, domain)
+    x, y = middles(mesh)
+    indicator = np.exp(-30.0 * (np.hypot(x, y) - 1.2) ** 2)
+    found = indicated_mesh(mesh, indicator, domain, "l2", 1)
+    assert found.min_jacobian > 0
+    x, y = middles(found)
+    area = BilinearCells(found).area.reshape(16, 16)
+    near = np.abs(np.hypot(x, y) - 1.2) < 0.05
+    far = np.abs(np.hypot(x, y) - 1.2) > 0.4
+    assert area[near].mean() < 0.4 * area[far].mean()
+
+
+def test_an_indicator_of_zero_keeps_the_mesh() -> None:
+    mesh = uniform(9, 9)
+    assert indicated_mesh(mesh, np.zeros((8, 8)), UNIT_SQUARE, "l2", 1) is mesh
+
+
+# What a loop does on meshes of grids and of blocks.
+
+
+DOMAIN = l_shape(300)
+
+
+def test_meshes_for_a_solver_have_arrays_of_their_own() -> None:
+    grid = Rounds(grid=em.Grid(n_xi=5, n_eta=4), domain=em.Rectangle(), norm="l2", threads=1)
+    blocks = Rounds(domain=DOMAIN, norm="l2", threads=1)
+    first, moved, start = grid.first()
+    assert (first.x.shape, moved, start) == ((5, 4), 0.0, "given")
+    copy = grid.copied(first)
+    copy.x[:] = 9.0
+    assert first.x.max() == 1.0
+    other = blocks.copied(blocks.first()[0])
+    other.points[:] = 9.0
+    assert DOMAIN.mesh.points.max() < 9.0
+
+
+def test_the_record_of_values_on_blocks_has_their_estimates() -> None:
+    mesh = DOMAIN.mesh
+    values = np.sin(4 * mesh.x)
+    record, following = Rounds(domain=DOMAIN, norm="l2", threads=1).known(mesh, values)
+    known = ErrorEstimate.of(mesh, values, DOMAIN)
+    assert (record.estimate, record.unresolved) == (known.estimate, known.unresolved)
+    assert record_of(known, mesh, values).estimate_h1 == record.estimate_h1
+    found, moved, start = following()
+    assert isinstance(found, em.QuadMesh)
+    assert moved > 0.0
+    assert start == "whole"
+
+
+def test_a_loop_on_blocks_adapts_to_values_and_to_averages() -> None:
+    front = em.Expression("tanh(15*(x + y - 1))")
+
+    def nodal(mesh: em.QuadMesh) -> np.ndarray:
+        return front.evaluate(mesh.x, mesh.y)[0]
+
+    def averages(mesh: em.QuadMesh) -> em.CellAverages:
+        return em.CellAverages(front.evaluate(*mesh.points[mesh.cells].mean(axis=1).T)[0])
+
+    for solve in (nodal, averages):
+        seen: list[em.AdaptRound[em.QuadMesh]] = []
+        found = em.adapt(solve, domain=DOMAIN, rounds=2, threads=1, observe=seen.append)
+        assert [one.number for one in seen] == [0, 1, 2]
+        assert found.rounds[0].mesh is DOMAIN.mesh
+        assert found.estimate < 0.85 * found.rounds[0].estimate
+        assert found.values.shape == DOMAIN.mesh.node_shape
+        assert not found.mesh.is_folded
+
+
+def test_what_cannot_be_used_on_blocks_is_refused() -> None:
+    with pytest.raises(em.InputError, match="leave n out"):
+        em.adapt(lambda mesh: mesh.x, 9, domain=DOMAIN)
+    with pytest.raises(em.InputError, match="number of points a direction"):
+        em.adapt(lambda mesh: mesh.x)

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 import equimesh as em
+from cases import problem
+from equimesh.equations.problem import SideLine, sides, understood
+from equimesh.testing.geometries import l_shape
 
 U = em.Expression("tanh(9*(x - y))")
 GRID = em.Grid(n_xi=9, n_eta=7)
@@ -36,3 +43,171 @@ def test_another_grid_keeps_the_metric() -> None:
     other = problem.on_grid(em.Grid(n_xi=17, n_eta=9))
     assert other == em.Problem(monitor=problem.monitor, grid=em.Grid(n_xi=17, n_eta=9))
     assert other.metric is problem.metric
+
+
+# Sides of the unit square as conditions: where their nodes lie, and the metric lengths of their edges.
+
+
+WEIGHT = em.Weight(rho=em.Expression("1 + x*y + 3*exp(-9*(x - y)**2)"))
+WIDE_SECTOR = em.AnnulusSector(angles=(5, 85))
+every_boundary = pytest.mark.parametrize("boundary", em.Boundary)
+
+
+@every_boundary
+def test_the_four_sides_hold_their_points(boundary: em.Boundary) -> None:
+    t, values = np.linspace(0, 1, 5), np.arange(20).reshape(4, 5)
+    found = sides(boundary)
+    assert set(found) == {(0, 0), (0, 1), (1, 0), (1, 1)}
+    for (axis, end), side in found.items():
+        points = side.points(t)
+        assert (points[axis] == end).all()
+        assert (points[1 - axis] == t).all()
+    assert found[0, 1].line(values).tolist() == [15, 16, 17, 18, 19]
+    assert found[0, 1].line(values, 1).tolist() == [10, 11, 12, 13, 14]
+    assert found[1, 0].line(values, 2).tolist() == [2, 7, 12, 17]
+
+
+@every_boundary
+def test_a_node_off_its_side_is_seen_by_the_row_of_its_fixed_coordinate(boundary: em.Boundary) -> None:
+    case = problem("ring", 7, 6, boundary=boundary)
+    equations, mesh = case.equations(), em.Mesh.uniform(case.grid)
+    mesh.x[-1, 2] = 1.25
+    found = sides(boundary)[0, 1].rows(equations.window(equations.vector(mesh)))
+    fixed = found.values[: mesh.x.shape[1]]
+    assert fixed.tolist() == [0, 0, 0.25, 0, 0, 0]
+
+
+@pytest.mark.parametrize("domain", [em.Rectangle(), WIDE_SECTOR], ids=["square", "sector"])
+@pytest.mark.parametrize("boundary", [em.Boundary.TRACE, em.Boundary.EQUIDISTRIBUTED_1D])
+@pytest.mark.parametrize("monitor", [problem("ring", 9).monitor, WEIGHT], ids=["arc length", "weight"])
+def test_fluxes_change_as_their_derivatives_say(
+    monitor: em.ArcLength, boundary: em.Boundary, domain: em.Domain
+) -> None:
+    metric = em.Problem(monitor=monitor, grid=em.Grid(n_xi=9, n_eta=9), domain=domain).metric
+    t, change = np.linspace(0.05, 0.95, 9) ** 1.3, np.cos(np.arange(9.0))
+    for side in sides(boundary).values():
+        by_first, by_second = SideLine.of(side, metric, t).flux_derivatives
+        ahead, behind = (SideLine.of(side, metric, t + h * change).fluxes for h in (1e-5, -1e-5))
+        slope = by_first * change[:-1] + by_second * change[1:]
+        assert slope == pytest.approx((ahead - behind) / 2e-5, abs=1e-6 * abs(slope).max())
+
+
+def test_without_a_monitor_edges_have_their_own_length() -> None:
+    flat = problem("ring", 9, a=0.0)
+    t = np.array([0.0, 0.1, 0.4, 1.0])
+    for side in sides(em.Boundary.TRACE).values():
+        assert SideLine.of(side, flat.metric, t).fluxes == pytest.approx(np.diff(t) ** 2)
+
+
+def test_the_paper_s_condition_sees_u_along_the_side_alone() -> None:
+    """u changes across the left side only: the trace condition sees it, equation (7) does not."""
+    case = problem("ring", 9, a=1.0, b=0.5)
+    case = replace(case, monitor=replace(case.monitor, u=em.Expression("5*x + y")))
+    t = np.linspace(0, 1, 4)
+    alone, trace = (
+        SideLine.of(sides(kind)[0, 0], case.metric, t).fluxes
+        for kind in (em.Boundary.EQUIDISTRIBUTED_1D, em.Boundary.TRACE)
+    )
+    assert alone == pytest.approx((1 + 1 / (1 + 0.5 * 1)) / 9)
+    assert trace == pytest.approx((1 + 1 / (1 + 0.5 * 26)) / 9)
+
+
+# Problems on blocks: the monitors that they take, and what is said to others.
+
+
+U_ON_BLOCKS = em.Expression("tanh(9*(x + y))")
+
+
+@pytest.mark.parametrize("monitor", [em.LeastError(u=U_ON_BLOCKS), em.Auto(u=U_ON_BLOCKS)])
+def test_monitors_are_bound_to_the_domain(monitor: em.LeastError | em.Auto) -> None:
+    problem = em.Problem(monitor=monitor, domain=l_shape(300))
+    assert problem.points == problem.domain.points
+    assert problem.monitor.on(problem.domain) is problem.monitor
+
+
+@pytest.mark.parametrize(
+    ("monitor", "field", "text"),
+    [
+        (em.ArcLength(u=U_ON_BLOCKS), "monitor", "re-entrant corners"),
+        (em.Curvature(u=U_ON_BLOCKS), "monitor", "LeastError"),
+        (em.LeastError(u=U_ON_BLOCKS, rectilinear=True), "monitor.rectilinear", "no lines that could stay straight"),
+        (em.Auto(u=U_ON_BLOCKS, purpose="finite_volume"), "monitor.purpose", "orthogonality"),
+        (em.LeastError(u=em.Expression("1/(x + 100) + log(x)")), "u", "not finite at"),
+    ],
+)
+def test_other_requests_are_refused_with_what_to_do(monitor: em.Monitor, field: str, text: str) -> None:
+    with pytest.raises(em.InputError, match=re.escape(text)) as caught:
+        em.Problem(monitor=monitor, domain=l_shape(300))
+    assert caught.value.field == field
+
+
+def test_a_round_does_not_bound_angles() -> None:
+    domain = l_shape(300)
+    u = em.QuadField(mesh=domain.mesh, values=domain.mesh.x)
+    with pytest.raises(em.InputError, match="take LeastError with the same values") as caught:
+        em.Problem(monitor=em.NodalSolution(u=u, orthogonality=50.0), domain=domain)
+    assert caught.value.field == "monitor.orthogonality"
+
+
+def test_blocks_have_no_grid_and_domains_with_four_sides_need_one() -> None:
+    domain, grid = l_shape(300), em.Grid(n_xi=5, n_eta=5)
+    with pytest.raises(em.InputError, match="leave the grid out, and refine the blocks") as caught:
+        em.Problem(monitor=em.Auto(u=U_ON_BLOCKS), grid=grid, domain=domain)
+    assert caught.value.field == "grid"
+    with pytest.raises(em.InputError, match="leave the boundary out") as caught:
+        em.Problem(monitor=em.Auto(u=U_ON_BLOCKS), boundary=em.Boundary.ORTHOGONAL, domain=domain)
+    assert caught.value.field == "boundary"
+    with pytest.raises(em.InputError, match=r"give Grid\(n_xi=") as caught:
+        em.Problem(monitor=em.Auto(u=U_ON_BLOCKS), domain=em.Rectangle())
+    assert caught.value.field == "grid"
+
+
+@pytest.mark.parametrize(
+    ("name", "now"),
+    [
+        ("BlockProblem", "Problem"),
+        ("BlockSolution", "Solution"),
+        ("BlockSchwarz", "Schwarz"),
+        ("BlockSequence", "Sequence"),
+        ("BlockStep", "SequenceStep"),
+    ],
+)
+def test_names_before_say_the_name_now(name: str, now: str) -> None:
+    with pytest.raises(AttributeError, match=f"equimesh.{name} is equimesh.{now} now"):
+        getattr(em, name)
+    assert name not in em.__all__
+    assert now in em.__all__
+
+
+# The formulas of a problem that were typed in another spelling, wherever they are in it.
+
+
+FEW_POINTS = em.Grid(n_xi=5, n_eta=5)
+
+
+def test_formulas_in_the_language_are_left_out() -> None:
+    monitor = em.Weight(rho=em.Expression("1 + x**2"), u=em.Expression("x*y"))
+    assert understood(em.Problem(monitor=monitor, grid=FEW_POINTS)) == {}
+
+
+def test_formulas_are_named_by_their_place() -> None:
+    side = em.Curve.of_expressions("t", "0.2 sin(πt)")
+    left, right = em.Curve.through([(0, 0), (0, 1)]), em.Curve.through([(1, 0), (1, 1)])
+    top = em.Curve.through([(0, 1), (1, 1)])
+    domain = em.Quadrilateral(bottom=side, top=top, left=left, right=right)
+    arc = em.ArcLength(u=em.Expression("2x"))
+    both = em.Intersection(monitors=(em.Curvature(u=em.Expression("x^2")), em.Curvature(u=em.Expression("y**2"))))
+    assert understood(em.Problem(monitor=arc, domain=domain, grid=FEW_POINTS)) == {
+        "monitor.u": "2*x",
+        "domain.bottom.y": "0.2*sin(pi*t)",
+    }
+    assert understood(em.Problem(monitor=both, grid=FEW_POINTS)) == {"monitor.monitors[0].u": "x**2"}
+
+
+def test_the_certificate_tells_them() -> None:
+    typed = em.solve(em.Problem(monitor=em.ArcLength(u=em.Expression("x^2")), grid=FEW_POINTS))
+    plain = em.solve(em.Problem(monitor=em.ArcLength(u=em.Expression("x**2")), grid=FEW_POINTS))
+    assert typed.certificate.understood == {"monitor.u": "x**2"}
+    assert typed.certificate.summary()["understood"] == {"monitor.u": "x**2"}
+    assert plain.certificate.understood == {}
+    assert (typed.mesh.x == plain.mesh.x).all()

@@ -8,21 +8,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
+import equimesh as em
+from block_cases import data_of, in_blocks, l_shape
+from equimesh.fields.expression import Expression
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.plot.figure import MeshLines
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.monitors.metrics import ArcLength
+from equimesh.plot.figure import MeshLines, all_edges, colour_cells, drawn_lines, outlines, owners_of_blocks
 from equimesh.plot.meshes import (
+    DECADES,
     MAX_LINES,
+    MIN_DECADES,
     OVERLAP_COLOUR,
     SINGLE_COLOUR,
+    _scale,
+    draw_comparison,
     draw_decomposition,
     draw_mesh,
     draw_quality,
     draw_surface,
+    words,
 )
+from equimesh.quality.comparison import compare_with_uniform
+from equimesh.quality.interpolation import interpolation_errors
 from equimesh.schwarz.decomposition import Decomposition
-from solver.plot.drawings import BLUE, RED, colours, result, strips, texts
+from solver.plot.drawings import BLUE, RED, colours, compared, result, strips, texts
+from solver.quality.handmade import wavy
 
 matplotlib = pytest.importorskip("matplotlib")
 
@@ -127,3 +142,143 @@ def test_pictures_are_as_wide_and_as_high_as_their_meshes(
     draw_mesh(stretched, tmp_path / "mesh.png", decomposition=strips())
     height, width = matplotlib.image.imread(tmp_path / "mesh.png").shape[:2]
     assert (width / 150, height / 150) == pytest.approx(inches, abs=0.02)
+
+
+# The uniform mesh next to the adapted one: one scale of colours, and the gain in words.
+
+
+@pytest.mark.parametrize(
+    ("gain", "told"),
+    [
+        (13.125, "error 13.1 times smaller, with the same 12 × 10 points"),
+        (191.8, "error 192 times smaller, with the same 12 × 10 points"),
+        (0.4, "error 2.5 times larger, with the same 12 × 10 points"),
+        (1.001, "the same error, with the same 12 × 10 points"),
+        (None, "No u is given, so there is no error to compare (12 × 10 points)"),
+    ],
+)
+def test_the_gain_is_told_in_words_below_the_picture(gain: float | None, told: str, tmp_path: Path) -> None:
+    comparison = compared(gain)
+    assert words(comparison) == told
+    draw_comparison(comparison, tmp_path / "pair.svg")
+    assert told in texts(tmp_path / "pair.svg")
+    assert ("interpolation error of u" in texts(tmp_path / "pair.svg")) == (gain is not None)
+
+
+def test_a_folded_mesh_has_grey_cells_and_no_gain(tmp_path: Path) -> None:
+    comparison = compared()
+    assert comparison.interpolation is not None
+    folded = replace(
+        comparison,
+        adapted=replace(comparison.adapted, error=np.full((11, 9), np.inf)),
+        interpolation=replace(comparison.interpolation, l2=math.inf),
+    )
+    assert words(folded) == "The mesh is folded, and has no error (12 × 10 points)"
+    draw_comparison(folded, tmp_path / "folded.png")
+    image = matplotlib.image.imread(tmp_path / "folded.png")[..., :3]
+    grey = abs(image - 0x77 / 255).max(axis=-1) < 0.02
+    left, right = np.split(grey[:, : image.shape[1] // 2 * 2], 2, axis=1)
+    assert left.mean() < 0.01
+    assert right.mean() > 0.2
+
+
+def test_both_meshes_have_one_scale_of_colours(tmp_path: Path) -> None:
+    draw_comparison(compared(), tmp_path / "pair.png")  # the error is ten times smaller on the right
+    image = matplotlib.image.imread(tmp_path / "pair.png")[..., :3]
+    palette = matplotlib.colormaps["YlOrRd"]
+    places = {}
+    for end in (0.0, 1.0):
+        near = abs(image - palette(end)[:3]).max(axis=-1) < 0.02
+        near[int(0.7 * len(near)) :] = False  # without the scale below
+        places[end] = np.nonzero(near)[1].mean() / image.shape[1]
+    assert places[1.0] < 0.5 < places[0.0]
+
+
+def test_the_scale_spans_some_decades_below_the_largest_error() -> None:
+    for smallest, decades in ((1e-9, DECADES), (1e-2, 2.0), (0.9, MIN_DECADES)):
+        scale = _scale([np.array([smallest, 0.0, np.inf]), np.array([1.0, np.nan])])
+        assert scale.vmax == 1.0
+        assert scale.vmin == pytest.approx(10.0**-decades)
+    assert (_scale([]).vmin, _scale([]).vmax) == (0.1, 1.0)
+
+
+def test_wide_domains_are_drawn_one_below_the_other(tmp_path: Path) -> None:
+    u = em.Expression("tanh(20*(x - 1 - y/2))")
+    for domain, is_high in ((em.Rectangle(x=(0, 3)), True), (em.Rectangle(), False)):
+        problem = em.Problem(monitor=em.ArcLength(u=u), grid=em.Grid(n_xi=25, n_eta=9), domain=domain)
+        solution = em.solve(problem)
+        draw_comparison(solution.against_uniform, tmp_path / "pair.png")
+        image = matplotlib.image.imread(tmp_path / "pair.png")
+        assert (image.shape[0] > 0.75 * image.shape[1]) == is_high
+        assert image.shape[1] == 1050
+
+
+# The lines of blocks in a picture, and the colours of their cells.
+
+
+def edges_in(lines: list[np.ndarray]) -> set[frozenset[tuple[float, ...]]]:
+    pieces = [zip(line.tolist(), line[1:].tolist(), strict=False) for line in lines]
+    return {frozenset((tuple(one), tuple(two))) for piece in pieces for one, two in piece}
+
+
+def without_blocks(mesh: QuadMesh) -> QuadMesh:
+    return replace(mesh, blocks=(), block_names=())
+
+
+def test_the_lines_are_the_edges_of_all_cells() -> None:
+    mesh = in_blocks(wavy()).mesh
+    lines, step = drawn_lines(mesh, 100)
+    assert step == 1
+    assert edges_in(lines) == edges_in(all_edges(mesh)) == edges_in(drawn_lines(without_blocks(mesh), 100)[0])
+
+
+def test_few_of_many_lines_are_drawn_with_the_edges_of_the_blocks() -> None:
+    mesh = l_shape(12)
+    lines, step = drawn_lines(mesh, 4)
+    assert step == 3
+    assert len(lines) == 3 * 2 * len({0, 3, 6, 9, 11})
+    assert edges_in(outlines(mesh)) <= edges_in(lines) < edges_in(all_edges(mesh))
+
+
+def test_a_block_has_one_owner() -> None:
+    data = data_of(l_shape())
+    assert owners_of_blocks(data.mesh, data.subdomain) == [0, 1, 2]
+    assert owners_of_blocks(data.mesh, np.arange(48)) is None
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_every_cell_has_the_colour_of_its_value(known: bool) -> None:
+    mesh = l_shape() if known else without_blocks(l_shape())
+    axes = Figure().add_subplot()
+    colour_cells(axes, mesh, np.arange(48.0), norm=Normalize(0.0, 47.0))
+    found = np.concatenate([np.ravel(drawn.get_array()) for drawn in axes.collections])
+    assert sorted(found) == [*range(48)]
+    if known:
+        assert np.array_equal(np.ravel(axes.collections[1].get_array()), mesh.block_cells[1].ravel())
+
+
+def test_pictures_of_blocks_name_them(tmp_path: Path) -> None:
+    data, path = data_of(l_shape()), tmp_path / "mesh.svg"
+    draw_mesh(data, path)
+    assert "Mesh of 65 points" in texts(path)
+    for name in ("low", "right", "high"):
+        assert name in texts(path)
+    draw_mesh(data, path, show_subdomains=False)
+    assert "high" not in texts(path)
+    draw_quality(data, path)
+    assert f"{data.q_eq.max():.4f}" in texts(path)
+    draw_surface(data, path)
+    assert "u on the mesh of 65 points" in texts(path)
+
+
+def test_blocks_are_compared_with_the_mesh_that_they_began_with(tmp_path: Path) -> None:
+    u, mesh, before = Expression("tanh(9*(x + y - 1))"), l_shape(), l_shape(bend=0.0)
+    errors = interpolation_errors(mesh, u, before)
+    draw_comparison(
+        compare_with_uniform(mesh, ArcLength(u=u, scaled=False), uniform=before, interpolation=errors),
+        tmp_path / "both.svg",
+    )
+    found = texts(tmp_path / "both.svg")
+    assert "initial" in found
+    assert "uniform" not in found
+    assert "with the same 65 points" in found

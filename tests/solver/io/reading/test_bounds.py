@@ -21,7 +21,7 @@ from equimesh.io.reading.bounds import MAX_MESSAGE, floats, integers, line_of, o
 from equimesh.io.reading.read import read_bytes, read_description
 from equimesh.io.solver_files import gmsh_text, su2_text
 from solver.io.reading.plain import small
-from solver.io.reading.test_poly_mesh import files as poly_mesh_files
+from solver.io.reading.test_foam import files as poly_mesh_files
 
 MEGABYTE = 1 << 20
 MOST_SECONDS = 8.0

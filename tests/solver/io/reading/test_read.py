@@ -28,7 +28,7 @@ from equimesh.numerics.types import Array
 from equimesh.testing import GEOMETRIES
 from solver.io.reading.cgns_files import Condition, cgns
 from solver.io.reading.plain import refusal, same, small
-from solver.io.reading.test_poly_mesh import zipped
+from solver.io.reading.test_foam import zipped
 from solver.io.reading.test_structured import text, two_blocks
 
 

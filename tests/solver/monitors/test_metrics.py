@@ -1,4 +1,4 @@
-"""Curvature monitors: Huang's tensors, their area, and what does not count as curvature."""
+"""The arc-length monitor of the paper."""
 
 from __future__ import annotations
 
@@ -9,7 +9,63 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.monitors.metrics import extremes
 from solver.monitors.metrics import SECTOR, STEEP, UNIT, matrices, points, triple
+
+BOX = em.Rectangle(x=(1.0, 5.0), y=(0.0, 9.0))
+X, Y = points(n=7)
+
+
+def test_the_arc_length_weakens_by_its_own_parameter() -> None:
+    assert em.ArcLength(u=STEEP, a=0.8).weakened(0.5) == em.ArcLength(u=STEEP, a=0.4)
+
+
+def test_a_weaker_arc_length_keeps_its_scale() -> None:
+    bound = em.ArcLength(u=em.Expression("10*x"), a=0.8).on(BOX)
+    weaker = bound.weakened(0.5)
+    assert weaker.factor == bound.factor == pytest.approx(6.0 / 40.0)
+    assert weaker.on(BOX) is weaker
+    assert bound.on(SECTOR).factor != bound.factor
+
+
+def test_without_scaling_the_metric_is_the_formula_of_the_paper() -> None:
+    monitor = em.ArcLength(u=em.Expression("3*x + 4*y"), a=0.5, b=0.1, scaled=False)
+    k = 0.25 / (1 + 0.1 * 25)
+    for bound in (monitor, monitor.on(BOX)):
+        for entry, expected in zip(bound.metric(X, Y), (1 + 9 * k, 12 * k, 1 + 16 * k), strict=True):
+            assert entry == pytest.approx(np.full_like(X, expected))
+
+
+def test_the_gradient_is_that_of_u_over_its_range_by_lengths_over_the_size_of_the_domain() -> None:
+    monitor = em.ArcLength(u=em.Expression("3*x + 4*y"), a=0.5, b=0.1).on(BOX)
+    g = np.array([3.0, 4.0]) * math.sqrt(4 * 9) / (3 * 4 + 4 * 9)
+    k = 0.25 / (1 + 0.1 * (g @ g))
+    for entry, expected in zip(
+        monitor.metric(X, Y), (1 + k * g[0] ** 2, k * g[0] * g[1], 1 + k * g[1] ** 2), strict=True
+    ):
+        assert entry == pytest.approx(np.full_like(X, expected))
+
+
+@pytest.mark.parametrize("u", ["7", "sin(x)**2 + cos(x)**2", "1e17 + x"])
+def test_a_constant_has_no_arc_length(u: str) -> None:
+    bound = em.ArcLength(u=em.Expression(u)).on(UNIT)
+    assert bound.factor == 0.0
+    assert bound.metric(X, Y)[0] == pytest.approx(np.ones_like(X), abs=0)
+
+
+def test_values_that_are_not_finite_have_no_part_in_the_range() -> None:
+    assert em.ArcLength(u=em.Expression("5*y + 0/x")).on(UNIT).factor == pytest.approx(0.2)
+    assert em.ArcLength(u=em.Expression("0/(x - x)")).on(UNIT).factor == 1.0
+
+
+def test_an_unbound_arc_length_and_a_word_for_scaled_are_refused() -> None:
+    with pytest.raises(em.InputError, match=r"call monitor\.on\(domain\) first"):
+        em.ArcLength(u=STEEP).metric(X, Y)
+    with pytest.raises(em.InputError, match="give True or False"):
+        em.ArcLength(u=STEEP, scaled="no")  # type: ignore[arg-type]
+
+
+# Curvature monitors: Huang's tensors, their area, and what does not count as curvature.
 
 
 @pytest.mark.parametrize("domain", [UNIT, SECTOR, em.Rectangle(x=(0.0, 300.0), y=(-1.0, 50.0))])
@@ -86,3 +142,26 @@ def test_a_curvature_monitor_wants_a_domain_and_second_derivatives() -> None:
         with pytest.raises(em.InputError, match=field) as caught:
             em.Curvature(u=STEEP, **wrong)  # type: ignore[arg-type]
         assert caught.value.field == field
+
+
+# Extremes of a function that do not depend on where closed lines begin.
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1234, 1 / 3])
+def test_extremes_between_nodes_are_found(shift: float) -> None:
+    u = em.Expression(f"sin(2*pi*(x+{shift}))*(1.5+cos(2*pi*(y-{shift})))")
+    low, high = extremes(u, em.Rectangle(periodic="both"))
+    assert high == pytest.approx(2.5, rel=1e-13)
+    assert low == pytest.approx(-2.5, rel=1e-13)
+
+
+def test_sides_are_not_crossed() -> None:
+    assert extremes(em.Expression("x*sin(2*pi*y)"), em.Rectangle(periodic="y")) == pytest.approx((-1.0, 1.0), rel=1e-13)
+
+
+def test_a_function_without_finite_values_has_no_range() -> None:
+    class Nowhere:
+        def evaluate(self, x: np.ndarray, y: np.ndarray, order: int = 0) -> tuple[np.ndarray, ...]:
+            return (np.full(np.shape(x + y), np.nan),) * (1 + order)
+
+    assert extremes(Nowhere(), em.Rectangle(periodic="y")) == (0.0, 0.0)

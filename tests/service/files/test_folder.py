@@ -14,7 +14,7 @@ from equimesh_cli import main
 from equimesh_cli.checks import installation
 from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
-from equimesh_service.files.folder import make_folder
+from equimesh_service.files.folder import clear, make_folder
 from service.conftest import small
 from service.processes import service_process
 
@@ -73,3 +73,17 @@ def test_doctor_warns_of_a_database_that_others_can_read(tmp_path: Path) -> None
     finding = look(installation.folder, settings)
     assert finding.level is Level.WARNING
     assert f"chmod -R go= {folder}" in finding.remedy
+
+
+# Folders of files that are being written.
+
+
+def test_a_start_clears_the_folders_of_killed_writers_too(tmp_path: Path) -> None:
+    folder = tmp_path / "unfinished"
+    (folder / ".equimesh-abc").mkdir(parents=True)
+    (folder / ".equimesh-abc" / "mesh.vtu").write_text("half")
+    (folder / "x.npz").write_text("half")
+    clear(folder, alone=False)  # of another service, perhaps, that is at work
+    assert len([*folder.iterdir()]) == 2
+    clear(folder, alone=True)
+    assert [*folder.iterdir()] == []
