@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -154,15 +154,16 @@ def free_port() -> int:
 
 def children(pid: int, *, deep: bool = True) -> list[int]:
     """All processes below ``pid``, or only those that it started itself."""
-    found = []
+    below: dict[int, list[int]] = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
-            try:
+            with suppress(OSError, IndexError):
                 parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-            except (OSError, IndexError):
-                continue
-            if parent == pid:
-                found += [int(entry.name), *(children(int(entry.name)) if deep else ())]
+                below.setdefault(parent, []).append(int(entry.name))
+    found, todo = list[int](), below.get(pid, [])
+    while todo:
+        found += todo
+        todo = [child for one in todo for child in below.get(one, [])] if deep else []
     return found
 
 
