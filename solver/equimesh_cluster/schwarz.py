@@ -20,7 +20,6 @@ from equimesh.monitors.monitor import require_lines
 from equimesh.numerics.channel import Traffic
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.schwarz.settings import Schwarz
-from equimesh.single_domain.level import Mode
 from equimesh.solving.schwarz import schwarz_reference, schwarz_start
 from equimesh.solving.status import Initial, IterationProgress, SolveOptions
 from equimesh_cluster.connection import sent
@@ -153,7 +152,7 @@ def _planned(problem: Problem, schwarz: Schwarz, options: SchwarzOptions) -> tup
         threads=options.threads,
         shows=options.observe is not None and problem.grid.points <= MAX_SHOWN_POINTS,
     )
-    here = SolveOptions(mode=Mode.TIGHT, allow_relaxed=True, threads=options.threads, observer=None)
+    here = SolveOptions(threads=options.threads, observer=None)
     start, tolerance, expected = schwarz_start(problem, schwarz, options.initial, here)
     exact = None
     if schwarz.compare_single_domain:

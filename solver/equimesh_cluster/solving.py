@@ -19,8 +19,8 @@ from equimesh.meshes.nested import nested_grids
 from equimesh.numerics.channel import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode, Step
-from equimesh.solving.blocks import count_subdomains
 from equimesh.solving.solution import OnBlocks, SolveError
+from equimesh.solving.solve import count_subdomains
 from equimesh.solving.status import Event, approach, level_share
 from equimesh_cluster.connection import check_client, connect, sent
 from equimesh_cluster.handle import Handle, PartsError

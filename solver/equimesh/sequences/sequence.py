@@ -36,10 +36,9 @@ from equimesh.sequences.pursuit import (
     outrun_by,
     smoothed,
 )
-from equimesh.solving.blocks import check_start
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.solution import AnySolution, M, Solution, SolveError
-from equimesh.solving.solve import solve
+from equimesh.solving.solve import check_start_on_blocks, solve
 from equimesh.solving.status import SolveArguments, Status
 from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
@@ -103,7 +102,7 @@ def first_mesh(begin: AnySolution | AnyMesh | None, domain: Domain | Blocks) -> 
     """
     mesh = begin.mesh if isinstance(begin, Solution) else begin
     if isinstance(domain, Blocks) and isinstance(mesh, QuadMesh):
-        check_start(domain, mesh)
+        check_start_on_blocks(domain, mesh)
         return mesh, mesh
     if isinstance(domain, Blocks) or not isinstance(mesh, Mesh):
         raise InputError(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import GridLevel, coarse_level, last_compared, nested_levels
 from equimesh.least_error.starts import mesh_of
@@ -23,13 +22,12 @@ from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import measure_interpolation
 from equimesh.single_domain.iteration import single_domain_steps
 from equimesh.single_domain.level import Mode
+from equimesh.solving.least_error import LEAST_ERROR_SETTINGS, end_of
 from equimesh.solving.orthogonality import bounded, is_within
 from equimesh.solving.solution import Solution
-from equimesh.solving.status import DescentProgress, SolveOptions, Status, descent_work
+from equimesh.solving.status import DescentProgress, SolveOptions, Status
 from equimesh_schema import Candidate
 
-LEAST_ERROR_SETTINGS = ((0.5, 1.0), (0.5, 0.1))
-"""``distortion`` and ``smoothness`` of the least-error candidates; the first are the defaults."""
 DESCENT_WORK = 4.0
 """The work of a least-error candidate, about, in units of the work of a candidate that equidistributes a metric."""
 SMOOTHING = 0.02
@@ -110,15 +108,6 @@ def _metrics(auto: Auto) -> Iterator[tuple[str, dict[str, Any], Monitor]]:
     yield "arc_length", {}, ArcLength(u=auto.u, orthogonality=auto.orthogonality)
 
 
-def comparison_share(grid: Grid) -> float:
-    """The share of the comparison in the whole work, if the mesh is one of least error afterwards."""
-    levels = nested_levels(grid)
-    level = coarse_level(levels)
-    compared = last_compared(levels)
-    first = len(LEAST_ERROR_SETTINGS) * descent_work(levels[: level.number + 1], 2, compared)
-    return first / (first + descent_work(levels[level.number + 1 :], 1, compared))
-
-
 def _parts(options: SolveOptions, works: list[float]) -> Iterator[SolveOptions]:
     """The parts of the comparison, one for each candidate."""
     for number, work in enumerate(works):
@@ -135,19 +124,9 @@ def _descended(
     monitor = auto.least_error(*weights).on(problem.domain)
     solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
     levels = nested_levels(problem.grid)[: level.number + 1]
-    reached = _end_of(solve.coarse(level), options.part(course=DescentProgress(levels, 2, last_compared(levels))))
+    reached = end_of(solve.coarse(level), options.part(course=DescentProgress(levels, 2, last_compared(levels))))
     errors = _errors(replace(problem, grid=level.grid), mesh_of(reached.mesh, level.grid))
     return CoarseCandidate(kind="least_error", settings=settings, monitor=monitor, errors=errors, coarse=reached)
-
-
-def _end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) -> DescentEnd:
-    """The end of a descent, after all steps were reported to the observer."""
-    while True:
-        try:
-            options.observe(next(steps))
-        except StopIteration as end:
-            reached: DescentEnd = end.value
-            return reached
 
 
 def _equidistributed(
@@ -386,7 +365,7 @@ def _on_fine_grid(
     problem: Problem, one: CellCandidate, solve: Callable[[Problem], Solution], *, is_measured: bool = True
 ) -> CellCandidate:
     """The candidate on a finer grid, weakened until its angles are within the bound."""
-    solution = bounded(solve(replace(problem, monitor=one.monitor)), solve)
+    solution = bounded(solve(replace(problem, monitor=one.monitor)), lambda weaker, _: solve(weaker))
     if not (solution.status.succeeded and _passes(solution)):
         return replace(one, solution=solution, error=math.inf)
     return replace(one, solution=solution, error=_error(solution) if is_measured else 0.0)

@@ -1,68 +1,102 @@
-"""Solves for the least error: of a function, and of one that is known by the values of a solver."""
+"""Solves for the least error, on grids and on blocks: of a function, and of the values of a solver."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.problem import Problem
+from equimesh.least_error.block_subdomains import BlockSubdomains
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
-from equimesh.least_error.nest import last_compared, nested_levels
+from equimesh.least_error.nest import Level, coarse_level, last_compared
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.rounds.recovery import KEPT, Round
 from equimesh.rounds.round import adapt_round
+from equimesh.solving.orthogonality import Corners
 from equimesh.solving.solution import AnySolution, Solution, status_unless_folded
-from equimesh.solving.status import DescentProgress, Initial, SolveOptions, Status
+from equimesh.solving.status import DescentProgress, Initial, SolveOptions, Status, descent_work
 from equimesh_schema import Candidate, Estimate
 
+LEAST_ERROR_SETTINGS = ((0.5, 1.0), (0.5, 0.1))
+"""``distortion`` and ``smoothness`` that are compared for an ``Auto`` monitor; the first are the defaults."""
 GIVEN_IS_KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."
-NO_BETTER = "No mesh was found with a smaller error than that of the uniform mesh, which this is."
+NO_BETTER = "No mesh was found with a smaller error than that of the {} mesh, which this is."
+"""The note of the uniform mesh of a grid, or of the initial one of blocks."""
 
 
 def solve_least_error(
-    problem: Problem, initial: Initial | Mesh, options: SolveOptions, coarse: DescentEnd | None = None
-) -> Solution:
+    problem: Problem[Any],
+    initial: Initial | Mesh | QuadMesh,
+    options: SolveOptions,
+    *,
+    coarse: DescentEnd | None = None,
+    subdomains: BlockSubdomains | None = None,
+    corners: Corners | None = None,
+) -> AnySolution:
     """The mesh of least error, whose gain is at least 1 in L2 and in the norm of the monitor.
 
     It is no worse than a mesh that is given to start from, either.
 
-    The descent lowers the error by the quadrature of its grids. Where the measures of the certificate see no gain, the
-    mesh from the uniform start is tried, then for H1 that of L2, and at last the uniform mesh itself is the result.
-    ``coarse`` is a mesh of a coarse grid from which the same solve continues.
+    The descent lowers the error by the quadrature of its meshes. Where the measures of the certificate see no gain, the
+    mesh from the uniform start is tried, then for H1 that of L2, and at last the uniform or initial mesh itself is the
+    result. ``coarse`` is a mesh of a coarse level from which the same solve continues. ``subdomains`` descend on the
+    finest mesh; no other ways are tried then.
     """
-    if not isinstance(problem.monitor, LeastError):
+    monitor = problem.monitor
+    if not isinstance(monitor, LeastError):
         raise TypeError("a least-error solve needs a LeastError monitor")
-    solve = LeastErrorSolve(monitor=problem.monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
+    solve = _solve(problem, options, subdomains, corners)
     # Straight lines are found anew: a given mesh need not have any.
-    start = initial if isinstance(initial, Mesh) and not problem.monitor.rectilinear else None
+    start = None if isinstance(initial, Initial) or monitor.rectilinear else initial
     records: list[Descent] = []
-    telling = options.part(course=_course(problem, start, initial, coarse))
+    telling = options.part(course=_course(solve, start, initial, coarse))
     steps = solve.steps(start, uniform_only=initial is Initial.UNIFORM, coarse=coarse)
-    found = _finish(problem, steps, telling, records)
+    found = _finish(problem, solve, steps, telling, records)
     if start is not None:
-        found = _or_given(found, start, problem.monitor.norm)
-    if is_no_worse(found, problem.monitor.norm):
+        found = _or_given(found, start, monitor.norm)
+    if is_no_worse(found, monitor.norm):
         return found
-    for other in other_ways(solve, records[-1].start):
-        telling = options.part(None, doing="another way", course=_course(problem, None, initial, None))
-        again = _finish(problem, other, telling, records)
-        if is_no_worse(again, problem.monitor.norm):
+    for other in () if subdomains is not None else other_ways(solve, records[-1].start):
+        telling = options.part(None, doing="another way", course=_course(solve, None, initial, None))
+        again = _finish(problem, solve, other, telling, records)
+        if is_no_worse(again, monitor.norm):
             return again
-    uniform = Mesh.uniform(problem.grid)
-    return replace(found, mesh=map_mesh(uniform, problem.domain), reference=uniform, note=NO_BETTER)
+    return replace(found, **_initial(problem))
+
+
+def _solve(
+    problem: Problem[Any],
+    options: SolveOptions,
+    subdomains: BlockSubdomains | None = None,
+    corners: Corners | None = None,
+) -> LeastErrorSolve:
+    monitor: Any = problem.monitor
+    solve = LeastErrorSolve(
+        monitor=monitor,
+        domain=problem.domain,
+        grid=problem.grid,
+        threads=options.threads,
+        subdomains=subdomains,
+    )
+    return solve if corners is None else replace(solve, **corners._asdict())
 
 
 def _course(
-    problem: Problem, start: Mesh | None, initial: Initial | Mesh, coarse: DescentEnd | None
+    solve: LeastErrorSolve,
+    start: Mesh | QuadMesh | None,
+    initial: Initial | Mesh | QuadMesh,
+    coarse: DescentEnd | None,
 ) -> DescentProgress:
-    """The course of a descent, by its starts and by the grids that are done before."""
-    levels = nested_levels(problem.grid)
+    """The course of a descent, by its starts and by the levels that are done before."""
+    levels = solve.levels
     compared = last_compared(levels if start is None else levels[:-1])
     starts = 1 if start is not None or coarse is not None or initial is Initial.UNIFORM else 2
     return DescentProgress(levels[0 if coarse is None else coarse.level.number + 1 :], starts, compared)
@@ -79,10 +113,9 @@ def other_ways(solve: LeastErrorSolve, start: str) -> Iterator[Iterator[Descent]
         yield replace(solve, monitor=replace(solve.monitor, norm="l2").on(solve.domain)).steps()
 
 
-def _or_given(found: Solution, start: Mesh, norm: str) -> Solution:
+def _or_given(found: AnySolution, start: Mesh | QuadMesh, norm: str) -> AnySolution:
     """The solution, with the mesh that was given to start from where that has the smaller error in ``norm``."""
-    reference = closed_mesh(start, closed_of(found.problem.domain))
-    given = replace(found, mesh=map_mesh(reference, found.problem.domain), reference=reference, note=GIVEN_IS_KEPT)
+    given = replace(found, **_placed(found.problem, start), note=GIVEN_IS_KEPT)
     errors, others = found.interpolation, given.interpolation
     if errors is None or others is None:
         return found
@@ -90,35 +123,117 @@ def _or_given(found: Solution, start: Mesh, norm: str) -> Solution:
     return given if is_kept and not given.cut_off.is_much else found
 
 
-def is_no_worse(solution: Solution, norm: str) -> bool:
-    """Whether the mesh interpolates u at least as well as the uniform mesh, in L2 and in ``norm``.
+def is_no_worse(solution: AnySolution, norm: str) -> bool:
+    """Whether the mesh interpolates u at least as well as the uniform or initial one, in L2 and in ``norm``.
 
     A mesh that cuts much off the curved sides of the domain is worse: its error is not the error on the domain.
     """
     errors = solution.interpolation
-    if errors is None or solution.mesh.is_folded or solution.cut_off.is_much:
+    if errors is None or solution.mesh.is_folded_on(solution.threads) or solution.cut_off.is_much:
         return False
     return all(errors.estimated_gain(one) >= 1.0 for one in {"l2", norm})
 
 
-def _finish(problem: Problem, steps: Iterable[Descent], options: SolveOptions, records: list[Descent]) -> Solution:
+def _finish(
+    problem: Problem[Any],
+    solve: LeastErrorSolve,
+    steps: Iterable[Descent],
+    options: SolveOptions,
+    records: list[Descent],
+) -> AnySolution:
     """The solution at the end of a descent, whose steps are added to the ``records``."""
     first = len(records)
     for record in steps:
         records.append(options.observe(record))
-    last = records[-1].mesh
-    reference = closed_mesh(Mesh(last.x, last.y), closed_of(problem.domain))
-    mesh = map_mesh(reference, problem.domain)
+    placed = _placed(problem, records[-1].mesh)
     return Solution(
         problem=problem,
-        schwarz=None,
-        mesh=mesh,
-        reference=reference,
-        status=status_unless_folded(Status.COMPLETED, folded=mesh.is_folded),
-        newton_steps=sum(record.grid == problem.grid for record in records[first:]),
-        residual=math.nan,
+        schwarz=None if solve.subdomains is None else solve.subdomains.settings,
+        **placed,
+        status=status_unless_folded(Status.COMPLETED, folded=placed["mesh"].is_folded_on(options.threads)),
+        newton_steps=sum(record.level + 1 == record.levels for record in records[first:]),
         descent=tuple(record.numbers() for record in records),
+        threads=options.threads,
     )
+
+
+def _placed(problem: Problem[Any], mesh: Mesh | QuadMesh) -> dict[str, Any]:
+    """The ``mesh`` and the ``reference`` of a solution, by a mesh of the reference square or of the blocks."""
+    if isinstance(mesh, QuadMesh):
+        found = problem.domain.mesh.moved(mesh.points)
+        return {"mesh": found, "reference": found}
+    reference = closed_mesh(Mesh(mesh.x, mesh.y), closed_of(problem.domain))
+    return {"mesh": map_mesh(reference, problem.domain), "reference": reference}
+
+
+def _initial(problem: Problem[Any]) -> dict[str, Any]:
+    """The mesh with which others are compared, and its note."""
+    initial = problem.initial
+    if isinstance(initial, QuadMesh):
+        return {"mesh": initial, "reference": initial, "note": NO_BETTER.format("initial")}
+    return {"mesh": initial, "reference": Mesh.uniform(problem.grid), "note": NO_BETTER.format("uniform")}
+
+
+def end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) -> DescentEnd:
+    """The end of a descent, after all steps were reported to the observer."""
+    while True:
+        try:
+            options.observe(next(steps))
+        except StopIteration as end:
+            reached: DescentEnd = end.value
+            return reached
+
+
+def comparison_share(levels: Sequence[Level]) -> float:
+    """The share of the comparison of weights in the whole work, if the mesh is one of least error afterwards."""
+    last, compared = coarse_level(levels).number, last_compared(levels)
+    first = len(LEAST_ERROR_SETTINGS) * descent_work(levels[: last + 1], 2, compared)
+    return first / (first + descent_work(levels[last + 1 :], 1, compared))
+
+
+# The choice of weights on blocks, by the error on a coarse mesh.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeightsCandidate:
+    """A pair of weights, with the end of its descent on a coarse mesh and the expected error."""
+
+    solve: LeastErrorSolve
+    coarse: DescentEnd
+    error: float
+
+    def candidate(self, first_error: float, *, chosen: bool) -> Candidate:
+        """The entry of the certificate."""
+        monitor = self.solve.monitor
+        gain = first_error / self.error if self.error > 0.0 else math.nan
+        return Candidate(
+            kind="least_error",
+            settings={"norm": monitor.norm, "distortion": monitor.distortion, "smoothness": monitor.smoothness},
+            gain_l2=gain if monitor.norm == "l2" else math.nan,
+            gain_h1=gain if monitor.norm == "h1" else math.nan,
+            chosen=chosen,
+        )
+
+
+def choose_weights(
+    problem: Problem[Blocks], options: SolveOptions, subdomains: BlockSubdomains | None
+) -> tuple[WeightsCandidate, tuple[Candidate, ...]]:
+    """The weights with the smallest error on a coarse mesh, and the entries of the certificate."""
+    tried: list[WeightsCandidate] = []
+    auto: Any = problem.monitor
+    count = len(LEAST_ERROR_SETTINGS)
+    for number, pair in enumerate(LEAST_ERROR_SETTINGS):
+        solve = _solve(replace(problem, monitor=auto.least_error(*pair)), options, subdomains)
+        words = f"comparing weights, {number + 1} of {count}"
+        level = coarse_level(solve.levels)
+        here = solve.levels[: level.number + 1]
+        course = DescentProgress(here, 2, last_compared(here))
+        reached = end_of(solve.coarse(level), options.part(number / count, (number + 1) / count, words, course))
+        tried.append(WeightsCandidate(solve=solve, coarse=reached, error=solve.lifted_error(reached)))
+    tried.sort(key=lambda one: one.error)
+    best = tried[0]
+    first_error = best.solve.initial_error(best.coarse)
+    return best, tuple(one.candidate(first_error, chosen=one is best) for one in tried)
 
 
 # The solution of one round of adapting: the next mesh for the values of a solver.

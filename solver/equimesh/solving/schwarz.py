@@ -147,7 +147,9 @@ def _shown(estimate: float) -> str:
 MAX_POLISHED_POINTS = 129 * 129
 
 
-def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, options: SolveOptions) -> Solution:
+def solve_by_schwarz(
+    problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, options: SolveOptions, *, allow_relaxed: bool
+) -> Solution:
     """The mesh of a Schwarz iteration; where it stalls for good and may fall back, of a single-domain solve."""
     schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
     start, tolerance, expected = schwarz_start(problem, schwarz, initial, options.part(None, doing="for the start"))
@@ -166,7 +168,7 @@ def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh
         note = "There is no single-domain solution to compare with: " + what_was_found(reference, problem)
     solution = _finished(problem, schwarz, records, tolerance, note, nested=initial is not Initial.UNIFORM)
     if records[-1].failed and schwarz.fallback:
-        return _rescued(solution, options)
+        return _rescued(solution, options, allow_relaxed=allow_relaxed)
     return replace(solution, discretization_error=safe_discretization_error(expected))
 
 
@@ -178,7 +180,7 @@ def schwarz_start(
     to_discretization = schwarz.tolerance == "discretization"
     if initial is Initial.NESTED or to_discretization:
         mode = Mode.DISCRETIZATION if to_discretization else Mode.TIGHT
-        nested, expected = _nested_start(problem, replace(options, mode=mode))
+        nested, expected = _nested_start(problem, options, mode)
         start = nested if initial is Initial.NESTED else start
     if isinstance(schwarz.tolerance, float | int):
         return start, float(schwarz.tolerance), expected
@@ -188,10 +190,10 @@ def schwarz_start(
     return start, share if math.isfinite(share) else smallest_tolerance(problem), expected
 
 
-def _rescued(failed: Solution, options: SolveOptions) -> Solution:
+def _rescued(failed: Solution, options: SolveOptions, *, allow_relaxed: bool) -> Solution:
     """A single-domain solve in place of a Schwarz iteration that stalled for good."""
     telling = options.part(None, doing="without subdomains")
-    single = solve_single_domain(failed.problem, Initial.NESTED, replace(telling, mode=Mode.TIGHT))
+    single = solve_single_domain(failed.problem, Initial.NESTED, telling, Mode.TIGHT, allow_relaxed=allow_relaxed)
     last = failed.iterations[-1]
     stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
     where = f" in subdomain {stuck}" if stuck else ""
@@ -209,33 +211,33 @@ def _rescued(failed: Solution, options: SolveOptions) -> Solution:
 
 def schwarz_reference(problem: Problem, options: SolveOptions) -> Step:
     """The single-domain solution against which errors are measured: to rounding, if the grid is small enough."""
-    step = last_step(problem, Initial.NESTED, replace(options, mode=Mode.TIGHT))
+    step = last_step(problem, Initial.NESTED, options, Mode.TIGHT)
     if step.is_exact and problem.grid.points <= MAX_POLISHED_POINTS:
-        return last_of_newton(problem, step.mesh, options)
+        return last_of_newton(problem, step.mesh, options, Mode.TIGHT)
     return step
 
 
-def _nested_start(problem: Problem, options: SolveOptions) -> tuple[Mesh, float]:
+def _nested_start(problem: Problem, options: SolveOptions, mode: Mode) -> tuple[Mesh, float]:
     """The start of a single-domain solve on the finest grid, and the error of the discretisation expected there."""
     coarser = nested_grids(problem.grid)[-2:][0]
     if coarser == problem.grid:
         coarser = halved(problem.grid)
-    solved = _solved_on(coarser, problem, options)
+    solved = _solved_on(coarser, problem, options, mode)
     square = square_grids(problem.grid)[-2:][0]
     if not solved[-1].is_exact and square not in (coarser, problem.grid):
         coarser = square
-        solved = _solved_on(coarser, problem, options)
+        solved = _solved_on(coarser, problem, options, mode)
     error = solved[-1].discretization_error
-    if options.mode is Mode.DISCRETIZATION and not math.isfinite(error):
+    if mode is Mode.DISCRETIZATION and not math.isfinite(error):
         error = _first_error(replace(problem, grid=coarser), solved[-1], options)
     expected = error / refinement(problem.grid, coarser)
     return iteration.guess_on(problem.grid, solved), expected
 
 
-def _solved_on(grid: Grid, problem: Problem, options: SolveOptions) -> list[Step]:
+def _solved_on(grid: Grid, problem: Problem, options: SolveOptions, mode: Mode) -> list[Step]:
     """The last two levels of a single-domain solve on another grid."""
-    solved, telling = list[Step](), options.part(course=SweepProgress(mode=options.mode))
-    for step in iteration.single_domain_steps(replace(problem, grid=grid), mode=options.mode, threads=options.threads):
+    solved, telling = list[Step](), options.part(course=SweepProgress(mode=mode))
+    for step in iteration.single_domain_steps(replace(problem, grid=grid), mode=mode, threads=options.threads):
         telling.observe(step)
         if step.converged or step.failed:
             solved = [*solved[-1:], step]
@@ -245,7 +247,7 @@ def _solved_on(grid: Grid, problem: Problem, options: SolveOptions) -> list[Step
 def _first_error(problem: Problem, step: Step, options: SolveOptions) -> float:
     """The error of the discretisation on the coarsest grid, from an additional solve on a still coarser one."""
     coarser = halved(problem.grid)
-    other = last_step(replace(problem, grid=coarser), Initial.NESTED, replace(options, mode=Mode.TIGHT))
+    other = last_step(replace(problem, grid=coarser), Initial.NESTED, options, Mode.TIGHT)
     if not (step.is_exact and other.is_exact and is_refined(problem.grid, coarser)):
         return math.nan
     return distance(step.mesh, other.mesh) / (refinement(problem.grid, coarser) - 1.0)

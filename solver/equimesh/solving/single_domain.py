@@ -100,13 +100,18 @@ class Outcome(TypedDict):
     discretization_error: float | None
 
 
-def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Solution:
+def solve_single_domain(
+    problem: Problem, initial: Initial | Mesh, options: SolveOptions, mode: Mode, *, allow_relaxed: bool
+) -> Solution:
     """The mesh of a single-domain solve, of the requested equations or of relaxed ones."""
-    step = last_step(problem, initial, options)
-    return solution_of(step, problem, options, nested=initial is not Initial.UNIFORM)
+    step = last_step(problem, initial, options, mode)
+    nested = initial is not Initial.UNIFORM
+    return solution_of(step, problem, options, mode, allow_relaxed=allow_relaxed, nested=nested)
 
 
-def solution_of(step: Step, problem: Problem, options: SolveOptions, *, nested: bool = True) -> Solution:
+def solution_of(
+    step: Step, problem: Problem, options: SolveOptions, mode: Mode, *, allow_relaxed: bool, nested: bool = True
+) -> Solution:
     """The solution that ends with a step."""
     reference = _on_grid(step.mesh, problem)
     mesh = map_mesh(reference, problem.domain)
@@ -116,8 +121,8 @@ def solution_of(step: Step, problem: Problem, options: SolveOptions, *, nested: 
         schwarz=None,
         mesh=mesh,
         reference=reference,
-        mode=None if map_of(problem.monitor) == "gradient" else options.mode,
-        **outcome(step, problem, allow_relaxed=options.allow_relaxed, folded=folded, nested=nested),
+        mode=None if map_of(problem.monitor) == "gradient" else mode,
+        **outcome(step, problem, allow_relaxed=allow_relaxed, folded=folded, nested=nested),
     )
 
 
@@ -137,7 +142,7 @@ def outcome(step: Step, problem: Problem, *, allow_relaxed: bool, folded: bool, 
     )
 
 
-def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Step:
+def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions, mode: Mode) -> Step:
     """The last step of a single-domain solve from its ``initial`` mesh, on which a gradient map does not depend."""
     if map_of(problem.monitor) == "gradient":
         return last_of(gradient_map_steps(problem), options, SweepProgress(doing="solving for the map"))
@@ -145,14 +150,14 @@ def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) 
         steps = iteration.steps_from(problem, initial, threads=options.threads)
         return last_of(steps, options, SweepProgress(mode=Mode.TIGHT))
     if initial is Initial.UNIFORM:
-        return last_of_newton(problem, Mesh.uniform(problem.grid), options)
-    steps = iteration.single_domain_steps(problem, mode=options.mode, threads=options.threads)
-    return last_of(steps, options, SweepProgress(mode=options.mode))
+        return last_of_newton(problem, Mesh.uniform(problem.grid), options, mode)
+    steps = iteration.single_domain_steps(problem, mode=mode, threads=options.threads)
+    return last_of(steps, options, SweepProgress(mode=mode))
 
 
-def last_of_newton(problem: Problem, start: Mesh, options: SolveOptions) -> Step:
+def last_of_newton(problem: Problem, start: Mesh, options: SolveOptions, mode: Mode) -> Step:
     """The last step of Newton's method from a mesh of the problem's grid."""
-    steps = iteration.single_domain_steps(problem, start, mode=options.mode, threads=options.threads)
+    steps = iteration.single_domain_steps(problem, start, mode=mode, threads=options.threads)
     return last_of(steps, options, SweepProgress(doing="Newton's method"))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias
 
@@ -254,6 +254,10 @@ class Solution(Generic[D, M]):
     """Estimate of the largest error of a node's coordinate from the grid, in units of the square."""
     threads: int = 1
     """The threads of the solve; as many measure the quality of a large mesh."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields, for pickle: measures are made anew where they are asked for."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     def __repr__(self) -> str:
         if isinstance(self.mesh, QuadMesh):

@@ -1,8 +1,8 @@
-"""One call from a problem to its mesh: by a single-domain solve, a Schwarz iteration, or a descent."""
+"""One call from a problem to its mesh, and the methods that make meshes: values with settings of their own."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from typing import Any, Unpack, overload
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, TypeAlias, Unpack, overload
 
 import numpy as np
 
@@ -12,19 +12,26 @@ from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, smallest_tole
 from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.least_error.iteration import DescentEnd
+from equimesh.least_error.block_subdomains import BlockSubdomains, owners
+from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
+from equimesh.least_error.nest import nested_levels
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, require_lines
-from equimesh.numerics.channel import thread_count
+from equimesh.numerics.channel import ALONE, Channel, thread_count
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
-from equimesh.solving.auto import choose_monitor, comparison_share, solve_for_finite_volumes
-from equimesh.solving.blocks import EQUIDISTRIBUTION_ONLY, blocks_method
-from equimesh.solving.least_error import is_no_worse, solve_least_error, solve_round
-from equimesh.solving.orthogonality import bounded, require_possible
+from equimesh.solving.auto import choose_monitor, solve_for_finite_volumes
+from equimesh.solving.least_error import (
+    choose_weights,
+    comparison_share,
+    is_no_worse,
+    solve_least_error,
+    solve_round,
+)
+from equimesh.solving.orthogonality import Corners, bounded, bounded_round, require_possible
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import (
     is_lost_in_rounding,
@@ -44,8 +51,11 @@ NO_SUBDOMAINS = (
     " exchange: leave the Schwarz settings out, or take the curvature or the arc-length monitor"
 )
 """The reason why least error with Schwarz settings is refused."""
-NO_BLOCKS = "initial is a mesh of blocks, and the problem has a grid: give a mesh of the reference square"
-"""The reason why a mesh of blocks is refused as the start of a grid."""
+NO_ROUNDS = "values of a solver are adapted to on the whole mesh: leave the Schwarz settings out, or take LeastError"
+"""The reason why subdomains are refused for values of a solver."""
+
+AnyStart: TypeAlias = Initial | Mesh | QuadMesh
+"""The start of a solve: a word, or a mesh of the reference square or of the blocks."""
 
 
 @overload
@@ -72,118 +82,265 @@ def solve(
     """
     _check_arguments(problem, schwarz)
     arguments = complete_arguments(options)
-    checked = SolveOptions(
-        mode=choice(Mode, arguments["mode"], "mode"),
-        allow_relaxed=arguments["allow_relaxed"],
-        threads=thread_count(arguments["threads"]),
-        observer=Announcer.of(arguments["observe"]),
-    )
-    given = {name for name in EQUIDISTRIBUTION_ONLY if name in options}
-    method: Callable[[SolveOptions], AnySolution]
-    if in_blocks(problem):
-        method = blocks_method(problem, schwarz, arguments["initial"], given)
-    else:
-        method = _grid_method(problem, schwarz, arguments["initial"])
+    given: dict[str, Any] = {name: arguments[name] for name in ("mode", "allow_relaxed") if name in options}
+    checked = SolveOptions(threads=thread_count(arguments["threads"]), observer=Announcer.of(arguments["observe"]))
+    method = method_of(problem, schwarz, **given)
+    start = checked_start(problem, arguments["initial"])
+    method.require(problem, start)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
-        solution = method(checked)
+        solution = method.solve(problem, start, checked)
     if arguments["check"] and not solution.status.succeeded:
         raise SolveError(solution.message, solution)
     return solution
 
 
-def _grid_method(
-    problem: Problem, schwarz: Schwarz | None, initial: Initial | Mesh | QuadMesh
-) -> Callable[[SolveOptions], Solution]:
-    """The function that solves a problem on a grid. Raises for problems that it cannot solve."""
-    if schwarz is not None:
-        schwarz.require_grid()
-    if isinstance(initial, QuadMesh):
-        raise InputError(NO_BLOCKS, field="initial")
-    start = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
-    _check_start(problem, start)
-    require_possible(problem)
-    _check_ways(problem, schwarz)
-    solve_it = _solve_chosen if isinstance(problem.monitor, Auto) else _solve
-    return lambda options: solve_it(problem, schwarz, start, options)
+# Methods: how meshes are made. Each has its own settings, and refuses what it cannot do before any work.
 
 
-def _solve_chosen(
-    problem: Problem, schwarz: Schwarz | None, initial: Initial | Mesh, options: SolveOptions
-) -> Solution:
-    """The solution for the best monitor; of least error where the mesh of another one turns out to be worse.
+class Method(Protocol):
+    """How the mesh of a problem is made."""
 
-    From a given mesh the error is minimised without a comparison, which would take longer than that.
+    def require(self, problem: Problem[Any], initial: AnyStart) -> None:
+        """Raise :class:`~equimesh.errors.InputError` for problems and starts that the method cannot solve."""
+        ...
+
+    def solve(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        """The solution, within the bound of its angles if the monitor of the problem has one."""
+        ...
+
+
+def method_of(
+    problem: Problem[Any], schwarz: Schwarz | None = None, channel: Channel = ALONE, **settings: Any
+) -> Method:
+    """The method that belongs to the monitor of a problem, with the settings of the short form.
+
+    ``channel`` has the processes that hold the subdomains of blocks. ``settings`` are those of
+    :class:`Equidistribute`. Raises :class:`~equimesh.errors.InputError` for some that the method does not have.
     """
-    auto = problem.monitor
-    if not isinstance(auto, Auto):
-        raise TypeError("only an Auto monitor is chosen")
-    if auto.purpose == "finite_volume":
+    if in_blocks(problem) and settings:
+        name = next(iter(settings))
+        raise InputError(f"{name} belongs to equidistribution, which blocks do not have: leave it out", field=name)
+    monitor = problem.monitor
+    if isinstance(monitor, NodalSolution):
+        if schwarz is not None:
+            raise InputError(NO_ROUNDS, field="schwarz")
+        return Round()
+    if isinstance(monitor, LeastError):
+        return MinimiseError(schwarz=schwarz, channel=channel)
+    if in_blocks(problem):
+        return Best(minimise=MinimiseError(schwarz=schwarz, channel=channel))
+    equidistribute = Equidistribute(schwarz=schwarz, **settings)
+    return Best(equidistribute=equidistribute) if isinstance(monitor, Auto) else equidistribute
+
+
+@dataclass(frozen=True, kw_only=True)
+class Equidistribute:
+    """Equal lengths of edges in the metric of the monitor, along the lines of a grid."""
+
+    schwarz: Schwarz | None = None
+    """The settings of a Schwarz iteration; ``None`` for a solve of the whole grid."""
+    mode: Mode = Mode.DISCRETIZATION
+    """The condition that ends a single-domain solve."""
+    allow_relaxed: bool = True
+    """Whether a mesh of relaxed equations is a success."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mode", choice(Mode, self.mode, "mode"))
+
+    def require(self, problem: Problem[Any], initial: AnyStart) -> None:
+        """Refuse a monitor or a domain that subdomains cannot solve, and a grid that is too fine for its start."""
+        if self.schwarz is not None:
+            self.schwarz.require_grid()
+        closed = is_closed(problem.domain)
+        if initial is Initial.UNIFORM and not closed and problem.grid.points > MAX_FACTORISED_POINTS:
+            raise InputError(
+                f"a start from the uniform mesh takes Newton's method, on at most {MAX_FACTORISED_POINTS} points;"
+                f" {problem.grid} are more: start nested",
+                field="initial",
+            )
+        require_possible(problem)
+        if self.schwarz is not None:
+            require_lines(problem.monitor)
+        require_open(problem, self.schwarz)
+
+    def solve(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        """The solution for the requested monitor, or for a weaker one within the bound of its angles."""
+
+        def again(weaker: Problem[Any], _: Corners | None) -> AnySolution:
+            return self.once(weaker, _without_mesh(initial), options.part(None, doing="for smaller angles"))
+
+        return bounded(self.once(problem, initial, options), again)
+
+    def once(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        """The solution for the requested monitor, whatever its angles."""
+        starts = map_of(problem.monitor) == "lines"  # a gradient map has no use for a mesh to start from
+        is_far = isinstance(initial, Mesh) and starts and (initial.is_folded or not _is_near(problem, initial))
+        start: Any = Initial.NESTED if is_far else initial
+        if is_lost_in_rounding(problem):
+            solution = solution_lost_in_rounding(problem, self.schwarz, self.mode)
+        elif self.schwarz is None:
+            solution = solve_single_domain(problem, start, options, self.mode, allow_relaxed=self.allow_relaxed)
+        else:
+            solution = solve_by_schwarz(problem, self.schwarz, start, options, allow_relaxed=self.allow_relaxed)
+        if is_far:
+            detour = "The given mesh is too far from the solution to start from; the start was nested."
+            note = f"{detour} {solution.note}".strip()
+            solution = replace(solution, detours=(detour, *solution.detours), note=note)
+        return replace(solution, threads=options.threads)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MinimiseError:
+    """Descent on the interpolation error of u, on a grid or on blocks."""
+
+    schwarz: Schwarz | None = None
+    """The settings of the subdomains of the finest mesh; ``None`` for a descent of the whole mesh."""
+    channel: Channel = ALONE
+    """The processes that hold the subdomains."""
+    coarse: DescentEnd | None = None
+    """A mesh of a coarse level from which the solve continues."""
+
+    def require(self, problem: Problem[Any], initial: AnyStart) -> None:  # noqa: ARG002
+        """Refuse subdomains that do not fit the domain."""
+        if not in_blocks(problem):
+            if self.schwarz is not None:
+                raise InputError(NO_SUBDOMAINS, field="schwarz")
+            require_possible(problem)
+        elif self.schwarz is not None:
+            count_subdomains(problem, self.schwarz)
+
+    def solve(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        """The solution for the weights of the monitor, or for larger ones within the bound of its angles."""
+
+        def again(weaker: Problem[Any], corners: Corners | None) -> AnySolution:
+            telling = options.part(None, doing="for smaller angles")
+            return solve_least_error(
+                weaker, _without_mesh(initial), telling, subdomains=self.subdomains, corners=corners
+            )
+
+        return bounded(self.once(problem, initial, options), again)
+
+    def once(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        """The solution for the weights of the monitor, whatever its angles."""
+        return solve_least_error(problem, initial, options, coarse=self.coarse, subdomains=self.subdomains)
+
+    @property
+    def subdomains(self) -> BlockSubdomains | None:
+        """The subdomains of the finest mesh."""
+        return None if self.schwarz is None else BlockSubdomains(settings=self.schwarz, channel=self.channel)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Round:
+    """The next mesh for the values of a solver, or their least-error mesh where the angles of that have a bound."""
+
+    def require(self, problem: Problem[Any], initial: AnyStart) -> None:  # noqa: ARG002
+        """Refuse a bound of angles that no mesh of the grid can have."""
+        if not in_blocks(problem):
+            require_possible(problem)
+
+    def solve(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:  # noqa: ARG002
+        """The solution with the next mesh."""
+
+        def again(weaker: Problem[Any], _: Corners | None) -> AnySolution:
+            return solve_least_error(weaker, Initial.NESTED, options.part(None, doing="for smaller angles"))
+
+        return bounded_round(solve_round(problem, options.threads), again)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Best:
+    """The best of the two methods and of several settings, by the error on a coarse mesh or by that of a code.
+
+    With subdomains a grid is equidistributed, and on blocks the error is minimised.
+    """
+
+    equidistribute: Equidistribute = field(default_factory=Equidistribute)
+    minimise: MinimiseError = field(default_factory=MinimiseError)
+
+    def require(self, problem: Problem[Any], initial: AnyStart) -> None:
+        """Refuse what the method that may be chosen refuses."""
+        (self.minimise if in_blocks(problem) else self.equidistribute).require(problem, initial)
+
+    def solve(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        """The solution by the best monitor.
+
+        From a given mesh the error is minimised without a comparison, which would take longer than that.
+        """
+        auto: Any = problem.monitor
+        if auto.purpose == "finite_volume":
+            return self._for_finite_volumes(problem, initial, options)
+        if not self._has_metrics_only and not isinstance(initial, Initial):  # chosen before, or as good as any
+            return self.minimise.solve(replace(problem, monitor=auto.least_error()), initial, options)
+        return (self._on_blocks if in_blocks(problem) else self._on_grid)(problem, initial, options)
+
+    def _on_blocks(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        """The solution for the weights with the smallest error on a coarse mesh."""
+        subdomains = self.minimise.subdomains
+        auto: Any = problem.monitor
+        monitor = auto.least_error()
+        share = comparison_share(LeastErrorSolve(monitor=monitor, domain=problem.domain, subdomains=subdomains).levels)
+        best, comparison = choose_weights(problem, options.part(0.0, share), subdomains)
+        chosen = replace(problem, monitor=best.solve.monitor)
+        solution = replace(self.minimise, coarse=best.coarse).solve(chosen, initial, options.part(share))
+        return replace(solution, comparison=comparison)
+
+    def _on_grid(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        """The solution for the best monitor; of least error where the mesh of another one turns out to be worse."""
+        auto: Any = problem.monitor
+        share = None if self._has_metrics_only else comparison_share(nested_levels(problem.grid))
+        found = choose_monitor(problem, options.part(0.0, share), metrics_only=self._has_metrics_only)
+        solution, rest = None, options.part(0.0 if share is None else share)
+        while solution is None or not is_no_worse(solution, auto.norm):
+            chosen = replace(problem, monitor=found.chosen.monitor)
+            solution = self._member(chosen, found.chosen.coarse).solve(chosen, initial, rest)
+            rest = options.part(None, doing="another monitor")
+            solution = replace(solution, comparison=found.comparison)
+            if found.least_error is None:
+                break
+            found = found.least_error
+        return solution
+
+    def _for_finite_volumes(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        whole = replace(self, equidistribute=replace(self.equidistribute, schwarz=None))
 
         def single(candidate: Problem, part: SolveOptions) -> Solution:
-            return _solve_once(candidate, None, Initial.NESTED, part)
+            return whole._member(candidate).once(candidate, Initial.NESTED, part)
 
         def final(candidate: Problem, part: SolveOptions) -> Solution:
-            return _solve_once(candidate, schwarz, initial, part)
+            return self._member(candidate).once(candidate, initial, part)
 
-        return solve_for_finite_volumes(problem, options, single, None if schwarz is None else final)
-    if isinstance(initial, Mesh) and schwarz is None:  # the mesh before was chosen, or is as good a start as any
-        return _solve(replace(problem, monitor=auto.least_error()), None, initial, options)
-    share = comparison_share(problem.grid) if schwarz is None else None
-    choice = choose_monitor(problem, options.part(0.0, share), metrics_only=schwarz is not None)
-    solution, rest = None, options.part(share if schwarz is None else 0.0)
-    while solution is None or not is_no_worse(solution, auto.norm):
-        chosen = replace(problem, monitor=choice.chosen.monitor)
-        solution = _solve(chosen, schwarz, initial, rest, choice.chosen.coarse)
-        rest = options.part(None, doing="another monitor")
-        solution = replace(solution, comparison=choice.comparison)
-        if choice.least_error is None:
-            break
-        choice = choice.least_error
-    return solution
+        return solve_for_finite_volumes(problem, options, single, final if self._has_metrics_only else None)
+
+    def _member(self, candidate: Problem[Any], coarse: DescentEnd | None = None) -> Equidistribute | MinimiseError:
+        """The method that belongs to the monitor of a candidate."""
+        is_minimised = isinstance(candidate.monitor, LeastError)
+        return replace(self.minimise, coarse=coarse) if is_minimised else self.equidistribute
+
+    @property
+    def _has_metrics_only(self) -> bool:
+        """Whether subdomains equidistribute: no candidate minimises the error then."""
+        return self.equidistribute.schwarz is not None
 
 
-def _solve(
-    problem: Problem,
-    schwarz: Schwarz | None,
-    initial: Initial | Mesh,
-    options: SolveOptions,
-    coarse: DescentEnd | None = None,
-) -> Solution:
-    """The solution by the way that belongs to the monitor and the settings, within the bound of its angles."""
+def count_subdomains(problem: Problem[Blocks], schwarz: Schwarz) -> int:
+    """The number of subdomains.
 
-    def again(weaker: Problem) -> Solution:
-        telling = options.part(None, doing="for smaller angles")
-        return _solve_once(weaker, schwarz, Initial.NESTED if isinstance(initial, Mesh) else initial, telling)
-
-    return bounded(_solve_once(problem, schwarz, initial, options, coarse), again)
-
-
-def _solve_once(
-    problem: Problem,
-    schwarz: Schwarz | None,
-    initial: Initial | Mesh,
-    options: SolveOptions,
-    coarse: DescentEnd | None = None,
-) -> Solution:
-    """The solution by the way that belongs to the monitor and the settings."""
+    Raises :class:`~equimesh.errors.InputError` for settings of grids, for groups that do not fit the domain, and for
+    values of another solver.
+    """
     if isinstance(problem.monitor, NodalSolution):
-        return solve_round(problem, options.threads)
-    if isinstance(problem.monitor, LeastError):
-        return replace(solve_least_error(problem, initial, options, coarse), threads=options.threads)
-    starts = map_of(problem.monitor) == "lines"  # a gradient map has no use for a mesh to start from
-    is_far = isinstance(initial, Mesh) and starts and (initial.is_folded or not _is_near(problem, initial))
-    initial = Initial.NESTED if is_far else initial
-    if is_lost_in_rounding(problem):
-        solution = solution_lost_in_rounding(problem, schwarz, options.mode)
-    elif schwarz is None:
-        solution = solve_single_domain(problem, initial, options)
-    else:
-        solution = solve_by_schwarz(problem, schwarz, initial, options)
-    if is_far:
-        detour = "The given mesh is too far from the solution to start from; the start was nested."
-        note = f"{detour} {solution.note}".strip()
-        solution = replace(solution, detours=(detour, *solution.detours), note=note)
-    return replace(solution, threads=options.threads)
+        raise InputError(NO_ROUNDS, field="schwarz")
+    schwarz.require_blocks()
+    return int(owners(schwarz, problem.domain.mesh).max()) + 1
+
+
+# What is refused before any work.
+
+
+def _without_mesh(initial: AnyStart) -> Initial:
+    """The start of a further solve: nested in place of a mesh that was given."""
+    return initial if isinstance(initial, Initial) else Initial.NESTED
 
 
 def _check_arguments(problem: object, schwarz: object) -> None:
@@ -202,36 +359,45 @@ def _check_arguments(problem: object, schwarz: object) -> None:
         )
 
 
-def _check_ways(problem: Problem, schwarz: Schwarz | None) -> None:
-    """Refuse a monitor that subdomains cannot solve."""
-    if schwarz is not None and isinstance(problem.monitor, NodalSolution | LeastError):
-        raise InputError(NO_SUBDOMAINS, field="schwarz")
-    if schwarz is not None:
-        require_lines(problem.monitor)
-    require_open(problem, schwarz)
+def checked_start(problem: Problem[Any], initial: AnyStart) -> AnyStart:
+    """The start of a solve.
 
-
-def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
-    """Refuse a grid that is too coarse for its domain or too fine for its start, and a start on another grid."""
-    if isinstance(initial, Mesh):
-        _check_mesh(problem, initial)
-    if (
-        initial is Initial.UNIFORM
-        and not is_closed(problem.domain)
-        and not isinstance(problem.monitor, NodalSolution | LeastError)
-        and problem.grid.points > MAX_FACTORISED_POINTS
-    ):
-        raise InputError(
-            f"a start from the uniform mesh takes Newton's method, on at most {MAX_FACTORISED_POINTS} points;"
-            f" {problem.grid} are more: start nested",
-            field="initial",
-        )
+    Raises :class:`~equimesh.errors.InputError` for a mesh of another grid or domain, for a folded one, and for a grid
+    that is too coarse for its domain.
+    """
+    if in_blocks(problem):
+        return check_start_on_blocks(problem.domain, initial)
+    if isinstance(initial, QuadMesh):
+        message = "initial is a mesh of blocks, and the problem has a grid: give a mesh of the reference square"
+        raise InputError(message, field="initial")
+    start = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
+    if isinstance(start, Mesh):
+        _check_mesh(problem, start)
     if type(problem.domain) is not Rectangle and map_mesh(Mesh.uniform(problem.grid), problem.domain).is_folded:
         raise InputError(
             f"the uniform mesh of {problem.grid} points has an inverted cell on this domain: its sides curve too much"
             " for so few points; add grid points",
             field="grid",
         )
+    return start
+
+
+def check_start_on_blocks(domain: Blocks, initial: AnyStart) -> Initial | QuadMesh:
+    """The start of a solve on blocks; raises as :func:`checked_start`."""
+    if isinstance(initial, Mesh):
+        raise InputError("initial is the mesh of a grid: give a QuadMesh of the domain in blocks", field="initial")
+    if not isinstance(initial, QuadMesh):
+        return choice(Initial, initial, "initial")
+    own = domain.mesh
+    if initial.points.shape != own.points.shape or not np.array_equal(initial.cells, own.cells):
+        raise InputError(
+            f"the mesh to start from has {len(initial.points)} points, the domain {len(own.points)}: give a mesh with"
+            " the cells of the domain, such as that of a solution on it",
+            field="initial",
+        )
+    if initial.is_folded:
+        raise InputError("the mesh to start from has an inverted cell: give a valid one", field="initial")
+    return initial
 
 
 def _is_near(problem: Problem, start: Mesh) -> bool:

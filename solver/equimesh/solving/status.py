@@ -315,12 +315,8 @@ def complete_arguments(arguments: SolveArguments) -> SolveArguments:
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """The options that a single-domain and a Schwarz solve share, checked."""
+    """The options that all methods share, checked."""
 
-    mode: Mode
-    """The condition that ends a single-domain solve."""
-    allow_relaxed: bool
-    """Whether a mesh of relaxed equations is a success."""
     threads: int
     """The number of threads that share the work."""
     observer: Announcer | None

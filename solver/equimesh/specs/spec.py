@@ -25,9 +25,8 @@ from equimesh.monitors.monitor import require_lines
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
 from equimesh.schwarz.settings import MAX_LAYERS, Schwarz, require_count
 from equimesh.single_domain.level import Mode
-from equimesh.solving.blocks import count_subdomains
 from equimesh.solving.solution import AnySolution
-from equimesh.solving.solve import NO_SUBDOMAINS, solve
+from equimesh.solving.solve import NO_SUBDOMAINS, count_subdomains, solve
 from equimesh.solving.status import Initial, SolveArguments
 from equimesh.solving.target import MAX_POINTS, NO_U, Target, solve_to
 from equimesh.specs.document import Makers, Reading, mapping, several, text, whole, within

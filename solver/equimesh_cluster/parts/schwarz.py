@@ -17,6 +17,7 @@ from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.schwarz.decomposition import SubdomainWindow
@@ -24,11 +25,11 @@ from equimesh.schwarz.iteration import iterations_on
 from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
 from equimesh.single_domain.level import Mode
-from equimesh.solving.blocks import least_error_of, solve_blocks
 from equimesh.solving.certificate import safe_discretization_error
 from equimesh.solving.schwarz import ending_of
 from equimesh.solving.single_domain import require_open
 from equimesh.solving.solution import OnBlocks, Solution
+from equimesh.solving.solve import method_of
 from equimesh.solving.status import Announcer, Event, Initial, SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.parts.checkpoints import Checkpoints, keep, resumed
@@ -186,16 +187,25 @@ class BlocksResult:
 
     points: Array
     """Node coordinates, shape ``(n, 2)``."""
+    weights: tuple[float, float]
+    """``distortion`` and ``smoothness`` of the monitor, which may have been chosen."""
     values: dict[str, Any]
 
     @classmethod
     def of(cls, solution: OnBlocks) -> BlocksResult:
         """The result of a solution."""
         names = [field.name for field in fields(solution) if field.name not in OWN_FIELDS]
-        return cls(points=solution.mesh.points, values={name: getattr(solution, name) for name in names})
+        monitor: Any = solution.problem.monitor
+        return cls(
+            points=solution.mesh.points,
+            weights=(monitor.distortion, monitor.smoothness),
+            values={name: getattr(solution, name) for name in names},
+        )
 
     def solution(self, problem: Problem[Blocks]) -> OnBlocks:
         """The solution of ``problem`` again."""
+        if isinstance(problem.monitor, Auto):
+            problem = replace(problem, monitor=problem.monitor.least_error(*self.weights))
         mesh = problem.domain.mesh.moved(self.points)
         return Solution(problem=problem, mesh=mesh, reference=mesh, **self.values)
 
@@ -217,13 +227,13 @@ def solve_part_of_blocks(
     subdomains = BlockSubdomains(settings=settings, channel=channel)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         if channel.number == LEADER:
-            options = SolveOptions(
-                mode=Mode.DISCRETIZATION, allow_relaxed=True, threads=threads, observer=Announcer.of(observe)
-            )
-            found = solve_blocks(problem, Initial.NESTED, options, subdomains)
+            options = SolveOptions(threads=threads, observer=Announcer.of(observe))
+            found = method_of(problem, settings, channel).solve(problem, Initial.NESTED, options)
             subdomains.dismiss()
             return BlocksResult.of(found)
-        monitor = least_error_of(problem).on(problem.domain)
+        asked = problem.monitor
+        monitor: LeastError = asked.least_error() if isinstance(asked, Auto) else asked  # type: ignore[assignment]
+        monitor = monitor.on(problem.domain)
         solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, threads=threads, subdomains=subdomains)
         for weights, start, first in subdomains.orders():
             solve.with_weights(weights).follow(start, first)

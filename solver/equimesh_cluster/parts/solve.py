@@ -133,19 +133,21 @@ def coarse_solution(
     ``allow_relaxed`` is false.
     """
     require_metric(problem)
-    options = SolveOptions(choice(Mode, mode, "mode"), allow_relaxed, thread_count(threads), None)
+    mode, options = choice(Mode, mode, "mode"), SolveOptions(thread_count(threads), None)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         squares, grids = square_grids(problem.grid), nested_grids(problem.grid)
         found = None
+        given = mode, options, max_points, observe
         if not square:
-            found = _solved(problem, grids, options, max_points, observe, only_requested=squares != grids)
+            only = squares != grids
+            found = _solved(problem, grids, *given, allow_relaxed=allow_relaxed, only_requested=only)
         if found is None:
-            found = _solved(problem, squares, options, max_points, observe, only_requested=False)
+            found = _solved(problem, squares, *given, allow_relaxed=allow_relaxed, only_requested=False)
         if found is None:
             raise AssertionError("the last nested grids always have some solution")
         last, here = found.last, problem.on_grid(found.grid)
         if last.failed or not (last.is_exact or allow_relaxed) or last.strength == 0.0:
-            solution = solution_of(last, here, options)
+            solution = solution_of(last, here, options, mode, allow_relaxed=allow_relaxed)
             raise SolveError(solution.message, solution)
     return found
 
@@ -153,10 +155,12 @@ def coarse_solution(
 def _solved(
     problem: Problem,
     grids: list[Grid],
+    mode: Mode,
     options: SolveOptions,
     max_points: int,
     observe: CoarseObserver | None,
     *,
+    allow_relaxed: bool,
     only_requested: bool,
 ) -> CoarseSolution | None:
     """The levels up to the coarse grid; ``None`` as :meth:`~equimesh.single_domain.iteration.Climb.by_sweeps`."""
@@ -164,9 +168,9 @@ def _solved(
     here = problem.on_grid(grids[level])
     _require_uniform(here)
     if is_lost_in_rounding(problem):
-        solution = solution_lost_in_rounding(here, None, options.mode)
+        solution = solution_lost_in_rounding(here, None, mode)
         raise SolveError(solution.message, solution)
-    climb = Climb(problem, options.mode, options.threads, grids)
+    climb = Climb(problem, mode, options.threads, grids)
     steps = climb.by_sweeps(only_requested=only_requested, end=level + 1)
     last: Step | None = None
     while True:
@@ -183,8 +187,8 @@ def _solved(
     return CoarseSolution(
         grids=tuple(grids),
         solved=tuple(solved),
-        mode=options.mode,
-        allow_relaxed=options.allow_relaxed,
+        mode=mode,
+        allow_relaxed=allow_relaxed,
         only_requested=only_requested,
     )
 

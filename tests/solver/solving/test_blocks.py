@@ -10,7 +10,7 @@ import pytest
 import equimesh as em
 from equimesh.least_error.descent import Descent
 from equimesh.quality.faces import measure_faces
-from equimesh.solving import blocks as module
+from equimesh.solving import least_error as module
 from equimesh.testing.geometries import disc, l_shape, naca0012_o, pitz_daily
 
 FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
@@ -44,10 +44,10 @@ def test_where_nothing_is_gained_the_mesh_is_the_initial_one() -> None:
 
 
 def test_a_worse_mesh_is_replaced_by_the_initial_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "is_no_worse", lambda _: False)
+    monkeypatch.setattr(module, "is_no_worse", lambda *_: False)
     solution = em.solve(problem())
     assert solution.mesh is solution.initial
-    assert solution.note == module.NO_BETTER
+    assert solution.note == module.NO_BETTER.format("initial")
 
 
 def test_a_given_mesh_that_is_better_is_kept() -> None:
@@ -102,12 +102,12 @@ def test_starts_and_options_that_cannot_be_used_are_refused() -> None:
 
 
 def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> None:
-    def folded(solution: em.Solution[em.Blocks, em.QuadMesh], start: object) -> em.Solution[em.Blocks, em.QuadMesh]:  # noqa: ARG001
+    def folded(solution: em.Solution[em.Blocks, em.QuadMesh], *_: object) -> em.Solution[em.Blocks, em.QuadMesh]:
         points = solution.initial.points[::-1].copy()
         return replace(solution, mesh=solution.initial.moved(points), status=em.Status.FOLDED)
 
     monkeypatch.setattr(module, "_or_given", folded)
-    monkeypatch.setattr(module, "is_no_worse", lambda _: True)
+    monkeypatch.setattr(module, "is_no_worse", lambda *_: True)
     asked = problem(nodes=300)
     with pytest.raises(em.SolveError) as caught:
         em.solve(asked, initial=asked.domain.mesh)
