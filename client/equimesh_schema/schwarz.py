@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from equimesh_schema.document import CoreSchema, Document, Either, InJson, Limits, OneOf, Words, before, by_kind
+from equimesh_schema.document import LATER, CoreSchema, Document, Either, InJson, Limits, OneOf, Words, before, by_kind
 
 ORDERINGS = Words(
     parallel="Subdomains on cores or machines of their own: all at the same time. The default.",
@@ -91,12 +91,16 @@ Division: TypeAlias = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class Schwarz(Document):
-    """Domain decomposition and the Schwarz iteration."""
+    """Domain decomposition and the Schwarz iteration.
+
+    Least error has `subdomains`, `overlap`, `local_steps` and `max_exchanges` alone.
+    """
 
     subdomains: Annotated[Sequence[Division], InJson(list[Division]), Limits(min_length=2, max_length=2)] = (2, 1)
     """Subdomains along xi and along eta: how many, or a list of the grid lines at which they meet."""
     overlap: int = 4
-    """Points that neighbours share, at least 2."""
+    """Points that neighbours share, at least 2; for least error the layers of cells of its neighbours that a subdomain
+    also has, 1 to 64."""
     transmission: Annotated[Transmission, TRANSMISSIONS] = Optimized()
     """The condition on the interfaces; optimized if absent."""
     ordering: Annotated[str, ORDERINGS] = "parallel"
@@ -120,6 +124,10 @@ class Schwarz(Document):
     """Most iterations; the solve fails where they do not reach the tolerance."""
     compare_single_domain: bool = False
     """Also solve the single domain, and report the error against it."""
+    local_steps: Annotated[int, LATER] = 8
+    """For least error alone: steps of descent of a subdomain in one exchange, 1 to 1000."""
+    max_exchanges: Annotated[int | None, LATER] = None
+    """For least error alone: exchanges at most; null: as many as take the steps of a solve of the whole mesh."""
 
     @property
     def counts(self) -> tuple[int, int]:

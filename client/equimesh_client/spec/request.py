@@ -234,7 +234,7 @@ def _schwarz_json(schwarz: object) -> Json | None:
             f"transmission = {str(schwarz.transmission)[:40]!r}: give Optimized(), Classical(), LinearRobin() or"
             " NonlinearRobin()"
         )
-    return schwarz.to_json()
+    return without_usual(schwarz)
 
 
 def mesh_spec(

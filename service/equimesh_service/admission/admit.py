@@ -21,7 +21,7 @@ from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.columns import Limits
 from equimesh_schema.mesh import Grid
 from equimesh_schema.monitors import AnyMonitor
-from equimesh_schema.schwarz import BlockSchwarz, Schwarz
+from equimesh_schema.schwarz import Schwarz
 from equimesh_schema.sources import UPLOAD
 from equimesh_service.admission.callers import Caller, quota_problem
 from equimesh_service.assembly import samples as intake
@@ -393,7 +393,7 @@ class Admission:
         self._limits.check(checked.sources)
         if isinstance(spec.schwarz, Schwarz) and spec.grid is not None:
             self._check_schwarz(spec.schwarz, spec.grid)
-        if isinstance(spec.schwarz, BlockSchwarz) and (spec.schwarz.max_exchanges or 0) > self._most_iterations:
+        if spec.schwarz is not None and (spec.schwarz.max_exchanges or 0) > self._most_iterations:
             raise problem_at("/schwarz/max_exchanges", f"too many: this service runs at most {self._most_iterations}")
 
     def _check_target(self, checked: CheckedSpec) -> None:

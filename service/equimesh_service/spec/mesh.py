@@ -9,9 +9,11 @@ from functools import cached_property
 from hashlib import sha256
 from typing import Any
 
+from equimesh_schema.document import without_usual
 from equimesh_schema.domains import MeshFile
 from equimesh_schema.mesh import ExpressionCheck, Grid, MeshSpec
 from equimesh_schema.monitors import ArcLength, Auto, LeastError, NodalSolution
+from equimesh_schema.schwarz import Schwarz
 from equimesh_schema.sources import AnySource, ExpressionSource, GridSource, NodalSource, StoredSource
 from equimesh_service.problems.problem import problem_at
 from equimesh_service.spec.monitors import sources_of, with_samples
@@ -88,7 +90,11 @@ class CheckedSpec:
         other = ["label"] if measured else ["label", "cells"]
         if self.canonical["parts"] is None:  # as in releases without parts
             other.append("parts")
-        return _digest({key: value for key, value in self.canonical.items() if key not in other})
+        points = {key: value for key, value in self.canonical.items() if key not in other}
+        if isinstance(self.spec.schwarz, Schwarz):  # as in releases without the later keys
+            known = without_usual(self.spec.schwarz)
+            points["schwarz"] = {key: value for key, value in points["schwarz"].items() if key in known}
+        return _digest(points)
 
     def in_parts(self) -> CheckedSpec:
         """The spec of a mesh that a cluster computes in parts; their number is automatic where it has none."""

@@ -14,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 import equimesh
-from equimesh import Decomposition, Event, Iteration, Mesh, Schwarz
+from equimesh import Decomposition, Event, Iteration, Mesh
 from equimesh.meshes.mesh import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.quality import ComparedMesh, UniformComparison, compare_with_uniform
 from equimesh.solving.solution import MeasuredMesh, OnBlocks, interpolated_cells
-from equimesh.specs import build_schwarz
+from equimesh.specs import subdomains_of
 from equimesh_service.assembly.problem import SamplesOf, build
 from equimesh_service.problems.problem import Problem
 from equimesh_service.store.rows import FAILED, SUCCEEDED, MeshRow
@@ -155,7 +155,7 @@ def document_of(
     *,
     error: Mapping[str, Any] | None,
     convergence: Mapping[str, Any] | None,
-    schwarz: Schwarz | None,
+    decomposition: Decomposition | None,
     mesh: Mesh | QuadMesh,
 ) -> dict[str, Any]:
     """The numbers and sentences of a drawing.
@@ -163,7 +163,6 @@ def document_of(
     ``result`` has the record of the solve, the certificate and the quality, as a mesh in the store has them; ``error``
     is the problem of a failed solve.
     """
-    decomposition = None if schwarz is None or isinstance(mesh, QuadMesh) else schwarz.decompose(mesh.grid)
     before: Literal["uniform", "initial"] = "initial" if isinstance(mesh, QuadMesh) else "uniform"
     return {
         "spec": dict(spec),
@@ -175,7 +174,7 @@ def document_of(
         "error": error,
         "sentences": sentences_of(result["certificate"], norm_of(spec), error, before=before),
         "subdomains": None if decomposition is None else _spans(decomposition),
-        "ordering": None if schwarz is None else str(schwarz.ordering),
+        "ordering": None if decomposition is None else spec["schwarz"]["ordering"],
         "frames": None,
         "points": int(mesh.x.size),
         "blocks": _blocks_of(mesh) if isinstance(mesh, QuadMesh) else None,
@@ -223,7 +222,6 @@ def document_of_solution(
 ) -> dict[str, Any]:
     """The document of a solution that is not kept, after a solve of some ``seconds``; ``spec`` is canonical."""
     began = time.perf_counter()
-    schwarz = None if solution.decomposition is None else solution.schwarz
     document = document_of(
         spec,
         {
@@ -232,8 +230,8 @@ def document_of_solution(
             "quality": None if solution.mesh.is_folded else solution.quality.summary(),
         },
         error=None if solution.status.succeeded else problem_of(solution, is_kept=False).body(),
-        convergence=solution.convergence() if schwarz is not None or solution.descent else None,
-        schwarz=schwarz,
+        convergence=solution.convergence() if solution.iterations or solution.descent else None,
+        decomposition=solution.decomposition,
         mesh=solution.mesh,
     )
     document["seconds"] = {"solve": seconds, "measure": time.perf_counter() - began}
@@ -264,8 +262,8 @@ def draw_mesh_row(
 ) -> bytes:
     """The drawing of a finished ``mesh`` from its ``row`` in the store, its spec and its history."""
     result = row.result or {}
-    schwarz = build_schwarz(spec)
-    document = document_of(spec, result, error=row.error, convergence=convergence, schwarz=schwarz, mesh=mesh)
+    parts = subdomains_of(spec)
+    document = document_of(spec, result, error=row.error, convergence=convergence, decomposition=parts, mesh=mesh)
     document["seconds"] = result.get("timings")
     problem = _problem(spec, result["certificate"], find)
     if isinstance(mesh, QuadMesh):

@@ -12,7 +12,7 @@ from equimesh import Mesh
 from equimesh.io.npz import load_npz
 from equimesh.io.write import CELLS, FORMATS, write_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.specs import build_schwarz
+from equimesh.specs import subdomains_of
 from equimesh_service.assembly.problem import build
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
@@ -92,7 +92,7 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             if kind == "quality":
                 draw_quality(data, path)
             else:
-                draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh))
+                draw_mesh(data, path, decomposition=subdomains_of(store.meshes.spec(task.mesh_id) or {}))
         case [name] if name == DRAWING:
             path.write_bytes(_drawing(task, store, files, sources, source))
         case _:
@@ -126,13 +126,6 @@ def _input(task: Export, store: Store) -> MeshInput:
     if mesh_input is None:
         raise Problem("not-found", "The mesh is gone.")
     return mesh_input
-
-
-def _decomposition(task: Export, store: Store, mesh: Mesh | QuadMesh) -> equimesh.Decomposition | None:
-    if isinstance(mesh, QuadMesh):
-        return None
-    schwarz = build_schwarz(store.meshes.spec(task.mesh_id))
-    return None if schwarz is None else schwarz.decompose(mesh.grid)
 
 
 def _layout(task: Export, store: Store) -> PartsLayout:

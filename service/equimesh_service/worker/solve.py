@@ -148,7 +148,7 @@ class StepStart:
         settings: SolveArguments = {**spec.ending, **options}
         sequence = equimesh.Sequence[Any](
             spec.problem,
-            spec.grid_schwarz,
+            spec.schwarz,
             mesh=self.mesh,
             solution=self.earlier,
             **self.motion,

@@ -28,8 +28,10 @@ from equimesh.least_error.lifting import SMALLEST_SHARE, Lifting, along, mended
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.paved import is_paved
 from equimesh.least_error.starts import Patch, equidistributed, resampled
+from equimesh.least_error.subdomains import owners
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
+from equimesh.schwarz.settings import Schwarz
 from equimesh_coupling.parts import cuts_at_corners
 
 
@@ -248,6 +250,10 @@ class BlockNest:
         """A mesh of the finest level on a coarser one; ``None`` where it is folded there."""
         sampled = self.on(level).of_points(mesh.points).unknowns
         return sampled if self.min_jacobian(level, sampled) > 0.0 else None
+
+    def owners(self, settings: Schwarz) -> IntArray:
+        """Subdomains are blocks, or groups of them."""
+        return owners(settings, self.domain.mesh)
 
     def is_folded(self, mesh: Array, level: BlockLevel) -> bool:  # noqa: ARG002
         """False: folded first meshes are no starts."""

@@ -43,6 +43,8 @@ class Cells:
     """Nodes that move together, ``(copy, original)``, shape ``(ties, 2)``; ``triples`` name originals only."""
     closed: tuple[bool, bool] = OPEN
     """Whether lines along xi, and those along eta, end where they begin; of cells of a grid."""
+    of_mesh: IntArray | None = None
+    """The :attr:`sides` of a region, which are those of the mesh: its other edges lie inside. ``None`` for a mesh."""
 
     @property
     def count(self) -> int:
@@ -57,6 +59,8 @@ class Cells:
     @cached_property
     def sides(self) -> IntArray:
         """The edges of one cell alone whose two nodes stay on a side, shape ``(edges, 2)``."""
+        if self.of_mesh is not None:
+            return self.of_mesh
         held = self.free == 0.0
         candidates = held.any(axis=0)
         edges = np.concatenate(
@@ -326,6 +330,7 @@ class _Cutter:
         local_triples = standing[original[triples[chosen]]]
         squares = [np.bincount(local_triples[:, j], minlength=nodes.size) for j in range(3)]
         used = np.bincount(corners.ravel(), minlength=nodes.size)
+        sides = number[cells.sides]
         place = {int(cell): spot for spot, cell in enumerate(listed)} if cells.corner_cuts else {}
         local = Cells(
             corners=corners,
@@ -337,6 +342,7 @@ class _Cutter:
             stiffness=np.maximum(squares[0] + 4.0 * squares[1] + squares[2], 1.0),
             corner_cuts={place[cell]: cut for cell, cut in cells.corner_cuts.items() if cell in place},
             ties=np.stack([copies, stands[copies]], axis=1),
+            of_mesh=sides[(sides >= 0).all(axis=1)],
         )
         number[nodes] = -1
         return local, self._node_owner[nodes] == k, int(is_own.sum())

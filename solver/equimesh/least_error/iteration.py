@@ -16,7 +16,6 @@ from typing import Any
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
 from equimesh.least_error.block_mesh import BlockNest, BlockStart
-from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import Descent, StraightLines, descend
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import Level, Nest, Start, last_compared
@@ -24,6 +23,7 @@ from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.paved import descend_paved, paved_steps
 from equimesh.least_error.restricted import Merged
 from equimesh.least_error.starts import GridNest
+from equimesh.least_error.subdomains import LEADER, Subdomains
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
@@ -103,8 +103,8 @@ class LeastErrorSolve:
     """``None`` for a domain in blocks."""
     threads: int = 1
     """How many threads share the work; the mesh does not depend on it."""
-    subdomains: BlockSubdomains | None = None
-    """The subdomains that descend on the finest mesh of blocks; ``None`` for a descent of the whole mesh."""
+    subdomains: Subdomains | None = None
+    """The subdomains that descend on the finest mesh; ``None`` for a descent of the whole mesh."""
     smallest_angle: float | None = None
     """The angle of corners, in degrees, below which few of them should be; ``None`` for no aim."""
     obliqueness: float = OBLIQUENESS_WEIGHT
@@ -379,10 +379,11 @@ class LeastErrorSolve:
             yield from descend_paved(
                 objective, nest.chart(nest.levels[0]), nest.initial(nest.levels[0]), start, least, self.more_steps
             )
-        elif self.subdomains is not None and level.is_finest and isinstance(self.domain, Blocks):
+        elif self.subdomains is not None and level.is_finest:
             if self.subdomains.channel.number == LEADER:
                 self.subdomains.lead(self.weights, nest.first_mesh(origin, level), start)
-            yield from self.subdomains.descend(objective, self.domain.mesh, start, steps, least, self.threads)
+            owner = nest.owners(self.subdomains.settings)
+            yield from self.subdomains.descend(objective, owner, start, steps, least, self.threads)
         else:
             yield from descend(objective, start, steps, least)
 

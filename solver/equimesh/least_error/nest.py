@@ -15,7 +15,8 @@ from equimesh.least_error.kernels import Norm
 from equimesh.least_error.objective import Objective
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
+from equimesh.schwarz.settings import Schwarz
 
 # The nested meshes of a least-error solve, from coarse to fine, with the work on each.
 
@@ -177,6 +178,10 @@ class Nest(Protocol[AnyLevel, AnyMesh, AnyStart]):
 
     def sampled(self, mesh: AnyMesh, level: AnyLevel) -> Array | None:
         """A mesh of the finest level on a coarser one; ``None`` where it is folded there."""
+        ...
+
+    def owners(self, settings: Schwarz) -> IntArray:
+        """The number of the subdomain of each cell of the finest level, shape ``(cells,)``."""
         ...
 
     def is_folded(self, mesh: Array, level: AnyLevel) -> bool:

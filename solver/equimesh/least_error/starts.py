@@ -19,7 +19,8 @@ from equimesh.least_error.nest import GridLevel, nested_levels
 from equimesh.least_error.objective import Objective
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import Closed, closed_mesh, interpolated_across, interpolated_closed, interpolated_values
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
+from equimesh.schwarz.settings import Schwarz
 
 # Meshes to start from: the uniform one, and the best rectilinear ones.
 
@@ -374,6 +375,10 @@ class GridNest:
             return None if self.is_folded(sampled, level) else sampled
         sampled = np.stack([interpolated_values(q, level.grid.shape).reshape(-1) for q in (mesh.x, mesh.y)])
         return None if mesh_of(sampled, level.grid).is_folded else sampled
+
+    def owners(self, settings: Schwarz) -> IntArray:
+        """Subdomains are rectangles of cells."""
+        return settings.owner_of_cells(self.finest)
 
     def is_folded(self, mesh: Array, level: GridLevel) -> bool:
         """Whether a mesh is folded on the domain. Few lines around a ring can lie so far apart that their cells are."""

@@ -12,8 +12,9 @@ from typing import Literal, TypeAlias, TypeGuard
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.meshes.mesh import Grid
+from equimesh.numerics.types import IntArray
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
-from equimesh.schwarz.decomposition import Cuts, Decomposition, Ordering
+from equimesh.schwarz.decomposition import MIN_OVERLAP, Cuts, Decomposition, Ordering
 
 # Line corrections after every iteration of the optimized condition, unless the settings differ.
 DEFAULT_LINE_CORRECTIONS = 3
@@ -27,14 +28,15 @@ Division: TypeAlias = int | Cuts
 
 
 Groups: TypeAlias = Sequence[Sequence[str | int]]
+MIN_CELLS = 2
+"""Cells of a subdomain in each direction, at least, for least error on a grid."""
 MAX_LAYERS = 64
 """Layers of cells of the overlap of blocks, at most: with more, a subdomain does most of the work of the whole mesh."""
 MAX_STEPS = 1000
 """Steps of a subdomain in one exchange, and exchanges, at most."""
-BETWEEN_BLOCKS = ("local_steps", "max_exchanges", "groups")
-"""The settings that only blocks have."""
-ON_GRID = (
-    "subdomains",
+OF_DESCENT = ("local_steps", "max_exchanges")
+"""The settings that only least error has."""
+OF_EQUATIONS = (
     "transmission",
     "ordering",
     "line_correction",
@@ -45,7 +47,7 @@ ON_GRID = (
     "max_iterations",
     "compare_single_domain",
 )
-"""The settings that only grids have."""
+"""The settings that only equidistribution has."""
 
 
 class Acceleration(StrEnum):
@@ -74,9 +76,9 @@ class LocalSolver(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Schwarz:
-    """Settings of the Schwarz iteration, on a grid or between the blocks of a domain.
+    """Settings of the Schwarz iteration between subdomains: rectangles of a grid, or the blocks of a domain.
 
-    **On a grid**, ``subdomains`` along xi and eta, ``overlap`` in points, as in
+    **Equidistribution on a grid**: ``subdomains`` along xi and eta, ``overlap`` in points, as in
     :class:`~equimesh.schwarz.decomposition.Decomposition`. In place of a number, a direction can have the grid lines
     at which its subdomains meet: ``((24, 40), 1)`` are three strips.
 
@@ -91,13 +93,13 @@ class Schwarz:
     with ``tolerance=None`` it runs exactly ``max_iterations``. ``compare_single_domain`` solves the
     single-domain problem first and records the error against it.
 
-    **Between blocks**, for the mesh of least error, coarse meshes are solved whole. On the finest mesh every subdomain
-    takes ``local_steps`` of descent with the others held; then all moves are merged, and subdomains exchange them. A
-    subdomain is a block, or a group of blocks: ``groups`` has names or numbers of blocks, each block once. It also has
-    ``overlap`` layers of cells of its neighbours. ``max_exchanges`` is by default as many as take the steps of a solve
-    of the whole mesh.
+    **Least error**: coarse meshes are solved whole. On the finest mesh every subdomain takes ``local_steps`` of descent
+    with the others held; then all moves are merged, and subdomains exchange them. ``subdomains`` are the rectangles of
+    a grid, as above. On a domain in blocks a subdomain is a block, or a group of blocks: ``groups`` has names or
+    numbers of blocks, each block once. A subdomain also has ``overlap`` layers of cells of its neighbours.
+    ``max_exchanges`` is by default as many as take the steps of a solve of the whole mesh.
 
-    A setting that the kind of domain does not have is refused where it differs from its default. Raises
+    A setting that the method or the domain does not have is refused where it differs from its default. Raises
     :class:`~equimesh.errors.InputError` with a field such as ``schwarz.overlap``.
     """
 
@@ -154,14 +156,27 @@ class Schwarz:
         if self.groups is not None:
             object.__setattr__(self, "groups", _tuples(self.groups))
 
-    def require_grid(self) -> None:
-        """Raise :class:`~equimesh.errors.InputError` for settings that only the blocks of a domain have."""
-        self._require_default(BETWEEN_BLOCKS, "settings of blocks, and this domain has a grid: leave it out")
+    def require_equations(self) -> None:
+        """Raise :class:`~equimesh.errors.InputError` for settings that only least error or blocks have."""
+        self._require_default(
+            OF_DESCENT, "settings of least error, and this monitor is equidistributed: leave it out, or take LeastError"
+        )
+        self._require_default(("groups",), "settings of blocks, and this domain has a grid: leave it out")
+
+    def require_descent(self) -> None:
+        """Raise :class:`~equimesh.errors.InputError` for what least error on a grid does not have."""
+        self._require_default(
+            OF_EQUATIONS,
+            "settings of equidistribution, and least error has no equations that subdomains could exchange: leave it"
+            " out, and give subdomains, overlap, local_steps or max_exchanges",
+        )
+        self._require_default(("groups",), "settings of blocks, and this domain has a grid: leave it out")
+        require_count(self.overlap, "overlap", MAX_LAYERS)
 
     def require_blocks(self) -> None:
         """Raise :class:`~equimesh.errors.InputError` for settings that only a grid has, and for a large overlap."""
         self._require_default(
-            ON_GRID,
+            ("subdomains", *OF_EQUATIONS),
             "settings of the rectangles of a grid, and this domain has blocks, which are the subdomains: leave it out,"
             " and group blocks by groups",
         )
@@ -214,6 +229,25 @@ class Schwarz:
         """The subdomains on a grid; raises :class:`~equimesh.errors.DecompositionError` where they do not fit."""
         cuts = tuple(part if isinstance(part, tuple) else None for part in self.subdomains)
         return Decomposition(grid=grid, subdomains=self.counts, overlap=self.overlap, cuts=(cuts[0], cuts[1]))
+
+    def owner_of_cells(self, grid: Grid) -> IntArray:
+        """The number of the subdomain that owns each cell, shape ``(cells,)``, for least error on a grid.
+
+        Raises :class:`~equimesh.errors.InputError` for subdomains of less than ``MIN_CELLS`` in a direction.
+        """
+        for direction, points, count in zip(("xi", "eta"), grid.shape, self.counts, strict=True):
+            most = (points - 1) // MIN_CELLS
+            if not 1 <= count <= most:
+                raise InputError(
+                    f"{count} subdomains in {direction} do not fit {points - 1} cells, of which each needs {MIN_CELLS}:"
+                    f" give 1 to {most}, or take more grid points",
+                    field="schwarz.subdomains",
+                )
+        return self.rectangles(grid).owner_of_cells().ravel()
+
+    def rectangles(self, grid: Grid) -> Decomposition:
+        """The rectangles of a grid for least error, without the layers of cells of their neighbours."""
+        return replace(self, overlap=MIN_OVERLAP).decompose(grid)
 
     @property
     def counts(self) -> tuple[int, int]:

@@ -10,10 +10,10 @@ from typing import Any
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.problem import Problem
-from equimesh.least_error.block_subdomains import BlockSubdomains
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import Level, coarse_level, last_compared
+from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -38,7 +38,7 @@ def solve_least_error(
     options: SolveOptions,
     *,
     coarse: DescentEnd | None = None,
-    subdomains: BlockSubdomains | None = None,
+    subdomains: Subdomains | None = None,
     corners: Corners | None = None,
 ) -> AnySolution:
     """The mesh of least error, whose gain is at least 1 in L2 and in the norm of the monitor.
@@ -75,7 +75,7 @@ def solve_least_error(
 def _solve(
     problem: Problem[Any],
     options: SolveOptions,
-    subdomains: BlockSubdomains | None = None,
+    subdomains: Subdomains | None = None,
     corners: Corners | None = None,
 ) -> LeastErrorSolve:
     monitor: Any = problem.monitor
@@ -216,7 +216,7 @@ class WeightsCandidate:
 
 
 def choose_weights(
-    problem: Problem[Blocks], options: SolveOptions, subdomains: BlockSubdomains | None
+    problem: Problem[Blocks], options: SolveOptions, subdomains: Subdomains | None
 ) -> tuple[WeightsCandidate, tuple[Candidate, ...]]:
     """The weights with the smallest error on a coarse mesh, and the entries of the certificate."""
     tried: list[WeightsCandidate] = []

@@ -428,7 +428,9 @@ class Solution(Generic[D, M]):
     def decomposition(self) -> Decomposition | None:
         """The subdomains of the Schwarz iteration on a grid; ``None`` on blocks."""
         grid = self.problem.grid
-        return None if self.schwarz is None or grid is None else self.schwarz.decompose(grid)
+        if self.schwarz is None or grid is None:
+            return None
+        return self.schwarz.rectangles(grid) if self.descent else self.schwarz.decompose(grid)
 
     @property
     def rate(self) -> float | None:
@@ -440,7 +442,8 @@ class Solution(Generic[D, M]):
     def predicted_rate(self) -> float | None:
         """The rate that theory predicts, where there is one; see :func:`equimesh.schwarz.rates.predicted_rate`."""
         parts, settings = self.decomposition, self.schwarz
-        return predicted_rate(parts, settings) if parts is not None and settings is not None else None
+        is_known = parts is not None and settings is not None and not self.descent
+        return predicted_rate(parts, settings) if is_known else None  # type: ignore[arg-type]
 
     def convergence(self) -> dict[str, Any]:
         """The history of the Schwarz iteration or of the descent as plain numbers, ``None`` where one is not known."""

@@ -12,9 +12,9 @@ from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, smallest_tole
 from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.least_error.block_subdomains import BlockSubdomains, owners
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import nested_levels
+from equimesh.least_error.subdomains import Subdomains, owners
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
@@ -46,11 +46,11 @@ from equimesh.sweeps.deviation import deviation
 # Largest deviation of squared metric lengths from the mean of their line, as a share of it, at which a given mesh is
 # near enough to start from: a front may have moved by half a cell.
 MAX_START_DEVIATION = 0.25
-NO_SUBDOMAINS = (
-    "a least-error mesh minimises one integral over all cells, and its nodes satisfy no equations that subdomains could"
-    " exchange: leave the Schwarz settings out, or take the curvature or the arc-length monitor"
+NO_STRAIGHT_LINES = (
+    "rectilinear = True: straight lines run through all subdomains, which move nodes on their own; leave it or the"
+    " Schwarz settings out"
 )
-"""The reason why least error with Schwarz settings is refused."""
+"""The reason why straight lines with Schwarz settings are refused."""
 NO_ROUNDS = "values of a solver are adapted to on the whole mesh: leave the Schwarz settings out, or take LeastError"
 """The reason why subdomains are refused for values of a solver."""
 
@@ -69,8 +69,8 @@ def solve(
 ) -> AnySolution:
     """The mesh of ``problem``: of least error where its monitor asks for that, else locally equidistributed.
 
-    An equidistributed mesh is found by Schwarz iteration if ``schwarz`` is given, else on the whole grid. The mesh of a
-    domain in blocks is one of least error, with ``schwarz`` by an iteration between its blocks.
+    With ``schwarz`` the mesh is found by an iteration between subdomains: rectangles of a grid, or blocks. The mesh of
+    a domain in blocks is one of least error. With an ``Auto`` monitor subdomains of a grid equidistribute.
 
     ``options`` are the keys of :class:`~equimesh.solving.status.SolveArguments`: ``initial``, ``mode``,
     ``allow_relaxed``, ``threads``, ``observe`` and ``check``.
@@ -150,7 +150,7 @@ class Equidistribute:
     def require(self, problem: Problem[Any], initial: AnyStart) -> None:
         """Refuse a monitor or a domain that subdomains cannot solve, and a grid that is too fine for its start."""
         if self.schwarz is not None:
-            self.schwarz.require_grid()
+            self.schwarz.require_equations()
         closed = is_closed(problem.domain)
         if initial is Initial.UNIFORM and not closed and problem.grid.points > MAX_FACTORISED_POINTS:
             raise InputError(
@@ -203,10 +203,8 @@ class MinimiseError:
     def require(self, problem: Problem[Any], initial: AnyStart) -> None:  # noqa: ARG002
         """Refuse subdomains that do not fit the domain."""
         if not in_blocks(problem):
-            if self.schwarz is not None:
-                raise InputError(NO_SUBDOMAINS, field="schwarz")
             require_possible(problem)
-        elif self.schwarz is not None:
+        if self.schwarz is not None:
             count_subdomains(problem, self.schwarz)
 
     def solve(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
@@ -225,9 +223,9 @@ class MinimiseError:
         return solve_least_error(problem, initial, options, coarse=self.coarse, subdomains=self.subdomains)
 
     @property
-    def subdomains(self) -> BlockSubdomains | None:
+    def subdomains(self) -> Subdomains | None:
         """The subdomains of the finest mesh."""
-        return None if self.schwarz is None else BlockSubdomains(settings=self.schwarz, channel=self.channel)
+        return None if self.schwarz is None else Subdomains(settings=self.schwarz, channel=self.channel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,16 +321,21 @@ class Best:
         return self.equidistribute.schwarz is not None
 
 
-def count_subdomains(problem: Problem[Blocks], schwarz: Schwarz) -> int:
-    """The number of subdomains.
+def count_subdomains(problem: Problem[Any], schwarz: Schwarz) -> int:
+    """The number of subdomains of a descent.
 
-    Raises :class:`~equimesh.errors.InputError` for settings of grids, for groups that do not fit the domain, and for
-    values of another solver.
+    Raises :class:`~equimesh.errors.InputError` for settings of equidistribution, for groups or rectangles that do not
+    fit the domain, for straight lines, and for values of another solver.
     """
     if isinstance(problem.monitor, NodalSolution):
         raise InputError(NO_ROUNDS, field="schwarz")
-    schwarz.require_blocks()
-    return int(owners(schwarz, problem.domain.mesh).max()) + 1
+    if in_blocks(problem):
+        schwarz.require_blocks()
+        return int(owners(schwarz, problem.domain.mesh).max()) + 1
+    schwarz.require_descent()
+    if getattr(problem.monitor, "rectilinear", False):
+        raise InputError(NO_STRAIGHT_LINES, field="monitor.rectilinear")
+    return int(schwarz.owner_of_cells(problem.grid).max()) + 1
 
 
 # What is refused before any work.

@@ -11,6 +11,7 @@ from equimesh.specs.spec import (
     load,
     meshes_in,
     no_meshes,
+    subdomains_of,
 )
 
 __all__ = [
@@ -28,4 +29,5 @@ __all__ = [
     "no_meshes",
     "no_samples",
     "samples_in",
+    "subdomains_of",
 ]

@@ -20,13 +20,14 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.io.write import CELLS, Cells
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.monitors.least_error import NO_OTHER_GRID, NodalSolution
+from equimesh.monitors.least_error import NO_OTHER_GRID, LeastError, NodalSolution
 from equimesh.monitors.monitor import require_lines
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
+from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.settings import MAX_LAYERS, Schwarz, require_count
 from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import AnySolution
-from equimesh.solving.solve import NO_SUBDOMAINS, count_subdomains, solve
+from equimesh.solving.solve import NO_ROUNDS, NO_STRAIGHT_LINES, count_subdomains, solve
 from equimesh.solving.status import Initial, SolveArguments
 from equimesh.solving.target import MAX_POINTS, NO_U, Target, solve_to
 from equimesh.specs.document import Makers, Reading, mapping, several, text, whole, within
@@ -154,7 +155,7 @@ def block_schwarz(given: object) -> Schwarz | None:
 def build_schwarz(document: object) -> Schwarz | None:
     """The Schwarz settings of a whole ``document``, which fit its grid; None for a single domain, and on blocks.
 
-    Those of blocks are read, and need the domain to be compared with. Of the monitor it reads the kind alone.
+    Those of blocks are read, and need the domain to be compared with. Of the monitor it reads no function.
 
     Raises :class:`~equimesh.errors.InputError`, whose field begins with ``grid`` or ``schwarz``, also for a monitor
     that subdomains cannot solve.
@@ -168,15 +169,35 @@ def build_schwarz(document: object) -> Schwarz | None:
     if settings is None:
         return None
     schwarz: Schwarz = READING.record(schwarz_schema.Schwarz, settings, "schwarz")
-    monitor = given.get("monitor")
-    if isinstance(monitor, Mapping) and monitor.get("kind") == "least_error":
-        raise InputError(NO_SUBDOMAINS, field="schwarz")
+    is_descent = is_least_error(given)
+    if is_descent and given["monitor"].get("rectilinear"):
+        raise InputError(NO_STRAIGHT_LINES, field="monitor.rectilinear")
     if given.get("target") is not None:
         raise InputError(NO_TARGET, field="target")
     grid = READING.record(mesh_schema.Grid, {} if given.get("grid") is None else given["grid"], "grid")
+    if is_descent:
+        schwarz.require_descent()
+        schwarz.owner_of_cells(grid)
+        return schwarz
+    schwarz.require_equations()
     with within("schwarz"):
         schwarz.decompose(grid)
     return schwarz
+
+
+def is_least_error(document: Mapping[str, Any]) -> bool:
+    """Whether the monitor of a document asks for least error, whose subdomains descend."""
+    monitor = document.get("monitor")
+    return isinstance(monitor, Mapping) and monitor.get("kind") == "least_error"
+
+
+def subdomains_of(document: Mapping[str, Any]) -> Decomposition | None:
+    """The rectangles of the Schwarz iteration on the grid of a valid document; None for a single domain, on blocks."""
+    schwarz, grid = build_schwarz(document), document.get("grid")
+    if schwarz is None:
+        return None
+    made = READING.record(mesh_schema.Grid, {} if grid is None else grid, "grid")
+    return schwarz.rectangles(made) if is_least_error(document) else schwarz.decompose(made)
 
 
 AUTOMATIC_PARTS: Final = "auto"
@@ -224,8 +245,9 @@ class BuiltSpec:
 
     @property
     def grid_schwarz(self) -> Schwarz | None:
-        """The Schwarz iteration on a grid; None for a single domain, and on blocks."""
-        return None if in_blocks(self.problem) else self.schwarz
+        """The Schwarz iteration that equidistributes on a grid; None for a single domain, and for least error."""
+        is_descent = in_blocks(self.problem) or isinstance(self.problem.monitor, LeastError)
+        return None if is_descent else self.schwarz
 
     @property
     def ending(self) -> SolveArguments:
@@ -320,7 +342,7 @@ def _check_round(parts: _Parts, monitor: NodalSolution, schwarz: Schwarz | None)
     if parts.target is not None:
         raise InputError(f"{NO_OTHER_GRID}: leave the target out", field="target")
     if schwarz is not None:
-        raise InputError(NO_SUBDOMAINS, field="schwarz")
+        raise InputError(NO_ROUNDS, field="schwarz")
     monitor.require_grid(parts.grid or usual_grid())
 
 

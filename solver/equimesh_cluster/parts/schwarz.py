@@ -13,9 +13,9 @@ from equimesh.domains.domain import map_mesh
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
+from equimesh.least_error.subdomains import LEADER, Subdomains
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.numerics.channel import Channel, Traffic
@@ -224,7 +224,7 @@ def solve_part_of_blocks(
     ``observe`` is called with every step, in the part that leads. The leader solves the coarse meshes and measures the
     result.
     """
-    subdomains = BlockSubdomains(settings=settings, channel=channel)
+    subdomains = Subdomains(settings=settings, channel=channel)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         if channel.number == LEADER:
             options = SolveOptions(threads=threads, observer=Announcer.of(observe))

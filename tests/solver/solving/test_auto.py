@@ -77,4 +77,4 @@ def test_grids_with_few_points_have_a_choice(shape: tuple[int, int]) -> None:
 def test_only_auto_is_chosen() -> None:
     other = em.Problem(monitor=em.LeastError(u=FRONT), grid=em.Grid(n_xi=9, n_eta=9))
     with pytest.raises(TypeError, match="Auto"):
-        choose_monitor(other, SolveOptions(em.Mode.DISCRETIZATION, True, 1, None), metrics_only=False)
+        choose_monitor(other, SolveOptions(1, None), metrics_only=False)

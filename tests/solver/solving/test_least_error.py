@@ -64,12 +64,6 @@ def test_a_solution_can_be_pickled() -> None:
     assert copy.descent == solution.descent
 
 
-def test_subdomains_are_refused() -> None:
-    with pytest.raises(em.InputError, match="least-error mesh") as caught:
-        em.solve(problem(), em.Schwarz(subdomains=(2, 1)))
-    assert caught.value.field == "schwarz"
-
-
 def test_the_uniform_mesh_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[Solution] = []
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error.block_subdomains import BlockSubdomains
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
+from equimesh.least_error.subdomains import Subdomains
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.numerics.types import Array
 from equimesh.testing.geometries import obstacle
@@ -19,9 +19,7 @@ DOMAIN = obstacle(1500)
 
 
 def solve_on(channel: Channel | None, smoothness: float = 1.0) -> LeastErrorSolve:
-    subdomains = (
-        BlockSubdomains(settings=SETTINGS) if channel is None else BlockSubdomains(settings=SETTINGS, channel=channel)
-    )
+    subdomains = Subdomains(settings=SETTINGS) if channel is None else Subdomains(settings=SETTINGS, channel=channel)
     monitor = em.LeastError(u=FRONT, smoothness=smoothness).on(DOMAIN)
     return LeastErrorSolve(monitor=monitor, domain=DOMAIN, subdomains=subdomains)
 
@@ -39,10 +37,10 @@ def test_parts_that_follow_share_the_work_and_the_mesh_stays_the_same(parts: int
     def work(channel: Channel) -> list[Descent] | int:
         if channel.number == 0:
             records = list(solve_on(channel, 0.5).steps())
-            BlockSubdomains(settings=SETTINGS, channel=channel).dismiss()
+            Subdomains(settings=SETTINGS, channel=channel).dismiss()
             return records
         followed = 0
-        for weights, start, first in BlockSubdomains(settings=SETTINGS, channel=channel).orders():
+        for weights, start, first in Subdomains(settings=SETTINGS, channel=channel).orders():
             assert weights[:2] == [em.LeastError.distortion, 0.5]
             solve_on(channel).with_weights(weights).follow(start, first)
             followed += 1

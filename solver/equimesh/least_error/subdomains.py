@@ -1,4 +1,4 @@
-"""The subdomains of the finest mesh of a domain in blocks, and the parts of a computation that hold them.
+"""The subdomains of the finest mesh of a grid or of blocks, and the parts of a computation that hold them.
 
 The first part, which leads, solves the coarse meshes and measures; the others follow: they wait until the finest mesh
 is reached, and descend in their subdomains. A part alone leads nobody.
@@ -27,20 +27,21 @@ BEGIN = "begin"
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlockSubdomains:
+class Subdomains:
     """Subdomains by their ``settings``, which the parts of ``channel`` hold."""
 
     settings: Schwarz
     channel: Channel = ALONE
 
     def descend(
-        self, objective: Objective, mesh: QuadMesh, first: Array, exchanges: int, min_decrease: float, threads: int
+        self, objective: Objective, owner: IntArray, first: Array, exchanges: int, min_decrease: float, threads: int
     ) -> Iterator[tuple[Array, Merged]]:
         """The meshes after each exchange, from ``first`` on, with their objective; the same in all parts.
 
-        ``mesh`` has the blocks. All parts of the channel have to call it, with the same arguments.
+        ``owner`` has the number of the subdomain of each cell, shape ``(cells,)``. All parts of the channel have to
+        call it, with the same arguments.
         """
-        regions = regions_of(objective.cells, owners(self.settings, mesh), self.settings.overlap)
+        regions = regions_of(objective.cells, owner, self.settings.overlap)
         shared = RestrictedDescent(objective, regions, threads, self.channel)
         for merged, now in shared.descend(first, exchanges, self.settings.local_steps, min_decrease):
             yield shared.whole(merged), now

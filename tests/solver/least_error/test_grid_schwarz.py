@@ -1,0 +1,190 @@
+"""Least error on a grid whose subdomains descend: as good as the whole grid, and what is refused."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.least_error.descent import Descent
+from equimesh.specs import build, subdomains_of
+
+FRONT = "tanh(30*(y - 0.5 - 0.2*sin(2*pi*x)))"
+FUNCTIONS = (FRONT, "exp(-x/0.02) + exp(-y/0.05)", "exp(-60*((x - 0.4)**2 + (y - 0.6)**2))")
+MOST_ERROR = 1.05
+"""The error with subdomains, at most, over that of the whole grid."""
+
+
+def problem(u: str = FRONT, points: int = 25, domain: em.Domain | None = None, **settings: Any) -> em.Problem:
+    grid = em.Grid(n_xi=points, n_eta=points)
+    monitor = em.LeastError(u=em.Expression(u), **settings)
+    return (
+        em.Problem(monitor=monitor, grid=grid)
+        if domain is None
+        else em.Problem(monitor=monitor, grid=grid, domain=domain)
+    )
+
+
+def errors_of(solution: em.Solution) -> Any:
+    errors = solution.interpolation
+    assert errors is not None
+    return errors
+
+
+@pytest.mark.parametrize("u", FUNCTIONS)
+@pytest.mark.parametrize("subdomains", [(2, 2), (3, 1), ((5, 12), 2)])
+def test_subdomains_find_a_mesh_as_good_as_the_whole_grid(u: str, subdomains: Any) -> None:
+    whole = em.solve(problem(u), threads=1)
+    divided = em.solve(problem(u), em.Schwarz(subdomains=subdomains, overlap=3), threads=1)
+    assert divided.status is em.Status.COMPLETED
+    assert not divided.mesh.is_folded
+    assert errors_of(divided).l2 <= MOST_ERROR * errors_of(whole).l2
+    assert divided.mesh.distance(whole.mesh) > 1e-6  # the subdomains have descended
+
+
+@pytest.mark.parametrize(
+    ("domain", "settings"),
+    [
+        (em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 120.0)), {}),
+        (em.AnnulusSector(radii=(1.0, 2.0), closed=True), {}),
+        (em.Rectangle(periodic="x"), {"norm": "h1"}),
+        (em.Rectangle(), {"cells": "triangle"}),
+    ],
+)
+def test_curved_sides_closed_lines_and_triangles_have_subdomains(domain: em.Domain, settings: dict[str, Any]) -> None:
+    u = "tanh(8*(y - 0.5)) + 0.1*sin(2*pi*x)"
+    asked = problem(u, domain=domain, **settings)
+    whole, divided = em.solve(asked, threads=1), em.solve(asked, em.Schwarz(subdomains=(2, 2)), threads=2)
+    norm = settings.get("norm", "l2")
+    assert not divided.mesh.is_folded
+    assert getattr(errors_of(divided), norm) <= 1.1 * getattr(errors_of(whole), norm)
+    assert errors_of(divided).gain_l2 >= 1.0
+
+
+def test_the_mesh_does_not_depend_on_the_threads() -> None:
+    one, two = (em.solve(problem(), em.Schwarz(subdomains=(2, 2)), threads=threads) for threads in (1, 2))
+    assert np.array_equal(one.mesh.points, two.mesh.points)
+
+
+def test_a_mesh_is_never_worse_than_the_uniform_one() -> None:
+    solution = em.solve(problem("2*x - y"), em.Schwarz(subdomains=(2, 2)))
+    assert solution.mesh.distance(em.Mesh.uniform(em.Grid(n_xi=25, n_eta=25))) < 1e-14
+
+
+def test_exchanges_are_records_with_progress() -> None:
+    heard: list[Descent] = []
+    settings = em.Schwarz(subdomains=(2, 2), local_steps=4, max_exchanges=3)
+    solution = em.solve(problem(), settings, observe=heard.append)  # type: ignore[arg-type]
+    finest = [record for record in heard if record.level + 1 == record.levels]
+    assert [record.step for record in finest] == [0, 1, 2, 3]
+    assert {record.steps for record in finest} == {3}
+    assert all(after.error < before.error for before, after in pairwise(finest))
+    assert [record.numbers() for record in heard] == list(solution.descent)
+    fractions = [record.fraction for record in heard]
+    assert fractions == sorted(fractions)  # type: ignore[type-var]
+    assert fractions[-1] == 1.0
+
+
+def test_an_observer_can_end_the_exchanges() -> None:
+    class Cancelled(Exception):
+        pass
+
+    def observe(event: Any) -> None:
+        if event.level + 1 == event.levels and event.step == 1:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        em.solve(problem(), em.Schwarz(subdomains=(2, 2)), observe=observe)
+
+
+def test_a_given_mesh_is_the_start_of_the_subdomains() -> None:
+    first = em.solve(problem(), threads=1)
+    again = em.solve(problem(), em.Schwarz(subdomains=(2, 2)), initial=first.reference, threads=1)
+    assert errors_of(again).l2 <= errors_of(first).l2 * (1.0 + 1e-12)
+
+
+def test_files_and_pictures_know_the_subdomains() -> None:
+    solution = em.solve(problem(), em.Schwarz(subdomains=(2, 1), overlap=64), threads=1)
+    owner = solution.data().subdomain
+    assert owner is not None
+    assert np.array_equal(np.unique(owner[:12]), [0])
+    assert np.array_equal(np.unique(owner[12:]), [1])
+    assert solution.predicted_rate is None
+
+
+REFUSED: dict[str, Any] = {
+    "transmission": em.Classical(),
+    "ordering": "alternating",
+    "line_correction": 1,
+    "acceleration": "none",
+    "local_solver": "newton",
+    "fallback": False,
+    "tolerance": 1e-6,
+    "max_iterations": 5,
+    "compare_single_domain": True,
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_settings_of_equidistribution_are_refused_with_what_to_give(name: str) -> None:
+    with pytest.raises(em.InputError, match=f"^{name} is one of .* leave it out, and give subdomains") as caught:
+        em.solve(problem(), em.Schwarz(**{name: REFUSED[name]}))
+    assert caught.value.field == f"schwarz.{name}"
+
+
+@pytest.mark.parametrize(
+    ("settings", "field", "words"),
+    [
+        ({"groups": [["a"]]}, "groups", "settings of blocks"),
+        ({"overlap": 0}, "overlap", "a whole number from 1 to 64"),
+        ({"overlap": 65}, "overlap", "a whole number from 1 to 64"),
+        ({"subdomains": (13, 1)}, "subdomains", "13 subdomains in xi .* give 1 to 12"),
+        ({"subdomains": (0, 1)}, "subdomains", "give 1 to 12"),
+    ],
+)
+def test_subdomains_that_do_not_fit_are_refused(settings: dict[str, Any], field: str, words: str) -> None:
+    with pytest.raises(em.InputError, match=words) as caught:
+        em.solve(problem(), em.Schwarz(**settings))
+    assert caught.value.field == f"schwarz.{field}"
+
+
+def test_straight_lines_run_through_all_subdomains() -> None:
+    with pytest.raises(em.InputError, match="straight lines run through") as caught:
+        em.solve(problem(rectilinear=True), em.Schwarz())
+    assert caught.value.field == "monitor.rectilinear"
+
+
+DOCUMENT = {
+    "monitor": {"kind": "least_error", "u": FRONT},
+    "grid": {"n_xi": 25, "n_eta": 25},
+    "schwarz": {"subdomains": [2, 2], "overlap": 3, "local_steps": 4, "max_exchanges": 2},
+}
+
+
+def test_a_document_asks_for_the_same_mesh() -> None:
+    settings = em.Schwarz(subdomains=(2, 2), overlap=3, local_steps=4, max_exchanges=2)
+    built = build(DOCUMENT)
+    assert built.schwarz == settings
+    assert built.grid_schwarz is None
+    assert np.array_equal(built.solve().mesh.points, em.solve(problem(), settings).mesh.points)
+    rectangles = subdomains_of(DOCUMENT)
+    assert rectangles is not None
+    assert rectangles.subdomains == (2, 2)
+
+
+@pytest.mark.parametrize(
+    ("changed", "field"),
+    [
+        ({"schwarz": {"tolerance": 1e-6}}, "schwarz.tolerance"),
+        ({"schwarz": {"subdomains": [20, 1]}}, "schwarz.subdomains"),
+        ({"monitor": {**DOCUMENT["monitor"], "rectilinear": True}}, "monitor.rectilinear"),
+        ({"monitor": {"u": FRONT}, "schwarz": {"local_steps": 3}}, "schwarz.local_steps"),
+    ],
+)
+def test_documents_are_refused_by_their_field(changed: dict[str, Any], field: str) -> None:
+    with pytest.raises(em.InputError) as caught:
+        build({**DOCUMENT, **changed})
+    assert caught.value.field == field
