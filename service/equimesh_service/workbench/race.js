@@ -35,7 +35,7 @@ export function classicalOf(spec) {
 }
 
 /** Whether a spec has an iteration that the classical one can be compared with. */
-export const hasRival = ({ schwarz }) => Boolean(schwarz) && schwarz.transmission?.kind !== "classical";
+export const hasRival = ({ schwarz, monitor }) => Boolean(schwarz) && monitor?.kind !== "least_error" && schwarz.transmission?.kind !== "classical";
 
 /** Two iterations by their drawings with frames; `at(position)` is what is seen of both. */
 export class Race {

@@ -218,8 +218,8 @@ class Solution(Generic[D, M]):
     status: Status
     """The end of the solve."""
     newton_steps: int = 0
-    """Newton steps, sweeps, or steps of descent on the finest grid, on blocks on all meshes; of a Schwarz iteration,
-    summed over iterations and subdomains.
+    """Newton steps, sweeps, or steps of descent on the finest mesh, of subdomains their exchanges; of a Schwarz
+    iteration that equidistributes, summed over iterations and subdomains.
     """
     residual: float = math.nan
     """The largest residual at the end; of a Schwarz iteration, over all subdomains. Dimensionless.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+from dataclasses import replace
 from typing import Any
 
 import httpx
@@ -220,3 +221,24 @@ def test_every_condition_goes_with_every_ordering(http: httpx.Client) -> None:
 )
 def test_the_solver_is_given_what_was_asked(asked: dict[str, Any], built: Schwarz) -> None:
     assert build_schwarz(read_spec(small(schwarz=asked)).canonical) == built
+
+
+def test_subdomains_of_least_error_descend(http: httpx.Client) -> None:
+    schwarz = {"subdomains": [2, 2], "overlap": 3, "local_steps": 4, "max_exchanges": 2}
+    spec = small(monitor={"kind": "least_error", "u": "tanh(9*(x - y*y))"}, schwarz=schwarz)
+    mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()
+    assert mesh["status"] == "succeeded", mesh["error"]
+    history = http.get(mesh["links"]["convergence"]).json()
+    assert history["descent"][-1]["gain"] > 1.0
+    assert [record["step"] for record in history["descent"][-3:]] == [0, 1, 2]
+    picture = http.get(f"{mesh['links']['self']}/plot", params={"kind": "mesh", "format": "svg"})
+    assert picture.status_code == 200
+    assert http.get(f"{mesh['links']['self']}/drawing").status_code == 200
+
+
+def test_keys_that_came_later_leave_the_points_of_earlier_meshes() -> None:
+    checked = read_spec(small(schwarz={}))
+    settings = {k: v for k, v in checked.canonical["schwarz"].items() if k not in {"local_steps", "max_exchanges"}}
+    earlier = replace(checked, canonical={**checked.canonical, "schwarz": settings})
+    assert checked.points_digest == earlier.points_digest
+    assert read_spec(small(schwarz={"local_steps": 4})).points_digest != checked.points_digest

@@ -33,10 +33,15 @@ MONITORS: dict[str, Refusal] = {
     "no angle": (monitor("curvature", u=X, orthogonality=0), "/monitor/orthogonality", "over 0 and at most 90"),
     "text for rectilinear": (monitor("least_error", u=X, rectilinear="x"), "/monitor/rectilinear", "true or false"),
     "smooth least error": (monitor("least_error", u=X, smoothing=0.1), "/monitor/smoothing", "averages a metric"),
-    "least error on subdomains": (
-        {**monitor("least_error", u=X), "schwarz": {}},
-        "/schwarz",
-        "minimises one integral over all cells",
+    "a tolerance of a descent": (
+        {**monitor("least_error", u=X), "schwarz": {"tolerance": 1e-6}},
+        "/schwarz/tolerance",
+        "settings of equidistribution",
+    ),
+    "straight lines on subdomains": (
+        {**monitor("least_error", u=X, rectilinear=True), "schwarz": {}},
+        "/monitor/rectilinear",
+        "run through all subdomains",
     ),
     "smooth auto": (small(monitor={"u": X, "smoothing": 0.1}), "/monitor/smoothing", "averages a metric"),
     "a of auto": (small(monitor={"u": X, "a": 0.5}), "/monitor/a", "add kind arc_length"),

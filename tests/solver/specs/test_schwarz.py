@@ -75,12 +75,11 @@ def test_settings_are_refused_before_the_grid_is_read() -> None:
 
 
 @pytest.mark.parametrize("kind", ["least_error", "auto", "arc_length"])
-def test_only_least_error_is_refused_on_subdomains(kind: str) -> None:
-    document = {"monitor": {"kind": kind, "u": "x"}, "schwarz": {}}
-    if kind != "least_error":
-        assert build_schwarz(document) == Schwarz()
-        return
-    with pytest.raises(InputError, match="minimises one integral over all cells") as caught:
-        build_schwarz(document)
-    assert caught.value.field == "schwarz"
-    assert build_schwarz({**document, "schwarz": None}) is None
+def test_every_monitor_has_settings_of_its_own(kind: str) -> None:
+    document = {"monitor": {"kind": kind, "u": "x"}}
+    given = {"max_exchanges": 3} if kind == "least_error" else {"max_iterations": 3}
+    other = {"max_iterations": 3} if kind == "least_error" else {"max_exchanges": 3}
+    assert build_schwarz({**document, "schwarz": given}) == Schwarz(**given)
+    with pytest.raises(InputError, match="leave it out") as caught:
+        build_schwarz({**document, "schwarz": other})
+    assert caught.value.field == f"schwarz.{next(iter(other))}"

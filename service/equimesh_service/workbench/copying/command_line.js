@@ -9,7 +9,7 @@ import { command, quoted } from "./shell.js";
 // Everything of a spec is quoted: a link may bring a spec of a stranger, whose command a visitor then pastes.
 
 // Settings of a Schwarz iteration whose option has the same name.
-const SCHWARZ = ["overlap", "ordering", "line_correction", "acceleration", "local_solver", "max_iterations"];
+const SCHWARZ = ["overlap", "ordering", "line_correction", "acceleration", "local_solver", "max_iterations", "local_steps", "max_exchanges"];
 const MESH = ["boundary", "initial", "mode", "cells", "parts", "label"];
 
 /**

@@ -56,7 +56,7 @@ class IterationPanel {
     this.order = element("p", { class: "hint" },
       "The subdomains move one after another to their nodes in the next iterate, in the order in which they are solved. ",
       "Those of a parallel iteration are solved at the same time.");
-    this.none = element("div", {}, element("p", {}, "The mesh is computed on a single domain. There is no iteration to show."), split,
+    this.none = element("div", {}, element("p", {}, "The mesh is computed on a single domain, or by a descent on the error. There is no iteration to show."), split,
       element("p", { class: "hint" }, "Takes 17 × 17 points from the uniform mesh, and plays the optimized condition next to the classical one."));
     this.shown = element("div", {}, this.player.element, this.racer.element, this.status, this.curve.element, this.compare, this.order);
     this.element = element("div", {}, this.none, this.shown);
@@ -133,7 +133,7 @@ class IterationPanel {
     this.request?.abort();
     this.base = this.frames = this.steps = this.request = this.rivals = null;
     const { spec } = this.app.store.get();
-    const hasSchwarz = Boolean(spec.schwarz);
+    const hasSchwarz = Boolean(spec.schwarz) && spec.monitor?.kind !== "least_error"; // a descent has no iterates
     this.compare.hidden = true;
     this.compare.disabled = this.order.hidden = false;
     this.none.hidden = hasSchwarz;

@@ -29,12 +29,12 @@ export function create(section, app) {
   const isOn = field("Divide into subdomains", input, {
     inline: true,
     help: "Each subdomain is solved by itself, again and again, with what its neighbours found. The mesh is that of a "
-      + "single domain with the same monitor. Least error cannot be divided: the automatic monitor then takes another "
-      + "monitor, and the error can be larger.",
+      + "single domain with the same monitor; with least error it is about as good. The automatic monitor then leaves "
+      + "least error out, and the error can be larger.",
   });
   const settings = element("div", {},
     pairFields(app, ["subdomains along xi", "along eta"], ["schwarz", "subdomains"], [2, 1], { min: 1, step: 1 }),
-    numberField(app, "Overlap in points", ["schwarz", "overlap"], { fallback: 4, min: 2, step: 1 }),
+    numberField(app, "Overlap in points, for least error in layers of cells", ["schwarz", "overlap"], { fallback: 4, min: 1, step: 1 }),
     transmission(app),
     more(app));
   section.append(isOn, faultLine(app, (pointer) => /^\/schwarz(\/subdomains|\/transmission)?$/.test(pointer)), settings);
@@ -106,5 +106,6 @@ function more(app) {
       min: 0,
     }),
     numberField(app, "Most iterations", ["schwarz", "max_iterations"], { fallback: 100, min: 1, step: 1 }),
+    numberField(app, "For least error: steps in one exchange", ["schwarz", "local_steps"], { fallback: 8, min: 1, max: 1000, step: 1 }),
     flagField(app, "Compare with the single domain", ["schwarz", "compare_single_domain"], { help: "Also solves without subdomains, and shows the error against that." }));
 }
