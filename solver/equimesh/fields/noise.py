@@ -9,7 +9,8 @@ import scipy
 
 from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.expression import Field
-from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.nodal_field import HermiteField, NodalField
+from equimesh.fields.on_domain import OnDomain
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.numerics.types import Array
@@ -39,7 +40,9 @@ def noise_share(field: Field | None) -> float:
     Noise gives the same estimate by both. Where the estimates differ by more than a factor of two, what is seen is u.
     The median over all samples leaves out fronts. Functions that are not samples have no noise.
     """
-    if isinstance(field, GridSamples | NodalField):
+    if isinstance(field, OnDomain):
+        return noise_share(field.reference)
+    if isinstance(field, GridSamples | NodalField | HermiteField):
         middle = field.values[_middle(field.values.shape)]
         return _share(_range(field.values), *(_of_differences(middle, order) for order in (SECOND, FOURTH)))
     if isinstance(field, ChunkedSamples):

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from equimesh.blocks.blocks import Blocks
+from equimesh.domains.domain import Rectangle, map_mesh
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_fields
-from equimesh.fields.nodal_field import NodalField
-from equimesh.fields.on_domain import recover
+from equimesh.fields.nodal_field import HermiteField, NodalField
+from equimesh.fields.on_domain import OnDomain, recover, reference_on
+from equimesh.fields.periodic import Periodic, repeated_field
 from equimesh.fields.quad_field import QuadField
 from equimesh.meshes.mesh import Grid
 from equimesh.monitors.metrics import NORMS, Curvature
@@ -28,6 +30,8 @@ PROBED_CELLS = 64
 """Points a direction at which u is checked before a solve."""
 MAX_SIZE, MIN_SIZE = 1e140, 1e-140
 """The largest and smallest size of u: squares of its errors are numbers between them."""
+MAX_FAR_SHARE = 1e-6
+"""The distance of nodes of a domain with curved sides from their places on it, as a share of its size."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +45,8 @@ class LeastError:
 
     A :class:`~equimesh.monitors.monitor.Monitor`, whose metric only serves the measures of quality: that of
     :class:`~equimesh.monitors.metrics.Curvature`, in which the mesh would be equidistributed if the error were that
-    of its leading order. Raises :class:`~equimesh.errors.InputError` for values outside these ranges.
+    of its leading order. Once it is bound to a domain, ``u`` by values at nodes is interpolated without overshoots:
+    see :func:`limited`. Raises :class:`~equimesh.errors.InputError` for values outside these ranges.
     """
 
     u: Field
@@ -86,8 +91,8 @@ class LeastError:
         """
         if is_bound_to(self._domain, domain):
             return self
-        probe = Probe.of(domain, PROBED_CELLS)
-        values = self.u.evaluate(probe.x, probe.y, order=1 if self.norm == "l2" else 2)
+        u, probe = limited(self.u, domain), Probe.of(domain, PROBED_CELLS)
+        values = u.evaluate(probe.x, probe.y, order=1 if self.norm == "l2" else 2)
         probe.require_finite(values, "u or its derivatives are", field="u")
         size = float(np.abs(values[0]).max())
         if size > MAX_SIZE or 0.0 < size < MIN_SIZE:
@@ -96,7 +101,7 @@ class LeastError:
                 " not change the mesh",
                 field="u",
             )
-        return bound_copy(self, domain)
+        return bound_copy(self, domain, u=u)
 
     def weakened(self, strength: float) -> Monitor:
         """The metric to the matrix power ``strength``."""
@@ -107,6 +112,26 @@ class LeastError:
         if self._domain is None:
             raise InputError("the metric of a least-error monitor depends on the domain: call monitor.on(domain) first")
         return Curvature(u=self.u, norm=self.norm).on(self._domain)
+
+
+def limited(u: Field, domain: AnyDomain) -> Field:
+    """u by limited cubics, where it is a spline through values at the nodes of a mesh; other functions as they are.
+
+    Between the nodes of a front a spline swings, and on a strongly graded mesh it jumps where its map has no inverse.
+    A mesh of least error would follow both. In a domain with curved sides the cubics are those of its reference square.
+    """
+    if isinstance(u, Periodic):
+        return replace(u, field=limited(u.field, u.domain))
+    if not isinstance(u, NodalField):
+        return u
+    if isinstance(domain, Rectangle | Blocks):
+        return HermiteField(mesh=u.mesh, values=u.values)
+    reference = reference_on(u.mesh, domain)
+    size = max(float(np.ptp(u.mesh.x)), float(np.ptp(u.mesh.y)))
+    if not u.mesh.distance(map_mesh(reference, domain)) <= MAX_FAR_SHARE * size:
+        return u  # of another domain
+    own = OnDomain(reference=HermiteField(mesh=reference, values=u.values), domain=domain)
+    return repeated_field(own, domain, "u")
 
 
 # The request to choose the monitor by the measured interpolation error of u.
@@ -178,7 +203,8 @@ class Auto:
         """
         if is_bound_to(self._domain, domain):
             return self
-        return bound_copy(self, domain, _least_error=self.least_error().on(domain))
+        least = self.least_error().on(domain)
+        return bound_copy(self, domain, u=least.u, _least_error=least)
 
     def weakened(self, strength: float) -> Monitor:
         """The metric to the matrix power ``strength``."""

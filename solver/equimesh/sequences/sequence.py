@@ -15,7 +15,8 @@ from equimesh.domains.domain import Domain, closed_of, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.mesh_map import reference_of
-from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.nodal_field import HermiteField, NodalField
+from equimesh.fields.on_domain import OnDomain
 from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import describe_value
 from equimesh.meshes.mesh import Grid, Mesh
@@ -384,9 +385,11 @@ class Sequence(Generic[M]):
                 f"The mesh moved by {moved:.2g} cells in this step, more than max_move = {self.max_move:g}: the first"
                 " step from a given mesh is not refused. Later ones are."
             )
-        u = solution.problem.monitor.u
+        u, before = solution.problem.monitor.u, self.mesh
+        if isinstance(u, OnDomain):
+            u, before = u.reference, self._reference
         jump = 0.0
-        if isinstance(u, NodalField | QuadField) and _is_same(u.mesh, self.mesh):
+        if isinstance(u, NodalField | HermiteField | QuadField) and _is_same(u.mesh, before):
             jump = largest_jump(u.values, u.mesh.cells if isinstance(u, QuadField) else None)
         yield from about_moves(self.mesh, solution.mesh, jump, moved, self.max_move)
 

@@ -81,3 +81,43 @@ def test_squares_of_u_must_be_numbers(factor: float) -> None:
     assert caught.value.field == "u"
     em.LeastError(u=em.Expression("0*x")).on(UNIT)
     em.LeastError(u=em.Expression(f"{factor**0.3!r}*(x + 2)")).on(UNIT)
+
+
+def front(mesh: em.Mesh, t: float = 0.0) -> Any:
+    return np.tanh(40.0 * (mesh.x - 0.4 * mesh.y - 0.3 - t))
+
+
+@pytest.mark.parametrize("kind", [em.LeastError, em.Auto])
+@pytest.mark.parametrize("domain", [UNIT, SECTOR, em.Rectangle(periodic="y")])
+def test_values_at_nodes_are_interpolated_without_overshoots(kind: Any, domain: Any) -> None:
+    s = np.linspace(0.0, 1.0, 17)
+    s, t = np.meshgrid(s, s, indexing="ij")
+    mesh = em.Mesh(*domain.map(s, t))
+    values = np.tanh(40.0 * (s - 0.45))
+    u = em.NodalField(mesh=mesh, values=values)
+    between = domain.map(*np.meshgrid(np.linspace(0.0, 1.0, 100), np.linspace(0.0, 1.0, 100), indexing="ij"))
+    assert u.evaluate(*between)[0].max() > 1.01
+    bound = em.Problem(monitor=kind(u=u), grid=em.Grid(n_xi=9, n_eta=9), domain=domain).monitor.u
+    assert bound is not None
+    limited = bound.evaluate(*between)[0]
+    assert abs(limited).max() <= 1.0 + 1e-12
+    assert abs(bound.evaluate(mesh.x, mesh.y)[0] - values).max() < 1e-7
+
+
+def test_values_at_nodes_of_another_domain_are_taken_as_they_are() -> None:
+    mesh = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    wide = em.Mesh(4.0 * mesh.x - 2.0, 4.0 * mesh.y - 2.0)
+    u = em.NodalField(mesh=wide, values=front(wide))
+    assert em.LeastError(u=u).on(SECTOR).u is u
+
+
+def test_a_sequence_keeps_the_gain_for_the_function_whose_values_it_is_given() -> None:
+    grid = em.Grid(n_xi=25, n_eta=25)
+    first = em.Mesh.uniform(grid)
+    meshes = em.Sequence(em.Problem(monitor=em.LeastError(u=em.Expression("x")), grid=grid), mesh=first)
+    for number in range(6):
+        meshes.step(front(meshes.mesh, 0.02 * number))
+    exact = em.ArcLength(u=em.Expression("tanh(40*(x - 0.4*y - 0.4))")).on(UNIT)
+    errors = em.measure(meshes.mesh, exact).interpolation_error
+    assert errors is not None
+    assert errors.gain_l2 > 15.0  # a spline through the values leaves 6

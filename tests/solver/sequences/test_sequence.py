@@ -33,7 +33,7 @@ def test_a_step_follows_nodal_values_and_carries_fields() -> None:
     assert step.mesh is meshes.mesh is step.solution.mesh
     assert step.number == meshes.number == 1
     assert np.array_equal(before.x + step.velocity[..., 0], step.mesh.x)
-    assert np.abs(step.fields["u"] - front(0.03).evaluate(step.mesh.x, step.mesh.y)[0]).max() < 0.05
+    assert np.abs(step.fields["u"] - front(0.03).evaluate(step.mesh.x, step.mesh.y)[0]).max() < 0.06
     assert np.abs(step.fields["mass"] - 1.0).max() < 1e-13
     assert step.certificate.interpolation.gain_l2 > 3.0
     assert step.moved > 0.0
