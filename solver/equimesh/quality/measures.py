@@ -348,6 +348,20 @@ def measure_interpolation(
         return errors_of(cells, plain, u, error_rule(cells, gauss), numbers, threads=threads)
 
 
+def measure_alone(
+    mesh: Mesh | QuadMesh, u: Field, *, kind: Literal["quad", "triangle"] = "quad", threads: int = 1
+) -> InterpolationErrors:
+    """The errors of interpolating u on this mesh, which is compared with no other: its gains are NaN.
+
+    Else as :func:`measure_interpolation`.
+    """
+    if kind == "triangle":
+        return triangle_errors(mesh, u)
+    cells = cells_of(mesh)
+    with np.errstate(all="ignore"):
+        return errors_of(cells, None, u, error_rule(cells), sample(cells.rows), threads=threads)
+
+
 # How much of a domain the cells of a mesh cut off at its curved sides.
 
 ROUNDING = 1e-6

@@ -18,10 +18,11 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
+from equimesh.quality.measures import measure_alone
 from equimesh.rounds.recovery import KEPT, Round
 from equimesh.rounds.round import adapt_round
 from equimesh.solving.orthogonality import Corners
-from equimesh.solving.solution import AnySolution, Solution, status_unless_folded
+from equimesh.solving.solution import AnySolution, Solution, interpolated_cells, status_unless_folded
 from equimesh.solving.status import DescentProgress, Initial, SolveOptions, Status, descent_work
 from equimesh_schema import Candidate, Estimate
 
@@ -116,9 +117,10 @@ def other_ways(solve: LeastErrorSolve, start: str) -> Iterator[Iterator[Descent]
 def _or_given(found: AnySolution, start: Mesh | QuadMesh, norm: str) -> AnySolution:
     """The solution, with the mesh that was given to start from where that has the smaller error in ``norm``."""
     given = replace(found, **_placed(found.problem, start), note=GIVEN_IS_KEPT)
-    errors, others = found.interpolation, given.interpolation
-    if errors is None or others is None:
+    monitor, errors = found.problem.monitor, found.interpolation
+    if errors is None or monitor.u is None:
         return found
+    others = measure_alone(given.mesh, monitor.u, kind=interpolated_cells(monitor), threads=found.threads)
     is_kept = others.l2 < errors.l2 if norm == "l2" else others.h1 < errors.h1
     return given if is_kept and not given.cut_off.is_much else found
 
