@@ -78,13 +78,13 @@ def meshes(points: int, kind: str) -> Iterator[Request]:
 class MovingMesh:
     """A sequence with two fields: each step has u and the fields at the nodes of the mesh before."""
 
-    def __init__(self, points: int) -> None:
-        self.points, self.step, self.path = points, 0, ""
+    def __init__(self, points: int, kind: str = "arc_length") -> None:
+        self.points, self.kind, self.step, self.path = points, kind, 0, ""
 
     def first(self) -> Request:
         """The request that begins it."""
         spec = {
-            "monitor": {"kind": "arc_length", "u": {"expression": "tanh(20*(x + y/2 - 0.5))"}},
+            "monitor": {"kind": self.kind, "u": {"expression": "tanh(20*(x + y/2 - 0.5))"}},
             "grid": {"n_xi": self.points, "n_eta": self.points},
         }
         return Request("/v1/sequences?format=npz", "application/json", json.dumps(spec).encode())
