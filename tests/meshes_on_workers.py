@@ -7,7 +7,7 @@ from typing import Any
 from distributed import Client
 
 import equimesh as em
-from equimesh.meshes.mesh import HeldMesh
+from equimesh.meshes.mesh import MeshRows
 from equimesh.numerics.channel import Traffic
 from equimesh_cluster.handle import Handle
 from equimesh_cluster.mesh_part import cut
@@ -21,7 +21,7 @@ def part_of(channel: Any, solution: em.Solution, cuts: tuple[int, ...]) -> PartS
     """One part of a solution that was solved whole."""
     mesh = cut(solution.mesh, cuts)[channel.number]
     begin, end = max(0, mesh.first - 1), min(mesh.last + 1, mesh.grid.n_xi)
-    held = HeldMesh(mesh.grid, begin, solution.reference.x[begin:end], solution.reference.y[begin:end])
+    held = MeshRows.of(solution.reference).within(begin, end)
     record = PartStep(
         level=1,
         levels=2,

@@ -13,7 +13,7 @@ import equimesh as em
 from costs.rows import Row, cpu_seconds
 from costs.solves import front
 from equimesh.meshes.nested import distance, nested_grids, prolong
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.numerics import newton
 from equimesh.single_domain.level import TIGHT_DEVIATION
 from equimesh.sweeps.sweep import Sweep, memory_needed
@@ -125,7 +125,7 @@ def pardiso() -> Factorise:
 def sweep(problem: em.Problem, start: em.Mesh) -> tuple[int, em.Mesh]:
     """The number of sweeps from ``start`` to the tolerance of tight mode, and the mesh."""
     memory = np.empty(memory_needed(problem.grid.shape))
-    sweeps = Sweep(problem.metric, problem.boundary, Parts.of(problem.grid.shape), memory)
+    sweeps = Sweep(problem.metric, problem.boundary, Rows.whole(problem.grid.shape), memory)
     x, y = start.x.copy(), start.y.copy()
     for count in range(1, MAX_SWEEPS + 1):
         correction = sweeps.correct(x, y)

@@ -6,11 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import numpy as np
-
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import Grid, Mesh, MeshWindow, Rows
-from equimesh.numerics.channel import Channel
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.parts import quads_of
 
@@ -84,18 +81,3 @@ def cut(mesh: Mesh, cuts: Sequence[int]) -> list[MeshPart]:
         )
         for number, (first, last) in enumerate(pairwise(firsts))
     ]
-
-
-def window_of(part: MeshPart, channel: Channel) -> MeshWindow:
-    """The rows that part ``channel.number`` of a mesh needs; all parts call this, and get rows of each other."""
-    first, last = part.cell_rows
-    before, after = channel.number - 1, channel.number + 1
-    if before >= 0 and last > first:
-        channel.send(before, "window", [part.x[1], part.y[1]])
-    if after < channel.count and not part.is_last:
-        channel.send(after, "window", [part.x[part.last - 1 - first], part.y[part.last - 1 - first]])
-    below = channel.receive(before, "window") if before >= 0 else (part.x[:0], part.y[:0])
-    above = channel.receive(after, "window") if last < part.grid.n_xi - 1 else (part.x[:0], part.y[:0])
-    x, y = (np.vstack(rows) for rows in zip(below, (part.x, part.y), above, strict=True))
-    begin = first - (before >= 0)
-    return MeshWindow(x, y, Rows(shape=part.grid.shape, begin=begin, first=first, last=last, channel=channel))

@@ -18,10 +18,10 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.meshes.mesh import Grid
-from equimesh.meshes.parts import rows_held
 from equimesh_cluster.channel import install
 from equimesh_cluster.connection import no_scheduler
 from equimesh_cluster.errors import ClusterError
+from equimesh_cluster.parts.rows import rows_here
 
 if TYPE_CHECKING:
     from distributed import Worker
@@ -231,7 +231,7 @@ def check_memory(
 
 def rows_of_parts(grid: Grid, count: int) -> list[int]:
     """The rows that each of ``count`` parts holds: parts are cut between strips, so few strips make uneven parts."""
-    return [last - first for first, last in rows_held(grid.shape, count)]
+    return [last - first for first, last in rows_here(grid.shape, count)]
 
 
 def equal_rows(grid: Grid, count: int) -> list[int]:

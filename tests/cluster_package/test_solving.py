@@ -18,8 +18,7 @@ from distributed import Client
 
 import equimesh as em
 from dask_processes import DaskProcesses
-from equimesh.meshes import parts
-from equimesh.meshes import parts as parts_of_grids
+from equimesh.meshes import rows
 from equimesh.numerics.types import Array
 from equimesh_cluster import (
     PARTED_FORMATS,
@@ -63,10 +62,10 @@ RELAXED = em.Problem(monitor=em.ArcLength(u=em.Expression(TWO_PEAKS)), grid=em.G
 @pytest.fixture
 def small_levels(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Small grids are solved in parts, too: the coarse one has at most 65 x 65 points, and strips have 16 rows."""
-    caches = parts.strips_of, parts_of_grids._cut
+    caches = rows.strips_of, rows._whole
     for cache in caches:
         cache.cache_clear()
-    monkeypatch.setattr(parts, "STRIP_NODES", 1024)
+    monkeypatch.setattr(rows, "STRIP_NODES", 1024)
     monkeypatch.setattr(solving, "coarse_solution", partial(coarse_solution, max_points=65 * 65))
     yield
     for cache in caches:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 import equimesh
 from equimesh import Decomposition, Event, Iteration, Mesh
-from equimesh.meshes.mesh import MeshWindow
+from equimesh.meshes.mesh import MeshRows
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.quality import ComparedMesh, UniformComparison, compare_with_uniform
 from equimesh.solving.solution import MeasuredMesh, OnBlocks, interpolated_cells
@@ -96,7 +96,7 @@ def compare(
         problem = replace(problem, monitor=monitor.least_error())
     if isinstance(mesh, QuadMesh):
         return of_blocks(mesh, problem).against_uniform
-    window, u = MeshWindow.of(mesh), problem.monitor.u
+    window, u = MeshRows.of(mesh), problem.monitor.u
     nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]
     measured = MeasuredMesh(problem=problem, mesh=window, reference=window, u=lambda: nodal, threads=1)
     return measured.against_uniform(mesh, measured.quality().interpolation_error)

@@ -8,8 +8,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.meshes.mesh import MIN_POINTS, Grid, HeldMesh, Mesh, largest_difference, smallest_in_parts
-from equimesh.meshes.parts import Part, Parts
+from equimesh.meshes.mesh import MIN_POINTS, Grid, Mesh, MeshRows, largest_difference
+from equimesh.meshes.rows import Rows, Share
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 
@@ -176,34 +176,26 @@ def prolong(mesh: Mesh, grid: Grid, coarser: Mesh | None = None, *, threads: int
     With ``coarser``, the solution on the next coarser grid, the difference of the two is extrapolated. For a method of
     second order the result is nearer to the solution than the interpolant alone. The ``threads`` share the rows.
     """
-    before = None if coarser is None else HeldMesh.of(coarser)
-    found = prolong_rows(HeldMesh.of(mesh), grid, before, Parts.of(grid.shape, threads))
+    before = None if coarser is None else MeshRows.of(coarser)
+    found = prolong_rows(MeshRows.of(mesh, threads), before, Rows.whole(grid.shape, threads))
     return Mesh(found.x, found.y)
 
 
-def prolong_rows(mesh: HeldMesh, grid: Grid, coarser: HeldMesh | None, parts: Parts) -> HeldMesh:
-    """The rows of :func:`prolong` that a process holds; ``parts`` are those of ``grid``.
+def prolong_rows(mesh: MeshRows, coarser: MeshRows | None, rows: Rows) -> MeshRows:
+    """The ``rows`` of the mesh of :func:`prolong`.
 
     ``mesh`` has the rows that :func:`~equimesh.meshes.nested.rows_needed` names for these, and no others,
     ``coarser`` at least those that it names for the rows of ``mesh``.
     """
     if coarser is not None:
-        lifted = _extrapolated(mesh, coarser, grid, parts.communicator.size)
-        candidate = _interpolated(lifted, grid, (parts.begin, parts.end), parts.communicator.size)
-        if not _is_folded(candidate, parts):
+        candidate = _interpolated(_extrapolated(mesh, coarser, Grid(n_xi=rows.shape[0], n_eta=rows.shape[1])), rows)
+        if not candidate.is_folded:
             return candidate
     for cubic in (True, False):
-        candidate = _interpolated(mesh, grid, (parts.begin, parts.end), parts.communicator.size, cubic=cubic)
-        if not _is_folded(candidate, parts):
+        candidate = _interpolated(mesh, rows, cubic=cubic)
+        if not candidate.is_folded:
             return candidate
-    return uniform_rows(grid, parts)
-
-
-def uniform_rows(grid: Grid, parts: Parts) -> HeldMesh:
-    """The rows of the uniform mesh that a process holds."""
-    xi, eta = np.linspace(0, 1, grid.n_xi)[parts.held], np.linspace(0, 1, grid.n_eta)
-    x, y = np.meshgrid(xi, eta, indexing="ij")
-    return HeldMesh(grid, parts.begin, x, y)
+    return MeshRows.uniform(rows)
 
 
 def distance(mesh: Mesh, coarse: Mesh, threads: int = 1) -> float:
@@ -211,29 +203,31 @@ def distance(mesh: Mesh, coarse: Mesh, threads: int = 1) -> float:
 
     Where every other node lies on the coarser grid, at those nodes.
     """
-    return distance_in_rows(HeldMesh.of(mesh), HeldMesh.of(coarse), Parts.of(mesh.x.shape, threads))
+    return distance_in_rows(MeshRows.of(mesh, threads), MeshRows.of(coarse))
 
 
-def distance_in_rows(mesh: HeldMesh, coarse: HeldMesh, parts: Parts) -> float:
-    """The :func:`distance` in the rows that this process owns; ``parts`` are those of the grid of ``mesh``.
+def distance_in_rows(mesh: MeshRows, coarse: MeshRows) -> float:
+    """The :func:`distance` in the own rows of ``mesh``.
 
     ``coarse`` has at least the rows that :func:`~equimesh.meshes.nested.rows_needed` names for these.
     """
-    fine, rough, here = mesh.grid.shape, coarse.grid.shape, parts.here
+    rows, fine, rough = mesh.rows, mesh.rows.shape, coarse.rows.shape
     pairs = ((mesh.x, coarse.x), (mesh.y, coarse.y))
     steps = common_steps(fine, rough)
     if steps is not None:
 
-        def at_common_nodes(part: Part) -> float:
-            ends = [-(-(row + mesh.begin) // steps[0]) for row in part.ends]
-            found = slice(ends[0] * steps[0] - mesh.begin, part.last, steps[0]), slice(None, None, steps[1])
-            rows = slice(ends[0] - coarse.begin, ends[1] - coarse.begin)
-            return max(largest_difference(a[found], b[rows]) for a, b in pairs)
+        def at_common_nodes(share: Share) -> float:
+            ends = [-(-(row + rows.begin) // steps[0]) for row in share.ends]
+            found = slice(ends[0] * steps[0] - rows.begin, share.last, steps[0]), slice(None, None, steps[1])
+            there = slice(ends[0] - coarse.rows.begin, ends[1] - coarse.rows.begin)
+            return max(largest_difference(a[found], b[there]) for a, b in pairs)
 
-        return here.largest(at_common_nodes)
+        return rows.largest_here(at_common_nodes)
     along_xi, along_eta = rules(rough, fine)
-    along_xi = rule_on_rows(along_xi, mesh.ends, coarse.begin)
-    return here.largest(lambda part: max(interpolate(b, along_xi, along_eta, part.ends, a, False) for a, b in pairs))
+    along_xi = rule_on_rows(along_xi, (rows.begin, rows.end), coarse.rows.begin)
+    return rows.largest_here(
+        lambda share: max(interpolate(b, along_xi, along_eta, share.ends, a, False) for a, b in pairs)
+    )
 
 
 def common_steps(fine: tuple[int, int], coarse: tuple[int, int]) -> tuple[int, int] | None:
@@ -253,34 +247,30 @@ def is_refined(fine: Grid, coarse: Grid) -> bool:
     return fine.n_xi > coarse.n_xi and fine.n_eta > coarse.n_eta
 
 
-def _is_folded(mesh: HeldMesh, parts: Parts) -> bool:
-    return not smallest_in_parts(mesh.x, mesh.y, parts) > 0.0
-
-
-def _extrapolated(mesh: HeldMesh, coarser: HeldMesh, grid: Grid, threads: int) -> HeldMesh:
+def _extrapolated(mesh: MeshRows, coarser: MeshRows, grid: Grid) -> MeshRows:
     """The mesh plus the expected difference to the solution on the finer ``grid``."""
     here, before = refinement(grid, mesh.grid), refinement(mesh.grid, coarser.grid)
-    share = (1.0 - 1.0 / here) / (before - 1.0)
-    lifted = _interpolated(coarser, mesh.grid, mesh.ends, threads)
+    ratio = (1.0 - 1.0 / here) / (before - 1.0)
+    lifted = _interpolated(coarser, mesh.rows)
     pairs = ((mesh.x, lifted.x), (mesh.y, lifted.y))
-    Parts.of(mesh.x.shape, threads).each(lambda part: [extrapolate(a, b, share, part.ends) for a, b in pairs])
+    every = Rows.whole(mesh.x.shape, mesh.rows.threads)
+    every.each(lambda share: [extrapolate(a, b, ratio, share.ends) for a, b in pairs])
     return lifted
 
 
-def _interpolated(mesh: HeldMesh, grid: Grid, rows: tuple[int, int], threads: int, *, cubic: bool = True) -> HeldMesh:
-    """The rows ``rows[0]`` to ``rows[1] - 1`` of the interpolant on ``grid``."""
-    shape = rows[1] - rows[0], grid.n_eta
-    x, y, (along_xi, along_eta) = np.empty(shape), np.empty(shape), rules(mesh.grid.shape, grid.shape, cubic=cubic)
-    along_xi, pairs = rule_on_rows(along_xi, rows, mesh.begin), ((mesh.x, x), (mesh.y, y))
-    Parts.of(shape, threads).each(
-        lambda part: [interpolate(a, along_xi, along_eta, part.ends, b, True) for a, b in pairs]
-    )
-    if rows[0] == 0:
+def _interpolated(mesh: MeshRows, rows: Rows, *, cubic: bool = True) -> MeshRows:
+    """The ``rows`` of the interpolant on their grid."""
+    x, y, begin = np.empty(rows.here_shape), np.empty(rows.here_shape), mesh.rows.begin
+    along_xi, along_eta = rules(mesh.rows.shape, rows.shape, cubic=cubic)
+    along_xi, pairs = rule_on_rows(along_xi, (rows.begin, rows.end), begin), ((mesh.x, x), (mesh.y, y))
+    every = Rows.whole(rows.here_shape, rows.threads)
+    every.each(lambda share: [interpolate(a, along_xi, along_eta, share.ends, b, True) for a, b in pairs])
+    if rows.begin == 0:
         x[0] = 0.0
-    if rows[1] == grid.n_xi:
+    if rows.end == rows.shape[0]:
         x[-1] = 1.0
     y[:, 0], y[:, -1] = 0.0, 1.0
-    return HeldMesh(grid, rows[0], x, y)
+    return MeshRows(x, y, rows)
 
 
 # Meshes with closed grid lines, in reference coordinates: their memory with copied ends, and finer grids.

@@ -224,36 +224,7 @@ class _ThreadChannel:
         return self._board.take((self.number, sender, tag))
 
 
-# Parts of one computation that run at the same time, and what they agree on.
-#
-# The parts are the threads of this process, and other processes behind a channel. Threads share all arrays, so that a
-# part reads the rows of its neighbours where they are. A part must not write rows that another one reads in the same
-# call of :meth:`Communicator.each`. Processes share nothing; each of them makes the same calls in the same order.
-
-
-class Communicator:
-    """``size`` parts, each on its own thread, and the other processes of ``channel``."""
-
-    def __init__(self, size: int, channel: Channel = ALONE) -> None:
-        self.size, self.channel = size, channel
-
-    def each(self, work: Callable[[int], T]) -> list[T]:
-        """The results of ``work(k)`` for every part k of this process, in their order, when all parts are done."""
-        if self.size == 1:
-            return [work(0)]
-        results: dict[int, T] = {}
-        run_on_threads(self.size, lambda k: results.update({k: work(k)}))
-        return [results[k] for k in range(self.size)]
-
-    def largest(self, work: Callable[[int], float]) -> float:
-        """The largest of the numbers of all parts, of all processes; NaN where one of them is NaN."""
-        found = work(0) if self.size == 1 else float(np.max(self.each(work)))
-        return found if self.channel.count == 1 else agree(self.channel, found)[0]
-
-    def smallest(self, work: Callable[[int], float]) -> float:
-        """The smallest of the numbers of all parts, of all processes; NaN where one of them is NaN."""
-        found = work(0) if self.size == 1 else float(np.min(self.each(work)))
-        return found if self.channel.count == 1 else -agree(self.channel, -found)[0]
+# What the parts of one computation agree on.
 
 
 def agree(channel: Channel, *numbers: float) -> tuple[float, ...]:

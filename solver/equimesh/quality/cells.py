@@ -13,9 +13,10 @@ import numpy as np
 
 from equimesh.domains.domain import Domain
 from equimesh.meshes.cell_edges import CellEdges
-from equimesh.meshes.mesh import Grid, Mesh, MeshWindow, Rows, WindowCells
+from equimesh.meshes.mesh import Grid, Mesh, MeshRows
 from equimesh.meshes.nested import OPEN, Closed
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_maps import (
     gather_cells,
@@ -68,6 +69,43 @@ class CellMap(NamedTuple):
     det: Array
 
 
+@dataclass(frozen=True, eq=False)
+class ChosenCells:
+    """Some own cells: their ``numbers`` in the whole grid, increasing, and where each strip ends.
+
+    Strip ``k`` has the places from ``ends[k]`` to before ``ends[k + 1]``. ``columns`` are the cells of a row.
+    """
+
+    numbers: IntArray
+    ends: IntArray
+    columns: int
+    rows: Rows
+
+    @classmethod
+    def of(cls, rows: Rows, numbers: IntArray | None = None) -> ChosenCells:
+        """All own cells, or those with these ``numbers``."""
+        columns = rows.cells[1]
+        ends = np.array([rows.first, *(last for _, last in rows.strips)]) * columns
+        if numbers is None:
+            return cls(np.arange(rows.own.start, rows.own.stop), ends - rows.own.start, columns, rows)
+        return cls(numbers, np.searchsorted(numbers, ends), columns, rows)
+
+    def repeated(self, times: int) -> ChosenCells:
+        """So many pieces of every cell, next to each other along eta."""
+        numbers = (times * self.numbers[:, None] + np.arange(times)).reshape(-1)
+        return ChosenCells(numbers, times * self.ends, times * self.columns, self.rows)
+
+    def count(self) -> int:
+        """The number of such cells in all rows of the grid."""
+        return int(self.rows.summed(np.array([float(self.numbers.size)]))[0])
+
+    def total(self, values: Array) -> Array:
+        """The sums of ``values``, shape ``(k, cells)``, over such cells in all rows; shape ``(k,)``."""
+        spans = pairwise(self.ends)
+        strips = np.array([[row[one:two].sum() for row in values] for one, two in spans])
+        return self.rows.total(strips.reshape(-1, len(values)))
+
+
 class Cells(ABC):
     """Bilinear cells in rows and columns, numbered as in :class:`~equimesh.meshes.mesh.Mesh`.
 
@@ -113,7 +151,7 @@ class Cells(ABC):
         for first, last in self.rows.strips:
             yield from pieces(first * self.shape[1], last * self.shape[1], points)
 
-    def blocks_of(self, chosen: WindowCells, points: CellPoints) -> Iterator[tuple[slice, IntArray]]:
+    def blocks_of(self, chosen: ChosenCells, points: CellPoints) -> Iterator[tuple[slice, IntArray]]:
         """The places and the numbers of the ``chosen`` cells, in such pieces."""
         for start, end in pairwise(chosen.ends):
             for piece in pieces(int(start), int(end), points):
@@ -230,14 +268,14 @@ class BilinearCells(MeshCells):
     Cells on both sides of the seam of ``closed`` lines are neighbours; all rows of such a mesh are here.
     """
 
-    mesh: Mesh | MeshWindow
+    mesh: Mesh | MeshRows
     closed: Closed = OPEN
     _found: list[tuple[float, float]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
-    def window(self) -> MeshWindow:
+    def window(self) -> MeshRows:
         """The nodes of the rows that are here."""
-        return MeshWindow.of(self.mesh)
+        return MeshRows.of(self.mesh)
 
     @property
     def rows(self) -> Rows:
@@ -344,7 +382,7 @@ class BilinearCells(MeshCells):
 
 # The cells of a mesh of blocks as bilinear quadrilaterals: one row of cells after the other, in one column.
 
-AnyMesh: TypeAlias = Mesh | MeshWindow | QuadMesh
+AnyMesh: TypeAlias = Mesh | MeshRows | QuadMesh
 """A grid of nodes, some rows of one, or a mesh of blocks."""
 
 

@@ -13,9 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh import WindowCells
 from equimesh.numerics.types import Array, IntArray, Pair
-from equimesh.quality.cells import Cells, MeshCells
+from equimesh.quality.cells import Cells, ChosenCells, MeshCells
 from equimesh.quality.elements import Basis, CellKind, Element, basis, rule
 from equimesh.quality.interpolation import InterpolationErrors, gain_of, noise
 from equimesh.quality.resolution import scattered
@@ -43,9 +42,9 @@ def gains_by_degree(
     say that a layer lies inside a cell.
     """
     degrees = tuple(degree for degree in DEGREES[kind] if degree != 1)
-    chosen, one_of = WindowCells.of(cells.rows), cells.count // MEASURED_CELLS
+    chosen, one_of = ChosenCells.of(cells.rows), cells.count // MEASURED_CELLS
     if one_of > 1:
-        chosen = WindowCells.of(cells.rows, chosen.numbers[scattered(chosen.numbers, one_of)])
+        chosen = ChosenCells.of(cells.rows, chosen.numbers[scattered(chosen.numbers, one_of)])
     bases, element = [basis(kind, degree, GAUSS_POINTS) for degree in degrees], rule(kind, GAUSS_POINTS)
     with np.errstate(all="ignore"):
         found = [squared_errors(one, chosen, u, bases, element, kind) for one in (cells, other)]
@@ -62,7 +61,7 @@ def gains_by_degree(
 
 
 def squared_errors(
-    cells: Cells, chosen: WindowCells, u: Field, bases: Sequence[Basis], element: Element, kind: CellKind = "quad"
+    cells: Cells, chosen: ChosenCells, u: Field, bases: Sequence[Basis], element: Element, kind: CellKind = "quad"
 ) -> Array:
     """The integrals of the squared errors of u and of its gradient over the ``chosen`` cells.
 
@@ -80,7 +79,7 @@ def squared_errors(
     return result
 
 
-def _blocks(chosen: WindowCells) -> Iterator[slice]:
+def _blocks(chosen: ChosenCells) -> Iterator[slice]:
     for start, end in pairwise(map(int, chosen.ends)):
         for first in range(start, end, BLOCK_CELLS):
             yield slice(first, min(first + BLOCK_CELLS, end))

@@ -14,7 +14,7 @@ import scipy
 
 from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh import Mesh, MeshWindow
+from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.nested import OPEN, Closed
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled
@@ -63,7 +63,7 @@ def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
     """
     if isinstance(mesh, QuadMesh):
         return _of_blocks(mesh)
-    window = MeshWindow.of(mesh)
+    window = MeshRows.of(mesh)
     if any(closed):
         return _of_closed(window, closed)
     strips = np.array([_strip(window, first, last) for first, last in window.rows.strips]).reshape(-1, 5)
@@ -73,7 +73,7 @@ def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
     return _faces(found[:, 0].min(), found[:, 1].sum(), found[:, 2].sum(), found[:, 3].max())
 
 
-def _of_closed(window: MeshWindow, closed: Closed) -> Faces:
+def _of_closed(window: MeshRows, closed: Closed) -> Faces:
     """The faces of a grid before which the last cells of its closed lines stand once more."""
     x, y = (_with_last_cells(q, closed) for q in (window.x, window.y))
     centres = np.empty((2, x.shape[0] - 1, x.shape[1] - 1))
@@ -109,7 +109,7 @@ def _faces(lowest: float, total: float, count: float, skewness: float) -> Faces:
     )
 
 
-def _strip(window: MeshWindow, first: int, last: int) -> tuple[float, ...]:
+def _strip(window: MeshRows, first: int, last: int) -> tuple[float, ...]:
     """What the faces contribute that begin in the rows ``first`` to ``last - 1`` of cells, and whether these are valid.
 
     The faces on the last side belong to the last row of cells.

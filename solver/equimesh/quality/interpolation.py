@@ -11,11 +11,22 @@ import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh import Mesh, Rows, WindowCells
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_maps import gather_values
-from equimesh.quality.cells import AnyMesh, BilinearCells, CellPoints, Cells, MeshCells, QuadCells, cells_of, pieces
+from equimesh.quality.cells import (
+    AnyMesh,
+    BilinearCells,
+    CellPoints,
+    Cells,
+    ChosenCells,
+    MeshCells,
+    QuadCells,
+    cells_of,
+    pieces,
+)
 from equimesh.quality.resolution import Pieces, resolved_integrals, scattered
 from equimesh.quality.survey import ErrorRule, ErrorTally
 
@@ -303,7 +314,7 @@ def _of_blocks(cells: QuadCells, u: Field) -> Iterator[tuple[float, ...]]:
     """The probed errors of a mesh of blocks."""
     nodal = u.evaluate(*cells.nodes)[0]
     yield float(np.nanmin(nodal)), float(np.nanmax(nodal)), 0.0, np.nan, np.nan
-    for _, numbers in cells.blocks_of(WindowCells.of(cells.rows), CENTRE):
+    for _, numbers in cells.blocks_of(ChosenCells.of(cells.rows), CENTRE):
         yield _at_probes(cells, numbers, cells.corner_values(nodal, numbers), u)
 
 

@@ -23,7 +23,7 @@ from equimesh.domains.domain import UNIT_SQUARE, Domain, Rectangle, closed_of, c
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh import Mesh, MeshWindow
+from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array, IntArray
@@ -207,11 +207,11 @@ def measure_quality(
         return _quality(cells, monitor, rule, Survey.of(cells, monitor, rule, threads=threads), errors)
 
 
-def window_image(window: MeshWindow, domain: Domain) -> MeshWindow:
+def window_image(window: MeshRows, domain: Domain) -> MeshRows:
     """The rows of the uniform mesh of ``domain`` with the numbers of the rows of ``window``."""
-    uniform = MeshWindow.uniform(window.rows, window.x.shape[0])
+    uniform = MeshRows.uniform(window.rows)
     mapped = map_mesh(Mesh(uniform.x, uniform.y), domain)
-    return MeshWindow(mapped.x, mapped.y, window.rows)
+    return MeshRows(mapped.x, mapped.y, window.rows)
 
 
 def _triangle_errors(
@@ -391,18 +391,18 @@ class CutOff:
         return self.share > self.most * (1.0 + ROUNDING)
 
 
-def measure_cut_off(domain: Domain, reference: MeshWindow) -> CutOff:
+def measure_cut_off(domain: Domain, reference: MeshRows) -> CutOff:
     """The cut-off of a mesh by its nodes on the reference square."""
     if isinstance(domain, Rectangle):
         return CutOff(share=0.0, initial=0.0)
     rows = reference.rows
-    uniform = MeshWindow.uniform(rows, len(reference.x))
+    uniform = MeshRows.uniform(rows)
     here = [_of_window(domain, one) if rows.first < rows.last else 0.0 for one in (reference, uniform)]
     share, initial = rows.summed(np.array(here)) / domain.area
     return CutOff(share=float(share), initial=float(initial))
 
 
-def _of_window(domain: Domain, reference: MeshWindow) -> float:
+def _of_window(domain: Domain, reference: MeshRows) -> float:
     """The area that the own rows cut off; a seam is no side."""
     rows, (closed_xi, closed_eta) = reference.rows, closed_of(domain)
     nodes, lines = np.stack(reference.nodes(rows.first, rows.last)), list[Array]()

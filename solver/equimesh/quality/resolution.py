@@ -14,11 +14,11 @@ from functools import lru_cache
 import numpy as np
 
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh import Rows, WindowCells
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_maps import locate
-from equimesh.quality.cells import CellPoints, Cells
+from equimesh.quality.cells import CellPoints, Cells, ChosenCells
 from equimesh.quality.survey import add_errors
 
 # Pieces of cells, on which the error of interpolation is integrated more finely than on the whole cell.
@@ -239,7 +239,7 @@ class Integrals:
 
 def resolved_integrals(
     pieces: Callable[[IntArray], Pieces],
-    cells: WindowCells,
+    cells: ChosenCells,
     first: Array,
     u: Field,
     noise: tuple[float, float],
@@ -268,7 +268,7 @@ def resolved_integrals(
     return Integrals((float(totals[0]), found.squares[1]), (True, found.resolved[1]), count)
 
 
-def _checked(cells: WindowCells, count: int, first: Array, totals: Array) -> tuple[IntArray, Array]:
+def _checked(cells: ChosenCells, count: int, first: Array, totals: Array) -> tuple[IntArray, Array]:
     """Positions of the cells on which the second rule is tried, and how many cells each stands for.
 
     ``count`` is the number of ``cells`` of the whole mesh.
@@ -287,7 +287,7 @@ def _checked(cells: WindowCells, count: int, first: Array, totals: Array) -> tup
     return np.concatenate([largest, rest]), weights
 
 
-def _on_lattice(cells: WindowCells) -> BoolArray:
+def _on_lattice(cells: ChosenCells) -> BoolArray:
     """Whether a cell belongs to the sample, which meets every row and column."""
     numbers, columns = cells.numbers, cells.columns
     if cells.rows.cells[1] == 1:  # a mesh of blocks

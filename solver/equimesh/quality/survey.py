@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh import MeshWindow, WindowCells
+from equimesh.meshes.mesh import MeshRows
 from equimesh.monitors.monitor import Monitor, OfDerivatives
 from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.compiled import compiled, vectorised
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cell_maps import locate, shapes, shares_and_alignments
-from equimesh.quality.cells import BilinearCells, CellPoints, Cells, MeshCells
+from equimesh.quality.cells import BilinearCells, CellPoints, Cells, ChosenCells, MeshCells
 
 # The errors of interpolating u, summed over every cell, from one evaluation of u at each point.
 
@@ -193,7 +193,7 @@ class ErrorTally:
     cells: Cells
     u: Field
     rule: ErrorRule
-    chosen: WindowCells
+    chosen: ChosenCells
     sampled: bool
     nodal: Array | None
     values: Array
@@ -214,7 +214,7 @@ class ErrorTally:
 
         ``nodal`` is u at the held nodes if that is known.
         """
-        chosen = WindowCells.of(cells.rows, numbers)
+        chosen = ChosenCells.of(cells.rows, numbers)
         count = chosen.numbers.size
         if isinstance(cells, MeshCells) and (nodal is not None or numbers is None):
             nodal = u.evaluate(*cells.nodes)[0] if nodal is None else nodal
@@ -276,7 +276,7 @@ class ErrorTally:
             add_values(corners, values, np.ascontiguousarray(there), edge, self.sums[0, where], self.largest[where])
             self._widen(there)
 
-    def _add_middles(self, window: MeshWindow, nodal: Array, first: int, last: int) -> None:
+    def _add_middles(self, window: MeshRows, nodal: Array, first: int, last: int) -> None:
         """The middles of the edges of the rows ``first`` to ``last - 1`` of cells."""
         rows, columns = window.rows, window.rows.cells[1]
         x, y = window.nodes(first, last)

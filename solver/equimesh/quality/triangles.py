@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh import MeshWindow, WindowCells
+from equimesh.meshes.mesh import MeshRows
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_maps import locate
-from equimesh.quality.cells import AnyMesh, BilinearCells, CellPoints, MeshCells, cells_of
+from equimesh.quality.cells import AnyMesh, BilinearCells, CellPoints, ChosenCells, MeshCells, cells_of
 from equimesh.quality.interpolation import (
     NO_ERROR,
     UNKNOWN,
@@ -48,7 +48,7 @@ def triangle_errors(mesh: AnyMesh, u: Field, uniform: AnyMesh | None = None) -> 
     with np.errstate(all="ignore"):
         first = cells_of(mesh)
         if isinstance(first, BilinearCells) and uniform is None:
-            uniform = MeshWindow.uniform(first.rows, first.window.x.shape[0])
+            uniform = MeshRows.uniform(first.rows)
         second = None if uniform is None else cells_of(uniform)
         require_same_cells(first, second)
         return compared(first, _norms(first, u), UNKNOWN if second is None else _norms(second, u))
@@ -67,13 +67,13 @@ def halves(cells: Pieces, through: Mapping[int, int] = ANYWHERE) -> Pieces:
 
 def squared_errors(cells: MeshCells, u: Field) -> Array:
     """The integral of the squared error over the two triangles of every own cell, shape ``(cells,)``."""
-    chosen = WindowCells.of(cells.rows)
+    chosen = ChosenCells.of(cells.rows)
     pieces = Pieces.of(cells, chosen.numbers, _values(cells, u, chosen))
     (squares, _), _, _ = _leanly(halves(pieces, cells.cuts), u)
     return np.asarray(squares.reshape(-1, 2).sum(axis=1))
 
 
-def _values(cells: MeshCells, u: Field, chosen: WindowCells) -> Array:
+def _values(cells: MeshCells, u: Field, chosen: ChosenCells) -> Array:
     """u at the corners of the ``chosen`` cells, shape ``(4, cells)``."""
     corners = cells.corners(chosen.numbers)
     return u.evaluate(corners[:4], corners[4:])[0]
@@ -83,7 +83,7 @@ def _norms(cells: MeshCells, u: Field) -> Norms:
     if not cells.all_valid:
         return Norms(math.inf, math.inf, math.nan)
     numbers = sample(cells.rows)
-    chosen = WindowCells.of(cells.rows, numbers)
+    chosen = ChosenCells.of(cells.rows, numbers)
     values = _values(cells, u, chosen)
     # of a sample the four cells at the corners, if they are in it at all, change nothing that could be seen
     through = cells.cuts if numbers is None else ANYWHERE

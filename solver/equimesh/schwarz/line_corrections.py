@@ -13,7 +13,7 @@ import numpy as np
 from equimesh.equations.newton_solve import smallest_move
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, SubdomainWindow
@@ -250,8 +250,8 @@ class LineCorrections:
         """On the whole grid, unless the ``sweep`` of another merged mesh is given."""
         shape = problem.grid.shape
         if sweep is None:
-            parts, memory = Parts.of(shape, threads), np.empty(memory_needed(shape))
-            sweep = Sweep(problem.metric, problem.boundary, parts, memory)
+            rows, memory = Rows.whole(shape, threads), np.empty(memory_needed(shape))
+            sweep = Sweep(problem.metric, problem.boundary, rows, memory)
         self._sweep = sweep
         self._floor = smallest_move(shape)
 

@@ -13,7 +13,7 @@ from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.newton_solve import NewtonSolution, smallest_move
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.decomposition import SubdomainWindow
 from equimesh.schwarz.merged_mesh import Place
@@ -140,7 +140,7 @@ class SubdomainSweeps:
     """Sweeps of line corrections on a window, with their working memory."""
 
     def __init__(self, problem: Problem, shape: tuple[int, int], frame: Frame) -> None:
-        self._sweep = Sweep(problem.metric, problem.boundary, Parts.of(shape), np.empty(memory_needed(shape)), frame)
+        self._sweep = Sweep(problem.metric, problem.boundary, Rows.whole(shape), np.empty(memory_needed(shape)), frame)
         self._floor = smallest_move(shape)
 
     def solve(

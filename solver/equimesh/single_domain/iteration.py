@@ -16,7 +16,7 @@ import numpy as np
 
 from equimesh.domains.domain import closed_of, is_closed
 from equimesh.equations.problem import Problem
-from equimesh.meshes.mesh import Grid, HeldMesh, Mesh
+from equimesh.meshes.mesh import Grid, Mesh, MeshRows
 from equimesh.meshes.nested import (
     Closed,
     closed_mesh,
@@ -28,12 +28,10 @@ from equimesh.meshes.nested import (
     prolong,
     prolong_closed,
     prolong_rows,
-    rows_needed,
     square_grids,
     unpadded,
 )
-from equimesh.meshes.parts import Parts, rows_held
-from equimesh.numerics.channel import ALONE, Channel
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array
 from equimesh.single_domain.continuation import Relaxation
 from equimesh.single_domain.level import (
@@ -43,7 +41,6 @@ from equimesh.single_domain.level import (
     Mode,
     Step,
     Steps,
-    interpolated_level,
     newton_level,
 )
 from equimesh.sweeps.sweep import Frame, memory_needed
@@ -59,25 +56,13 @@ LEADING_STRENGTH = 0.5
 
 
 class Climb:
-    """The levels of one nested iteration, and the last two solutions.
-
-    ``first`` is the number of the first level. Those below it are solved: ``solved`` has the last two of them, with at
-    least the rows that this process needs. All processes of ``channel`` climb together; each has its own rows.
-    """
+    """The levels of one nested iteration, and the last two solutions, ``solved``."""
 
     def __init__(
-        self,
-        problem: Problem,
-        mode: Mode,
-        threads: int,
-        grids: Sequence[Grid],
-        *,
-        channel: Channel = ALONE,
-        first: int = 0,
-        solved: Sequence[LevelSolution] = (),
+        self, problem: Problem, mode: Mode, threads: int, grids: Sequence[Grid], solved: Sequence[LevelSolution] = ()
     ) -> None:
         self._problem, self._mode, self._threads, self._grids = problem, mode, threads, grids
-        self._channel, self._first, self.solved = channel, first, list(solved)
+        self.solved = list(solved)
 
     def by_newton(self, start: Mesh | None) -> Iterator[Step]:
         """Newton's method on all levels, the first one from ``start``."""
@@ -91,34 +76,34 @@ class Climb:
                 return
             self._keep(last)
 
-    def by_sweeps(self, *, only_requested: bool, end: int | None = None) -> Steps:
-        """Sweeps, and Newton's method where they fail, on the levels below ``end``; returns the last step.
+    def by_sweeps(self, *, only_requested: bool, levels: range | None = None) -> Steps:
+        """Sweeps, and Newton's method where they fail, on these ``levels``, by default on all; returns the last step.
 
         ``None`` is returned where ``only_requested`` equations may be solved, and some level has no solution of them.
         """
-        levels = range(self._first, len(self._grids) if end is None else end)
-        memory = np.empty(max((memory_needed(self._parts(level).held_shape) for level in levels), default=0))
+        levels = range(len(self._grids)) if levels is None else levels
+        here = (self._rows_of(self._grids[level]).here_shape for level in levels)
+        memory = np.empty(max(map(memory_needed, here), default=0))
         last: Step | None = None
         for level in levels:
-            here = self._problem.on_grid(self._grids[level])
-            last = yield from self._sweeps(here, self._label(level), memory)
+            problem = self._problem.on_grid(self._grids[level])
+            last = yield from self._sweeps(problem, self._label(level), memory)
             if last is None and only_requested:
                 return None
             if last is None:  # sweeps have overwritten the first guess
-                last = yield from self._without_sweeps(here, self._label(level))
+                last = yield from self._without_sweeps(problem, self._label(level))
             yield last
             if last.failed:
                 break
             self._keep(last)
         return last
 
-    def _parts(self, level: int) -> Parts:
-        """The rows of a level that this process holds."""
-        return Parts.of(self._grids[level].shape, self._threads, self._channel)
+    def _rows_of(self, grid: Grid) -> Rows:
+        """The rows of a grid that are here."""
+        return Rows.whole(grid.shape, self._threads)
 
     def _keep(self, last: Step) -> None:
-        begin = Parts.of(last.grid.shape, 1, self._channel).begin
-        self.solved = [*self.solved[-1:], LevelSolution.of(last, begin)]
+        self.solved = [*self.solved[-1:], LevelSolution.of(last, self._rows_of(last.grid))]
 
     @property
     def _before(self) -> LevelSolution | None:
@@ -128,72 +113,54 @@ class Climb:
         """The record with which a level begins: its mesh is interpolated from the coarser levels."""
         grid = self._grids[level]
         if self.solved:
-            guess = self._guess(grid, self._parts(level))
+            guess = self._guess(self._rows_of(grid), is_extrapolated(grid, [known.step for known in self.solved]))
             mesh = Mesh(guess.x, guess.y)
         else:
             mesh = Mesh.uniform(grid)
         return Step(level=level, levels=len(self._grids), grid=grid, step=0, residual=math.nan, mesh=mesh)
 
-    def _guess(self, grid: Grid, parts: Parts) -> HeldMesh:
-        """The mesh of the coarser levels on ``grid``, in the rows that this process holds."""
-        steps, number = [level.step for level in self.solved], self._channel.number
-        wanted = [
-            rows_needed(steps[-1].grid.n_xi, grid.n_xi, rows) for rows in rows_held(grid.shape, parts.channel.count)
-        ]
-        last, coarser = self._with_rows(-1, wanted), None
-        if is_extrapolated(grid, steps):
-            below = [rows_needed(steps[-2].grid.n_xi, last.grid.n_xi, rows) for rows in wanted]
-            coarser = self._with_rows(-2, below)
-        return prolong_rows(last.window(*wanted[number]), grid, coarser, parts)
+    def _guess(self, rows: Rows, extrapolated: bool) -> MeshRows:
+        """The mesh of the coarser levels on the grid of ``rows``."""
+        return prolong_rows(self.solved[-1].mesh, self.solved[-2].mesh if extrapolated else None, rows)
 
-    def _with_rows(self, which: int, wanted: Sequence[tuple[int, int]]) -> HeldMesh:
-        """One of the last two solutions with the rows that are wanted, which it keeps."""
-        solved = self.solved[which]
-        begin, end = wanted[self._channel.number]
-        if self._channel.count > 1 and solved.step.level >= self._first:
-            mesh = solved.mesh.with_rows(wanted, self._channel)
-            self.solved[which] = solved = LevelSolution(replace(solved.step, mesh=Mesh(mesh.x, mesh.y)), mesh)
-        if not (solved.mesh.begin <= begin and end <= solved.mesh.end):
-            raise AssertionError(f"rows {begin} to {end - 1} are needed, {solved.mesh.ends} are held")
-        return solved.mesh
+    def _level(self, problem: Problem, label: Step, before: LevelSolution | None, tight: bool, memory: Array) -> Level:
+        """The iteration on one level."""
+        return Level(problem, label, before, tight, memory, self._rows_of(problem.grid))
 
     def _sweeps(self, problem: Problem, label: Step, memory: Array) -> Steps:
         """The sweeps of one level; ``None`` where they do not converge, or the coarser level is relaxed."""
-        before, parts = self._before, self._parts(label.level)
+        before = self._before
         if before is not None and not before.step.relaxation.is_none:
             return None
         known = before is not None and is_refined(problem.grid, before.grid)  # the grid's error can be estimated
         tight = label.level + 1 == label.levels and (self._mode is Mode.TIGHT or not known)
-        last = yield from Level(problem, label, before, tight, memory, parts).steps()
+        last = yield from self._level(problem, label, before, tight, memory).steps()
         if last is None and before is None:
             label = replace(label, mesh=Mesh.uniform(problem.grid))
-            rough = yield from _weaker(problem, label, memory, parts)
+            rough = yield from self._weaker(problem, label, memory)
             if rough is not None:
                 label = replace(label, mesh=rough.mesh)
-                last = yield from Level(problem, label, None, tight, memory, parts).steps()
+                last = yield from self._level(problem, label, None, tight, memory).steps()
         return last
 
+    def _weaker(self, problem: Problem, label: Step, memory: Array) -> Steps:
+        """Sweeps from the uniform mesh for half the monitor; ``None`` where these do not converge, either.
+
+        A sweep for a steep front overshoots from the uniform mesh, but seldom from the mesh of half the monitor.
+        """
+        weak = replace(problem, monitor=problem.monitor.weakened(LEADING_STRENGTH))
+        label = replace(label, relaxation=Relaxation(strength=LEADING_STRENGTH))
+        return (yield from self._level(weak, label, None, False, memory).steps())
+
     def _without_sweeps(self, problem: Problem, label: Step) -> Generator[Step, None, Step]:
-        """A level on which sweeps find no solution. Where rows are held by many processes, it is too fine for more."""
+        """A level on which sweeps find no solution."""
         before = None if self._before is None else self._before.step
-        if before is not None and self._channel.count > 1:
-            return interpolated_level(label, before)
         return (yield from newton_level(problem, label, before, plain=False, rough=label.level + 1 < label.levels))
 
 
 def is_extrapolated(grid: Grid, solved: Sequence[Step]) -> bool:
     """Whether the mesh on a finer grid is extrapolated from the last two solutions, which solve equal equations."""
     return len(solved) > 1 and solved[-2].relaxation == solved[-1].relaxation and is_refined(grid, solved[-1].grid)
-
-
-def _weaker(problem: Problem, label: Step, memory: Array, parts: Parts) -> Steps:
-    """Sweeps from the uniform mesh for half the monitor; ``None`` where these do not converge, either.
-
-    A sweep for a steep front overshoots from the uniform mesh, but seldom from the mesh of half the monitor.
-    """
-    weak = replace(problem, monitor=problem.monitor.weakened(LEADING_STRENGTH))
-    label = replace(label, relaxation=Relaxation(strength=LEADING_STRENGTH))
-    return (yield from Level(weak, label, None, False, memory, parts).steps())
 
 
 # Nested iteration where grid lines are closed: sweeps on every level.
@@ -329,8 +296,8 @@ class ClosedClimb:
     def _level(self, problem: Problem, label: Step, before: Step | None, *, tight: bool) -> Steps:
         shape = padded_shape(label.grid.shape, self._closed)
         coarse = None if before is None else LevelSolution.of(before)
-        parts = Parts.of(shape, self._threads)
-        return (yield from ClosedLevel(problem, label, coarse, tight, self._memory, parts).steps())
+        rows = Rows.whole(shape, self._threads)
+        return (yield from ClosedLevel(problem, label, coarse, tight, self._memory, rows).steps())
 
     def _is_tight(self, label: Step) -> bool:
         """Whether the level is solved to rounding: the last one, where that is requested or no error is known."""
@@ -374,7 +341,7 @@ def steps_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[S
     own = Mesh(start.x.copy(), start.y.copy())
     label = Step(level=0, levels=1, grid=problem.grid, step=0, residual=math.nan, mesh=own)
     memory = np.empty(memory_needed(problem.grid.shape))
-    last = yield from Level(problem, label, None, True, memory, Parts.of(problem.grid.shape, threads)).steps()
+    last = yield from Level(problem, label, None, True, memory, Rows.whole(problem.grid.shape, threads)).steps()
     if last is None:
         yield from single_domain_steps(problem, mode=Mode.TIGHT, threads=threads)
     else:

@@ -13,9 +13,9 @@ import numpy as np
 
 from equimesh.equations.newton_solve import newton_steps, smallest_residual
 from equimesh.equations.problem import Problem
-from equimesh.meshes.mesh import Grid, HeldMesh, Mesh, smallest_jacobian
+from equimesh.meshes.mesh import Grid, Mesh, MeshRows, smallest_jacobian
 from equimesh.meshes.nested import distance, distance_in_rows, is_refined, refinement
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array
 from equimesh.single_domain import continuation
 from equimesh.single_domain.continuation import NONE, Relaxation
@@ -123,16 +123,16 @@ MAX_COLD_SWEEPS = 40
 
 @dataclass(frozen=True)
 class LevelSolution:
-    """The solution on a level: the last step, and the rows of its mesh that the process holds."""
+    """The solution on a level: the last step, and the rows of its mesh that are here."""
 
     step: Step
-    mesh: HeldMesh
+    mesh: MeshRows
 
     @classmethod
-    def of(cls, step: Step, begin: int = 0) -> LevelSolution:
-        """The level of a step whose mesh has the rows from ``begin`` on."""
-        mesh = step.mesh
-        return cls(step, HeldMesh(step.grid, begin, np.ascontiguousarray(mesh.x), np.ascontiguousarray(mesh.y)))
+    def of(cls, step: Step, rows: Rows | None = None) -> LevelSolution:
+        """The level of a step whose mesh has these ``rows``, all rows by default."""
+        x, y = np.ascontiguousarray(step.mesh.x), np.ascontiguousarray(step.mesh.y)
+        return cls(step, MeshRows(x, y, rows or Rows.whole(step.grid.shape)))
 
     @property
     def grid(self) -> Grid:
@@ -144,8 +144,7 @@ class LevelSolution:
 class Level:
     """The chord iteration on one level: full sweeps near the solution, guarded ones from the uniform mesh.
 
-    The meshes of its steps have the rows that the process holds, ``parts``, which are all rows where there is no other
-    process. All processes make the same steps: they agree on the numbers by which they decide.
+    The meshes of its steps have the ``rows`` that are here.
     """
 
     problem: Problem
@@ -153,7 +152,7 @@ class Level:
     coarse: LevelSolution | None
     tight: bool
     memory: Array
-    parts: Parts
+    rows: Rows
 
     def steps(self) -> Steps:
         """Sweeps; returns the last step, or ``None`` where the iteration does not converge to a valid mesh."""
@@ -176,7 +175,7 @@ class Level:
             )
             if swept.verdict == DONE:
                 if self.tight:
-                    error = self.parts.agree(self._gap(swept.x, swept.y))[0] / self._rules.per_gap
+                    error = self.rows.agreed(self._gap(swept.x, swept.y))[0] / self._rules.per_gap
                 return self._finished(step, own, error)
             yield step
         return None
@@ -186,11 +185,11 @@ class Level:
         x, y = own
         problem, rules, most = self.problem, self._rules, self._most_sweeps
         in_order = x.flags.c_contiguous and y.flags.c_contiguous
-        if in_order and self._frame is WHOLE and is_one_strip(problem, self.parts):
+        if in_order and self._frame is WHOLE and is_one_strip(problem, self.rows):
             coarse = None if self.coarse is None else self.coarse.mesh
             yield from sweeps_of(problem, Nodes(x, y), self.memory, coarse, rules, known, most)
             return
-        sweep = Sweep(problem.metric, problem.boundary, self.parts, self.memory, self._frame)
+        sweep = self._sweep()
         record = np.empty(4)
         for _ in range(most):
             taken = sweep.guard(
@@ -210,6 +209,10 @@ class Level:
             yield Swept(verdict, record.tolist(), x, y)
             if verdict != GO_ON:
                 return
+
+    def _sweep(self) -> Sweep:
+        """The sweeps, where they are made one by one."""
+        return Sweep(self.problem.metric, self.problem.boundary, self.rows, self.memory, self._frame)
 
     @cached_property
     def _rules(self) -> Rules:
@@ -252,18 +255,16 @@ class Level:
         """The difference of the own rows to the coarser solution; NaN where no error can be estimated from it."""
         if self.coarse is None or not is_refined(self.problem.grid, self.coarse.grid):
             return math.nan
-        here = HeldMesh(self.problem.grid, self.parts.begin, x, y)
-        return distance_in_rows(here, self.coarse.mesh, self.parts)
+        return distance_in_rows(MeshRows(x, y, self.rows), self.coarse.mesh)
 
     def _finished(self, step: Step, own: tuple[Array, Array], error: float) -> Step:
         """The last step, with its mesh outside the working memory."""
         mesh = step.mesh
         if mesh.x is not own[0]:
             moved = mesh.x, mesh.y
-            self.parts.each(lambda part: copy_rows(own, moved, part.rows))
-            first, last = (row - self.parts.begin for row in self.parts.own.ends)
-            for halo in (slice(0, first), slice(last, None)):
-                copy_rows(own, moved, halo)
+            self.rows.each(lambda share: copy_rows(own, moved, share.rows))
+            for around in (slice(0, self.rows.own_nodes.start), slice(self.rows.own_nodes.stop, None)):
+                copy_rows(own, moved, around)
             mesh = Mesh(*own)
         return replace(step, mesh=mesh, converged=True, discretization_error=error)
 

@@ -15,7 +15,7 @@ from equimesh.fields.expression import Field
 from equimesh.fields.noise import noise_share
 from equimesh.fields.samples import GridSamples
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh import MeshWindow
+from equimesh.meshes.mesh import MeshRows
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.metrics import ArcLength
 from equimesh.numerics.types import Pair
@@ -143,7 +143,7 @@ def warnings(
     problem: Problem,
     status: Status,
     relaxed: Sequence[Relaxed],
-    meshes: tuple[MeshWindow, MeshWindow],
+    meshes: tuple[MeshRows, MeshRows],
     errors: InterpolationErrors | None,
     gains: Sequence[DegreeGain],
 ) -> Iterator[str]:
@@ -248,9 +248,7 @@ def _about_resolution(errors: InterpolationErrors) -> Iterator[str]:
         )
 
 
-def _about_structure(
-    problem: Problem, meshes: tuple[MeshWindow, MeshWindow], errors: InterpolationErrors
-) -> Iterator[str]:
+def _about_structure(problem: Problem, meshes: tuple[MeshRows, MeshRows], errors: InterpolationErrors) -> Iterator[str]:
     """Warnings of features of u that the monitor or the grid misses."""
     mesh, reference = meshes
     u = problem.monitor.u
@@ -279,7 +277,7 @@ def _about_large_errors(errors: InterpolationErrors) -> Iterator[str]:
         )
 
 
-def _about_uniformity(problem: Problem, mesh: MeshWindow, u: Field, errors: InterpolationErrors) -> Iterator[str]:
+def _about_uniformity(problem: Problem, mesh: MeshRows, u: Field, errors: InterpolationErrors) -> Iterator[str]:
     """A warning where the mesh is uniform although u is not constant: u is evaluated at many more points."""
     monitor = problem.monitor
     if isinstance(monitor, ArcLength) and monitor.a == 0.0:
@@ -345,7 +343,7 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.2g} %"
 
 
-def _is_uniform(reference: MeshWindow) -> bool:
+def _is_uniform(reference: MeshRows) -> bool:
     rows = reference.rows
     s, t = (np.linspace(0.0, 1.0, count) for count in rows.shape)
     for step in (LATTICE, 1):  # a few nodes show that a mesh is not uniform

@@ -14,7 +14,7 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import closed_of
 from equimesh.equations.problem import D, Problem, understood
 from equimesh.errors import EquimeshError
-from equimesh.meshes.mesh import Mesh, MeshWindow
+from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.mesh_data import MeshData, joined
 from equimesh.meshes.nested import tied_nodes
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -78,8 +78,8 @@ class MeasuredMesh:
     """
 
     problem: Problem
-    mesh: MeshWindow
-    reference: MeshWindow
+    mesh: MeshRows
+    reference: MeshRows
     u: Callable[[], Array | None] = _unknown
     threads: int = 1
 
@@ -356,7 +356,7 @@ class Solution(Generic[D, M]):
         domain: Any = self.problem.domain
         if isinstance(self.reference, QuadMesh):
             return measure_block_cut_off(domain, self.reference)
-        return measure_cut_off(domain, MeshWindow.of(self.reference))
+        return measure_cut_off(domain, MeshRows.of(self.reference))
 
     @property
     def _measured(self) -> MeasuredMesh | MeasuredBlocks:
@@ -374,8 +374,8 @@ class Solution(Generic[D, M]):
             )
         return MeasuredMesh(
             problem=problem,
-            mesh=MeshWindow.of(mesh),
-            reference=MeshWindow.of(reference),
+            mesh=MeshRows.of(mesh),
+            reference=MeshRows.of(reference),
             u=lambda: self.u,
             threads=self.threads,
         )

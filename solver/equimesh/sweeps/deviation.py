@@ -9,13 +9,13 @@ import numpy as np
 from equimesh.domains.domain import closed_of, is_closed
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.problem import Boundary
-from equimesh.meshes.mesh import Mesh, MeshWindow
+from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.nested import padded
 from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.types import Array
 from equimesh.sweeps.kernels import Nodes
-from equimesh.sweeps.line_sums import cell_memory, cell_metrics, line_extremes
+from equimesh.sweeps.line_sums import cell_memory, cell_metrics
 from equimesh.sweeps.sweep import Frame, SideNodes, Sides
 
 # How far a mesh with closed lines is from the solution of the equations.
@@ -55,7 +55,7 @@ MIN_THREADED_NODES = 16_384
 def deviation(
     metric: ReferenceMetric,
     boundary: Boundary,
-    mesh: Mesh | MeshWindow,
+    mesh: Mesh | MeshRows,
     *,
     u: Array | None = None,
     threads: int = 1,
@@ -64,23 +64,23 @@ def deviation(
 
     Infinite where a length is not a number. ``mesh`` is one of the reference square. ``u`` is
     :meth:`~equimesh.equations.metric.ReferenceMetric.u` at the nodes where that is known. The ``threads`` share the
-    rows. Where some rows of a mesh are here, so is the row of nodes before the own ones, and the number is that of the
-    whole mesh. The result does not depend on the number of threads, nor on where rows are.
+    rows. Where only some rows of a mesh are here, so is the row of nodes before the own ones, and the number is that of
+    the whole mesh. The result does not depend on the number of threads.
     """
     if is_closed(metric.domain):
         return closed_deviation(metric, boundary, mesh if isinstance(mesh, Mesh) else Mesh(mesh.x, mesh.y))
-    window = MeshWindow.of(mesh)
-    rows = window.rows
+    given = MeshRows.of(mesh)
+    rows = given.rows
     strips, n_eta = rows.strips, rows.shape[1]
     lines, found = np.empty((len(strips), 3, n_eta)), np.zeros((len(strips), 2))
-    threads = threads if window.x.size >= MIN_THREADED_NODES else 1
+    threads = threads if given.x.size >= MIN_THREADED_NODES else 1
 
     def work(thread: int) -> None:
         with np.errstate(all="ignore"):
             for k in range(thread, len(strips), threads):
                 first, last = strips[k]
                 before = max(first - 1, 0)
-                x, y = window.nodes(before, last)
+                x, y = given.nodes(before, last)
                 values = None if u is None else u[before - rows.begin : last + 1 - rows.begin]
                 cells = cell_memory(last - before, n_eta)
                 cell_metrics(metric, x, y, cells, values)
@@ -88,8 +88,8 @@ def deviation(
 
     run_on_threads(threads, work)
     with np.errstate(all="ignore"):
-        sides = Sides(metric, boundary, rows.shape).moves(_side_nodes(window))[0]
-        of_lines = line_extremes(rows.channel, lines)
+        sides = Sides(metric, boundary, rows.shape).moves(SideNodes.of_rows(given.x, given.y, rows))[0]
+        of_lines = rows.over_lines(lines)
         xi, check = (0.0, 0.0) if of_lines is None else _largest_of_lines(of_lines[:, 1:-1], rows.shape[0] - 1)
         here = [xi, found[:, 0].max(initial=0.0), found[:, 1].sum() + check]
         every = rows.joined(np.array([here]))
@@ -103,19 +103,6 @@ def _largest_of_lines(lines: Array, edges: int) -> tuple[float, float]:
     sums, high, low = lines
     mean = sums / edges
     return float((np.maximum(high - mean, mean - low) / mean).max(initial=0.0)), float(sums.sum())
-
-
-def _side_nodes(window: MeshWindow) -> SideNodes:
-    """The sides of the whole mesh, also where others hold some of its rows."""
-    rows = window.rows
-    x, y = window.nodes(rows.first, rows.last)
-    if rows.are_all:
-        return SideNodes.of(x, y)
-    on_left, on_right = rows.first == 0, rows.first < rows.last == rows.cells[0]
-    own = slice(0, rows.last - rows.first + on_right)
-    sides = y[np.array([0] * on_left + [-1] * on_right, dtype=np.int64)]
-    along_xi = rows.joined(x[own][:, [0, -1]])
-    return SideNodes(rows.joined(sides), np.ascontiguousarray(along_xi.T))
 
 
 @vectorised

@@ -18,9 +18,9 @@ from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.problem import Boundary, Problem
 from equimesh.fields.bicubic import Axis, patch_slopes, patch_values
 from equimesh.fields.samples import GridSamples
-from equimesh.meshes.mesh import HeldMesh, smallest_jacobian
+from equimesh.meshes.mesh import MeshRows, smallest_jacobian
 from equimesh.meshes.nested import Rule, common_steps, interpolate, rules
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.calls import address_of, called_at
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
@@ -208,13 +208,13 @@ def machine_code() -> Code:
     )
 
 
-def is_one_strip(problem: Problem, parts: Parts) -> bool:
+def is_one_strip(problem: Problem, rows: Rows) -> bool:
     """Whether these are all rows of a grid of one strip, whose sides follow their own equations."""
-    return parts.is_whole and len(parts.strips) == 1 and problem.boundary is not Boundary.ORTHOGONAL
+    return rows.are_all and len(rows.node_strips) == 1 and problem.boundary is not Boundary.ORTHOGONAL
 
 
 def sweeps_of(
-    problem: Problem, nodes: Nodes, memory: Array, coarse: HeldMesh | None, rules: Rules, known: Array, most: int
+    problem: Problem, nodes: Nodes, memory: Array, coarse: MeshRows | None, rules: Rules, known: Array, most: int
 ) -> Iterator[Swept]:
     """At most so many sweeps of ``nodes``, until the level is solved, or lost.
 
@@ -257,12 +257,12 @@ def _kind(problem: Problem) -> Equidistributed:
     return Equidistributed(arc_length.a**2, arc_length.b, metric.on_unit_square, True, flat)
 
 
-def _coarser(shape: tuple[int, int], coarse: HeldMesh | None) -> Coarser:
+def _coarser(shape: tuple[int, int], coarse: MeshRows | None) -> Coarser:
     """The coarser solution; where there is none, any arrays, which nobody reads."""
     if coarse is None:
         return Coarser(np.empty((0, 0)), np.empty((0, 0)), (0, 0), *rules((4, 4), (5, 5)))
-    steps = common_steps(shape, coarse.grid.shape) or (0, 0)
-    return Coarser(coarse.x, coarse.y, steps, *rules(coarse.grid.shape, shape))
+    steps = common_steps(shape, coarse.rows.shape) or (0, 0)
+    return Coarser(coarse.x, coarse.y, steps, *rules(coarse.rows.shape, shape))
 
 
 def _evaluated(problem: Problem, nodes: Nodes, values: Values, work: Work) -> Values:

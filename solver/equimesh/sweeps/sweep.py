@@ -22,9 +22,8 @@ import numpy as np
 
 from equimesh.equations.metric import ReferenceMetric, Tensor
 from equimesh.equations.problem import Boundary
-from equimesh.meshes.mesh import smallest_in_parts
-from equimesh.meshes.parts import Part, Parts, strips_of
-from equimesh.numerics.channel import gather
+from equimesh.meshes.mesh import smallest_here, smallest_of_rows
+from equimesh.meshes.rows import Rows, Share, strips_of
 from equimesh.numerics.types import Array, Pair, SingleArray
 from equimesh.sweeps import kernels
 from equimesh.sweeps.kernels import Lines, Moved, Nodes, SidePair, Strip, closed_side_moves, copy_ends, side_moves
@@ -68,7 +67,7 @@ WHOLE = Frame()
 """The whole grid: four physical sides."""
 
 
-# The positions of the nodes along the four sides, in full, also where many processes hold the rows of a grid.
+# The positions of the nodes along the four sides, in full, also where only some rows of a grid are here.
 
 
 class SideNodes(NamedTuple):
@@ -84,15 +83,14 @@ class SideNodes(NamedTuple):
         return cls(y[:: n_xi - 1].copy(), x.T[:: n_eta - 1].copy())
 
     @classmethod
-    def gathered(cls, x: Array, y: Array, parts: Parts) -> SideNodes:
-        """The sides of a mesh whose rows several processes hold. Every process sends its rows to all."""
-        first, last = parts.own.first - parts.begin, parts.own.last - parts.begin
-        left = y[0] if parts.begin == 0 else np.empty(0)
-        right = y[-1] if parts.end == parts.shape[0] else np.empty(0)
-        bottom, top = x[first:last, 0], x[first:last, -1]
-        pieces = zip(*gather(parts.channel, "sides", [left, right, bottom, top]), strict=True)
-        left, right, bottom, top = (np.concatenate(piece) for piece in pieces)
-        return cls(np.stack([left, right]), np.stack([bottom, top]))
+    def of_rows(cls, x: Array, y: Array, rows: Rows) -> SideNodes:
+        """The sides of a whole mesh, of which ``x`` and ``y`` have the ``rows`` that are here."""
+        if rows.are_all:
+            return cls.of(x, y)
+        own = rows.own_nodes
+        on_sides = [own.start] * (rows.first == 0) + [own.stop - 1] * (rows.first < rows.last == rows.cells[0])
+        along_xi = rows.joined(x[own][:, [0, -1]])
+        return cls(rows.joined(y[on_sides]), np.ascontiguousarray(along_xi.T))
 
     def moved(self, along_eta: Array, along_xi: Array) -> SideNodes:
         """The positions after these moves."""
@@ -177,8 +175,8 @@ class Sides:
         left_right = (u[:cut].reshape(t_eta.shape), u_s[:cut].reshape(t_eta.shape))
         return left_right, (u[cut:].reshape(t_xi.shape), u_t[cut:].reshape(t_xi.shape))
 
-    def place(self, old: Pair, along: Pair, new: Pair, parts: Parts) -> tuple[float, float]:
-        """Write the new positions of the nodes of the sides to ``new``, in the rows that are held.
+    def place(self, old: Pair, along: Pair, new: Pair, rows: Rows) -> tuple[float, float]:
+        """Write the new positions of the nodes of the sides to ``new``, in the ``rows`` that are here.
 
         ``old`` are the nodes before the sweep, ``along`` the moves along the sides, in full. Returns the largest move
         and deviation of the own nodes that follow the interior, zero if there are none.
@@ -186,25 +184,21 @@ class Sides:
         (x, y), (new_x, new_y), (along_eta, along_xi) = old, new, along
         change, lag = 0.0, 0.0
         for axis, (before, q, fixed, moved) in enumerate(
-            ((y, new_y, new_x, along_eta), (x.T, new_x.T, new_y.T, along_xi[:, parts.held]))
+            ((y, new_y, new_x, along_eta), (x.T, new_x.T, new_y.T, along_xi[:, rows.here]))
         ):
             for side, (end, one, two) in enumerate(((0, 1, 2), (-1, -2, -3))):
-                if axis == 0 and not (parts.begin == 0, parts.end == self.shape[0])[side]:
+                if axis == 0 and not (rows.begin == 0, rows.end == self.shape[0])[side]:
                     continue
                 fixed[end], q[end] = (x, y.T)[axis][end], before[end] + moved[end]
                 if self.boundary is not Boundary.ORTHOGONAL or not self.frame.physical[axis][side]:
                     continue
-                inner = slice(1, -1) if axis == 0 else self._between_corners(parts)
+                inner = slice(1, -1) if axis == 0 else _between_corners(rows)
                 q[end, inner] = (4 * q[one, inner] - q[two, inner]) / 3
                 change = max(change, float(np.abs(q[end] - before[end]).max()))
                 wanted = (4 * before[one, inner] - before[two, inner]) / 3
                 edges = self.shape[1 - axis] - 1
                 lag = max(lag, float(np.abs(wanted - before[end, inner]).max()) * edges)
         return change, lag
-
-    def _between_corners(self, parts: Parts) -> slice:
-        """The own rows between the first and the last one of the grid, in the arrays of this process."""
-        return slice(max(parts.own.first, 1) - parts.begin, min(parts.own.last, self.shape[0] - 1) - parts.begin)
 
     def _unit_base(self) -> tuple[Array, Array]:
         one = np.array([1.0, 0.0, 1.0])[:, None, None]
@@ -224,20 +218,25 @@ class Sides:
         return found[0], found[1]
 
 
-# One part of a sweep: the strips of rows that one thread corrects, in two phases.
+def _between_corners(rows: Rows) -> slice:
+    """The own rows of nodes between the first and the last one of the grid, counted from the first that is here."""
+    return slice(max(rows.first, 1) - rows.begin, rows.last - rows.begin)
+
+
+# The share of a sweep: the strips of rows that one thread corrects, in two phases.
 #
-# Between the phases stand the sums along the xi-lines, to which all parts contribute. A part reads the rows next to
-# its own, and writes its own only. The whole grid is the case of one part.
+# Between the phases stand the sums along the xi-lines, to which all threads contribute. A thread reads the rows next to
+# its own, and writes its own only.
 
 
-class PartSweep:
-    """The corrections of one part, with the memory for the metric of its cells."""
+class ShareSweep:
+    """The corrections of one thread, with the memory for the metric of its cells."""
 
     def __init__(
         self,
         metric: ReferenceMetric,
-        parts: Parts,
-        part: Part,
+        rows: Rows,
+        share: Share,
         summed: int,
         along_q: SingleArray | None = None,
     ) -> None:
@@ -246,12 +245,12 @@ class PartSweep:
         ``along_q`` of shape ``(2, n_xi, n_eta)`` is working memory where the eta-lines are closed.
         """
         self._along_q = along_q
-        self._metric, self._last = metric, parts.shape[0] - 1 - parts.begin
-        self._first = 1 - parts.begin
-        self._strips = [(k, Strip(*parts.strips[k], summed - parts.begin)) for k in part.strips]
-        # As many rows for every part: the machine code of a kernel, and so its rounding, depends on the layout.
-        rows = max((last - first for first, last in strips_of(parts.shape)), default=0)
-        self._cells = cell_memory(rows + 1, parts.shape[1])
+        self._metric, self._last = metric, rows.shape[0] - 1 - rows.begin
+        self._first = 1 - rows.begin
+        self._strips = [(k, Strip(*rows.node_strips[k], summed - rows.begin)) for k in share.strips]
+        # As many rows for every thread: the machine code of a kernel, and so its rounding, depends on the layout.
+        most = max((last - first for first, last in strips_of(rows.shape)), default=0)
+        self._cells = cell_memory(most + 1, rows.shape[1])
 
     def along_eta(
         self, nodes: Nodes, u: Array | None, along: tuple[Array, Array], lines: Lines, out: Moved, sums: LineSums
@@ -259,7 +258,7 @@ class PartSweep:
         """The first phase: correct the eta-lines, and sum the xi-edges of every strip.
 
         ``along`` holds the moves of the nodes on the sides: along eta (left, right), and along xi (bottom, top) in the
-        rows that are held. ``u`` is given at all nodes where it is known. Returns the largest relative deviation along
+        rows that are here. ``u`` is given at all nodes where it is known. Returns the largest relative deviation along
         the lines.
         """
         (x, y), (along_eta, along_xi), largest = nodes, along, 0.0
@@ -316,7 +315,7 @@ def take_midpoints(moved: Array, old: Array) -> None:
 
 @dataclass(frozen=True)
 class Correction:
-    """The numbers of one sweep in the rows that the process holds, infinite where something is not a number.
+    """The numbers of one sweep in the own rows, infinite where something is not a number.
 
     ``deviation`` is the largest relative deviation of a squared metric length from the mean of its line before the
     sweep, ``move`` the largest move of a coordinate.
@@ -345,33 +344,33 @@ class GuardedCorrection:
 class Sweep:
     """Sweeps of line corrections on the whole grid or a window of it, with their working memory.
 
-    ``new_x`` and ``new_y`` hold the moved nodes after :meth:`correct`. All arrays have the rows that the process holds.
-    The ``parts`` of these rows are corrected at the same time, each on its own thread. Where other processes hold other
-    rows, each of them sweeps its own ones at the same time. Results do not depend on the numbers of both.
+    ``new_x`` and ``new_y`` are the moved nodes after :meth:`correct`. All arrays have the ``rows`` that are here; their
+    shares are corrected at the same time, each on its own thread. Results do not depend on the number of shares.
     """
 
     def __init__(
-        self, metric: ReferenceMetric, boundary: Boundary, parts: Parts, memory: Array, frame: Frame = WHOLE
+        self, metric: ReferenceMetric, boundary: Boundary, rows: Rows, memory: Array, frame: Frame = WHOLE
     ) -> None:
-        """``memory`` is a flat array of at least ``memory_needed(parts.held_shape)`` numbers.
+        """``memory`` is a flat array of at least ``memory_needed(rows.here_shape)`` numbers.
 
-        A window with a ``frame`` of its own is a whole grid for :attr:`parts`.
+        A window with a ``frame`` of its own is a whole grid for :attr:`rows`.
         """
-        shape, held = parts.shape, parts.held_shape
-        self.metric, self.boundary, self.frame, self.parts = metric, boundary, frame, parts
-        arrays = memory[: memory_needed(held)].reshape(4, *held)
+        shape, here = rows.shape, rows.here_shape
+        self.metric, self.boundary, self.frame, self.rows = metric, boundary, frame, rows
+        arrays = memory[: memory_needed(here)].reshape(4, *here)
         self.new_x, self.new_y, self._squares = arrays[0], arrays[1], arrays[2]
-        self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *held)  # single precision is enough
+        self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *here)  # single precision is enough
         summed = frame.span(0, shape[0])[1]
-        along_q = np.empty((2, *held), dtype=np.float32) if frame.closed[1] else None
-        self._sweeps = {part: PartSweep(metric, parts, part, summed, along_q) for part in parts.parts}
-        self._sums = LineSums(parts, summed, closed=frame.closed[0])
-        none = np.zeros((2, shape[1])), np.zeros((2, held[0]))
+        along_q = np.empty((2, *here), dtype=np.float32) if frame.closed[1] else None
+        self._sweeps = {share: ShareSweep(metric, rows, share, summed, along_q) for share in rows.shares}
+        self._sums = self._line_sums(summed)
+        none = np.zeros((2, shape[1])), np.zeros((2, here[0]))
         self._lines = [Lines(*frame.span(k, shape[k]), none[k], frame.beyond[k], none[k]) for k in (0, 1)]
         self._sides = Sides(metric, boundary, shape, frame)
-        # The nodes of the sides before and after a sweep. They are kept where a process does not hold all of them.
-        self._side_nodes: SideNodes | None = None
-        self._moved_side_nodes: SideNodes | None = None
+
+    def _line_sums(self, summed: int) -> LineSums:
+        """The sums along the xi-lines."""
+        return LineSums(self.rows, summed, closed=self.frame.closed[0])
 
     def correct(self, x: Array, y: Array, rest: Pair | None = None, push: Pair | None = None) -> Correction:
         """Compute a full correction of the nodes ``x``, ``y``; the result is in ``new_x`` and ``new_y``.
@@ -379,33 +378,27 @@ class Sweep:
         ``rest`` holds the sums of the squared metric lengths of the edges beyond the yielding sides, of shape
         ``(2, n_eta)`` at the two ends of the xi-lines and ``(2, n_xi)`` at those of the eta-lines. ``push``, of the
         same shapes, is what the ends of the lines outside a window add to ``-2 P`` and ``-2 Q``, because they move.
-
-        Where other processes hold other rows, ``x`` and ``y`` have the rows next to the own ones, and so have the moved
-        nodes afterwards; then each sweep begins where :meth:`swap` has left the one before it.
         """
         lines = self._lines
         if rest is not None:
             lines = [k._replace(rest=sums) for k, sums in zip(lines, rest, strict=True)]
         if push is not None:
             lines = [k._replace(push=moves) for k, moves in zip(lines, push, strict=True)]
-        sweeps, sums, parts = self._sweeps, self._sums, self.parts
+        sweeps, sums, rows = self._sweeps, self._sums, self.rows
         with np.errstate(all="ignore"):
-            at_once = parts.is_whole and x.size <= MAX_NODES_AT_ONCE
+            at_once = rows.are_all and x.size <= MAX_NODES_AT_ONCE
             nodal = self.metric.u_with_gradient(x, y) if at_once else None
-            at = self._sides_before(x, y)
-            sides, side_move, *along = self._sides.moves(at, nodal, rest)
-            u, pair = None if nodal is None else nodal[0], (along[0], np.ascontiguousarray(along[1][:, parts.held]))
+            sides, side_move, *along = self._sides.moves(self._sides_before(x, y), nodal, rest)
+            u, pair = None if nodal is None else nodal[0], (along[0], np.ascontiguousarray(along[1][:, rows.here]))
             nodes, out = Nodes(x, y), Moved(self.new_x, self.new_y, self._along_p, self._squares)
-            eta = parts.each(lambda part: sweeps[part].along_eta(nodes, u, pair, lines[1], out, sums))
+            eta = rows.each(lambda share: sweeps[share].along_eta(nodes, u, pair, lines[1], out, sums))
             if push is not None:
                 sums.pushes[:] += push[0]
             ends = sums.solve(lines[0])
-            xi = parts.each(lambda part: sweeps[part].along_xi(nodes, out, sums))
-            along_sides, lag = self._sides.place((x, y), (along[0], along[1]), (self.new_x, self.new_y), parts)
+            xi = rows.each(lambda share: sweeps[share].along_xi(nodes, out, sums))
+            along_sides, lag = self._sides.place((x, y), (along[0], along[1]), (self.new_x, self.new_y), rows)
             self._copy_ends()
-        if not parts.is_whole:
-            self._moved_side_nodes = at.moved(*along)
-            parts.fill_halos(self.new_x, self.new_y)
+            self._follow(along[0], along[1])
         deviations, moves = zip(*xi, strict=True)
         return Correction(
             finite_or_infinite(max(sides, ends, *eta, *deviations, lag)),
@@ -421,16 +414,15 @@ class Sweep:
 
     def _sides_before(self, x: Array, y: Array) -> SideNodes:
         """The nodes of the sides before a sweep."""
-        if self.parts.is_whole:
-            return SideNodes.of(x, y)
-        if self._side_nodes is None:
-            self._side_nodes = SideNodes.gathered(x, y, self.parts)
-        return self._side_nodes
+        return SideNodes.of(x, y)
+
+    def _follow(self, along_eta: Array, along_xi: Array) -> None:
+        """Let what is known of other rows follow the moved nodes, and the sides these moves: nothing of all rows."""
 
     @property
     def smallest_jacobian(self) -> float:
         """The smallest corner Jacobian of the moved nodes, not scaled by the spacing; NaN where one is not finite."""
-        return smallest_in_parts(self.new_x, self.new_y, self.parts)
+        return smallest_of_rows(self.new_x, self.new_y, self.rows)
 
     def guard(
         self,
@@ -448,16 +440,16 @@ class Sweep:
 
         ``x`` and ``y`` are the nodes before the sweep, ``found`` its numbers. ``halve`` halves at least once. Moves are
         not reduced below ``min_share``. ``shorten`` halves the moves of one coordinate. ``measure`` gives another
-        number of the moved nodes, of which the largest counts. All processes agree on the result.
+        number of the moved nodes, of which the largest counts.
         """
-        share, needed, here = 1.0, halve, self.parts.here
+        share, needed = 1.0, halve
         while True:
             if needed:
                 self._shorten(x, y, shorten)
                 share *= 0.5
             gap = math.nan if measure is None else measure(self.new_x, self.new_y)
-            smallest = smallest_in_parts(self.new_x, self.new_y, here)
-            deviation, move, negative, gap = self.parts.agree(found.deviation, found.move, -smallest, gap)
+            smallest = smallest_here(self.new_x, self.new_y, self.rows)
+            deviation, move, negative, gap = self.rows.agreed(found.deviation, found.move, -smallest, gap)
             if -negative > floor:
                 return GuardedCorrection(share, -negative, deviation, move, gap)
             if 0.5 * share < min_share:
@@ -467,15 +459,11 @@ class Sweep:
     def _shorten(self, x: Array, y: Array, shorten: Callable[[Array, Array], None]) -> None:
         shorten(self.new_x, x)
         shorten(self.new_y, y)
-        if self._side_nodes is not None and self._moved_side_nodes is not None:
-            for moved, old in zip(self._moved_side_nodes, self._side_nodes, strict=True):
-                shorten(moved, old)
 
     def swap(self, x: Array, y: Array) -> tuple[Array, Array]:
         """The moved nodes; ``x`` and ``y`` are the memory for the next ones."""
         moved = self.new_x, self.new_y
         self.new_x, self.new_y = x, y
-        self._side_nodes = self._moved_side_nodes
         return moved
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import HeldMesh, Mesh, largest_difference, smallest_jacobian
-from equimesh.meshes.parts import Parts, with_halos
+from equimesh.meshes.mesh import Mesh, MeshRows, largest_difference, smallest_jacobian
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.channel import Channel, Counted
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, SubdomainWindow
@@ -19,6 +19,7 @@ from equimesh.schwarz.line_corrections import HeldLineSums
 from equimesh.schwarz.merged_mesh import Numbers, Place, WholeWork, chain, common, moved, product, rim
 from equimesh.sweeps.line_sums import cell_metrics
 from equimesh.sweeps.sweep import Correction, SideNodes, Sides, Sweep, memory_needed
+from equimesh_cluster.parts.rows import with_halos
 
 # The subdomains that one of several processes holds, and the merged mesh in their windows.
 #
@@ -335,7 +336,7 @@ class WindowSweep:
         self._sweeps, self._sides = dict[int, Sweep](), dict[int, Sides]()
         for k, window in windows.items():
             frame = window.frame(points)
-            self._sweeps[k] = Sweep(problem.metric, problem.boundary, Parts.of(window.shape), memory, frame)
+            self._sweeps[k] = Sweep(problem.metric, problem.boundary, Rows.whole(window.shape), memory, frame)
             self._sides[k] = Sides(problem.metric, problem.boundary, window.shape, frame)
         self._moved = Mesh(np.empty((1, holding.size)), np.empty((1, holding.size)))
         self.smallest_jacobian = np.nan
@@ -420,7 +421,7 @@ def cuts_of_rows(holding: OnChannel) -> list[int]:
     return [*firsts, n_xi]
 
 
-def rows_of(holding: OnChannel, mesh: Mesh) -> HeldMesh:
+def rows_of(holding: OnChannel, mesh: Mesh) -> MeshRows:
     """The rows of this part of a merged mesh, and one more each way."""
     grid, cuts = holding.decomposition.grid, cuts_of_rows(holding)
     spans = with_halos(cuts)
@@ -436,4 +437,6 @@ def rows_of(holding: OnChannel, mesh: Mesh) -> HeldMesh:
             if nodes is not None:
                 local = moved(place, (begin, 0))
                 x[local], y[local] = nodes
-    return HeldMesh(grid, begin, x, y)
+    first, last = cuts[holding.channel.number : holding.channel.number + 2]
+    rows = Rows(shape=grid.shape, begin=begin, end=end, first=first, last=min(last, grid.n_xi - 1))
+    return MeshRows(x, y, rows)

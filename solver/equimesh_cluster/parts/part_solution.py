@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.equations.problem import Problem, understood
-from equimesh.meshes.mesh import Grid, HeldMesh, MeshWindow, Rows
+from equimesh.meshes.mesh import Grid, MeshRows
 from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality, equidistribution
@@ -15,7 +15,8 @@ from equimesh.single_domain.level import Mode
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.solution import MeasuredMesh
 from equimesh.solving.status import Status
-from equimesh_cluster.mesh_part import MeshPart, window_of
+from equimesh_cluster.mesh_part import MeshPart
+from equimesh_cluster.parts.rows import PartRows, rows_of_part
 from equimesh_schema import Relaxed
 
 
@@ -52,7 +53,7 @@ class PartSolution:
     status: Status
     mesh: MeshPart
     """The rows of the mesh of the domain: the rows of this part, and the first row of the next part."""
-    reference: HeldMesh
+    reference: MeshRows
     """The mesh of the reference square: the rows of this part, and one more on each side."""
     newton_steps: int
     residual: float
@@ -94,11 +95,11 @@ def measure_part(part: PartSolution, channel: Channel) -> PartMeasures:
     It needs about 40 bytes for each point of the part, besides the part itself.
     """
     with np.errstate(all="ignore"):  # as in a solve: values that are not finite are detected where they matter
-        mesh = window_of(part.mesh, channel)
+        mesh = rows_of_part(part.mesh, channel)
         measured = MeasuredMesh(
             problem=part.problem,
             mesh=mesh,
-            reference=reference_window(part.mesh, part.reference, channel),
+            reference=reference_rows(part.mesh, part.reference, channel),
             threads=part.threads,
         )
         quality = measured.quality()
@@ -126,12 +127,12 @@ def equidistribution_of_part(part: PartSolution, channel: Channel) -> Array:
 
     It needs about 35 bytes for each point of the part, besides the part itself, and less time than all measures.
     """
-    mesh = window_of(part.mesh, channel)
+    mesh = rows_of_part(part.mesh, channel)
     return equidistribution(mesh, part.problem.monitor, threads=part.threads)
 
 
-def reference_window(part: MeshPart, reference: HeldMesh, channel: Channel) -> MeshWindow:
-    """The rows of the mesh of the reference square that a part holds, with the range of its own cells."""
-    first, last = part.cell_rows
-    rows = Rows(shape=part.grid.shape, begin=reference.begin, first=first, last=last, channel=channel)
-    return MeshWindow(reference.x, reference.y, rows)
+def reference_rows(part: MeshPart, reference: MeshRows, channel: Channel) -> MeshRows:
+    """The rows of the mesh of the reference square that a part has, among those of all parts."""
+    (first, last), rows = part.cell_rows, reference.rows
+    there = PartRows(shape=rows.shape, begin=rows.begin, end=rows.end, first=first, last=last, channel=channel)
+    return MeshRows(reference.x, reference.y, there)

@@ -142,7 +142,8 @@ def _part(
         nested=plan.nested,
         folded=not records[-1].min_jacobian > 0.0,
     )
-    own = slice(cuts[number] - reference.begin, min(cuts[number + 1] + 1, problem.grid.n_xi) - reference.begin)
+    begin = reference.rows.begin
+    own = slice(cuts[number] - begin, min(cuts[number + 1] + 1, problem.grid.n_xi) - begin)
     physical = map_mesh(Mesh(reference.x[own].copy(), reference.y[own].copy()), problem.domain)
     detours = end.detours
     if first is not None:

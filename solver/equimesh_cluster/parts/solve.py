@@ -13,12 +13,12 @@ from equimesh.domains.domain import Domain, Rectangle, is_closed, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
-from equimesh.meshes.mesh import Grid, HeldMesh, Mesh, smallest_in_parts
+from equimesh.meshes.mesh import Grid, Mesh, MeshRows
 from equimesh.meshes.nested import nested_grids, rows_needed, square_grids
-from equimesh.meshes.parts import Parts, rows_held, strips_of
+from equimesh.meshes.rows import strips_of
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, orthogonality_of
-from equimesh.numerics.channel import Channel, Counted, ThreadChannels, thread_count
+from equimesh.numerics.channel import Channel, Counted, ThreadChannels, run_on_threads, thread_count
 from equimesh.single_domain.iteration import Climb
 from equimesh.single_domain.level import MAX_RELAXED_POINTS, LevelSolution, Mode, Step, Steps
 from equimesh.solving.single_domain import is_lost_in_rounding, outcome, solution_lost_in_rounding, solution_of
@@ -26,6 +26,8 @@ from equimesh.solving.solution import SolveError
 from equimesh.solving.status import SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.parts.part_solution import PartSolution, PartStep
+from equimesh_cluster.parts.rows import PartRows, rows_here
+from equimesh_cluster.parts.sweeps import PartClimb
 
 # The coarse solution: the levels of the nested iteration that one process solves whole, before the parts begin.
 
@@ -83,7 +85,7 @@ class CoarseSolution:
         """The rows of the coarse solution that part ``number`` of ``count`` needs: fewer, to send less."""
         own, *below = _rows_wanted(self.grids, self.level, number, count)
         kept = [own, *below][: len(self.solved)]
-        windows = [level.mesh.window(*rows) for level, rows in zip(reversed(self.solved), kept, strict=True)]
+        windows = [level.mesh.within(*rows) for level, rows in zip(reversed(self.solved), kept, strict=True)]
         fewer = [
             LevelSolution(replace(level.step, mesh=Mesh(window.x, window.y)), window)
             for level, window in zip(self.solved, reversed(windows), strict=True)
@@ -95,12 +97,12 @@ def _rows_wanted(grids: Sequence[Grid], level: int, number: int, count: int) -> 
     """The rows of a level that a part needs for two finer levels, and the rows of the coarser level for the first."""
     coarse, finer = grids[level].n_xi, grids[level + 1 : level + 3]
     if not finer:
-        return rows_held(grids[level].shape, count)[number], (0, grids[max(level - 1, 0)].n_xi)
-    first = rows_needed(coarse, finer[0].n_xi, rows_held(finer[0].shape, count)[number])
+        return rows_here(grids[level].shape, count)[number], (0, grids[max(level - 1, 0)].n_xi)
+    first = rows_needed(coarse, finer[0].n_xi, rows_here(finer[0].shape, count)[number])
     below = rows_needed(grids[level - 1].n_xi, coarse, first) if level > 0 else (0, coarse)
     if len(finer) == 1:
         return first, below
-    between = rows_needed(finer[0].n_xi, finer[1].n_xi, rows_held(finer[1].shape, count)[number])
+    between = rows_needed(finer[0].n_xi, finer[1].n_xi, rows_here(finer[1].shape, count)[number])
     second = rows_needed(coarse, finer[0].n_xi, between)
     return (min(first[0], second[0]), max(first[1], second[1])), below
 
@@ -171,7 +173,7 @@ def _solved(
         solution = solution_lost_in_rounding(here, None, mode)
         raise SolveError(solution.message, solution)
     climb = Climb(problem, mode, options.threads, grids)
-    steps = climb.by_sweeps(only_requested=only_requested, end=level + 1)
+    steps = climb.by_sweeps(only_requested=only_requested, levels=range(level + 1))
     last: Step | None = None
     while True:
         try:
@@ -276,26 +278,25 @@ def solve_part(
             field="parts",
         )
     counted, first = Counted(channel), coarse.level + 1
-    parts = Parts.of(problem.grid.shape, threads, counted)
+    rows = PartRows.of(problem.grid.shape, threads, counted)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         last, records = coarse.last, list[PartStep]()
         if first < len(coarse.grids):
-            climb = Climb(
-                problem, coarse.mode, threads, coarse.grids, channel=counted, first=first, solved=coarse.solved
-            )
-            last = _last_of(climb.by_sweeps(only_requested=coarse.only_requested), counted, records, observe)
-            reference = HeldMesh(problem.grid, parts.begin, last.mesh.x, last.mesh.y)
-            del climb
+            climb = PartClimb(problem, coarse.mode, threads, coarse.grids, coarse.solved, channel=counted, first=first)
+            steps = climb.by_sweeps(only_requested=coarse.only_requested, levels=range(first, len(coarse.grids)))
+            last = _last_of(steps, counted, records, observe)
+            reference = MeshRows(last.mesh.x, last.mesh.y, rows)
+            del climb, steps
         else:
-            reference = coarse.solved[-1].mesh.window(parts.begin, parts.end)
-        mesh = _mapped(reference, problem.domain, parts)
-        is_mapped = mesh.x is not reference.x
-        folded = is_mapped and not smallest_in_parts(mesh.x, mesh.y, parts) > 0.0
+            found = coarse.solved[-1].mesh.within(rows.begin, rows.end)
+            reference = MeshRows(found.x, found.y, rows)
+        mesh = _mapped(reference, problem.domain)
+        folded = mesh is not reference and mesh.is_folded
     return PartSolution(
         problem=problem,
         mode=coarse.mode,
-        mesh=_part_of(mesh, parts),
-        reference=reference,
+        mesh=_part_of(mesh, channel),
+        reference=reference.within(rows.begin, rows.end),
         threads=threads,
         records=tuple(records),
         **outcome(last, problem, allow_relaxed=coarse.allow_relaxed, folded=folded),
@@ -330,28 +331,29 @@ def _last_of(steps: Steps, channel: Counted, records: list[PartStep], observe: O
             observe(records[-1])
 
 
-def _mapped(mesh: HeldMesh, domain: Domain, parts: Parts) -> HeldMesh:
-    """The held rows of the mesh of the domain; ``mesh`` itself where the map is the identity."""
+def _mapped(mesh: MeshRows, domain: Domain) -> MeshRows:
+    """The rows of the mesh of the domain that are here; ``mesh`` itself where the map is the identity."""
     if isinstance(domain, Rectangle) and domain.is_unit_square:
         return mesh
     x, y = np.empty(mesh.x.shape), np.empty(mesh.y.shape)
     rows = max(1, MAX_MAPPED_NODES // mesh.grid.n_eta)
-    blocks = [slice(row, row + rows) for row in range(0, len(x), rows)]
+    blocks, threads = [slice(row, row + rows) for row in range(0, len(x), rows)], len(mesh.rows.shares)
 
     def work(number: int) -> None:
-        for block in blocks[number :: parts.communicator.size]:
+        for block in blocks[number::threads]:
             x[block], y[block] = domain.map(mesh.x[block], mesh.y[block])
 
-    parts.communicator.each(work)
-    return HeldMesh(mesh.grid, mesh.begin, x, y)
+    run_on_threads(threads, work)
+    return MeshRows(x, y, mesh.rows)
 
 
-def _part_of(mesh: HeldMesh, parts: Parts) -> MeshPart:
+def _part_of(mesh: MeshRows, channel: Channel) -> MeshPart:
     """The own rows of a mesh, and the first one of the next part."""
-    first, last = parts.own.ends
-    rows = mesh.window(first, min(last + 1, mesh.grid.n_xi))
-    number, count = parts.channel.number, parts.channel.count
-    return MeshPart(grid=mesh.grid, number=number, count=count, first=first, last=last, x=rows.x, y=rows.y)
+    own, begin, n_xi = mesh.rows.own_nodes, mesh.rows.begin, mesh.grid.n_xi
+    first, last = begin + own.start, begin + own.stop
+    found = mesh.within(first, min(last + 1, n_xi))
+    number, count = channel.number, channel.count
+    return MeshPart(grid=mesh.grid, number=number, count=count, first=first, last=last, x=found.x, y=found.y)
 
 
 # A solve in parts whose parts are threads of this process: the same code as on many machines.

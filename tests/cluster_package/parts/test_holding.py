@@ -11,7 +11,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.iteration import iterations_on, schwarz_iterations
 from equimesh.schwarz.records import Iteration, IterationNumbers
@@ -206,7 +206,7 @@ def test_two_corrections_are_those_of_the_whole_grid(boundary: em.Boundary, doma
     square = problem("tanh20", 26, 21, boundary=boundary)
     case = em.Problem(monitor=square.monitor, grid=square.grid, boundary=boundary, domain=domain)
     start, shape = bent(case, 0.005), square.grid.shape
-    whole = Sweep(case.metric, boundary, Parts.of(shape), np.empty(memory_needed(shape)))
+    whole = Sweep(case.metric, boundary, Rows.whole(shape), np.empty(memory_needed(shape)))
     x, y, expected = start.x.copy(), start.y.copy(), []
     for _ in range(2):
         found = whole.correct(x, y)
@@ -246,9 +246,9 @@ def test_every_part_has_its_rows_and_one_more_each_way(subdomains: tuple[int, in
         holding = OnChannel(channel, decomposition)
         held, cuts = rows_of(holding, holding.cut(mesh)), cuts_of_rows(holding)
         number = channel.number
-        assert (held.begin, held.end) == (max(cuts[number] - 1, 0), min(cuts[number + 1] + 1, 20))
-        assert np.array_equal(held.x, mesh.x[held.begin : held.end])
-        assert np.array_equal(held.y, mesh.y[held.begin : held.end])
+        assert (held.rows.begin, held.rows.end) == (max(cuts[number] - 1, 0), min(cuts[number + 1] + 1, 20))
+        assert np.array_equal(held.x, mesh.x[held.rows.here])
+        assert np.array_equal(held.y, mesh.y[held.rows.here])
         return cuts, holding.sent
 
     found = ThreadChannels(parts).run(rows)

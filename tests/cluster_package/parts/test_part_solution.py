@@ -12,7 +12,8 @@ import equimesh as em
 from cluster_package.parts.whole import in_parts, low_strips
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import HeldMesh, Mesh, Rows
+from equimesh.meshes.mesh import Mesh, MeshRows
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.channel import Channel, Counted, ThreadChannels
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, SAMPLING
 from equimesh.single_domain.level import Mode
@@ -31,13 +32,13 @@ def test_a_part_of_a_solution_can_be_pickled() -> None:
         mode=em.Mode.TIGHT,
         status=Status.CONVERGED,
         mesh=cut(mesh, [4])[1],
-        reference=HeldMesh(mesh.grid, 3, mesh.x[3:], mesh.y[3:]),
+        reference=MeshRows.of(mesh).within(3, 9),
         newton_steps=3,
         residual=1e-11,
     )
     again = pickle.loads(pickle.dumps(part))
     assert np.array_equal(again.mesh.x, part.mesh.x)
-    assert (again.reference.begin, again.reference.end) == (3, 9)
+    assert (again.reference.rows.begin, again.reference.rows.end) == (3, 9)
     assert again.status is Status.CONVERGED
 
 
@@ -76,9 +77,9 @@ def solved(monitor: em.Monitor, reference: Mesh, domain: em.Domain = UNIT_SQUARE
     return Solution(**{**given, **more})  # type: ignore[arg-type]
 
 
-def held(mesh: Mesh, begin: int, end: int) -> HeldMesh:
+def held(mesh: Mesh, begin: int, end: int) -> MeshRows:
     """These rows of a mesh."""
-    return HeldMesh(mesh.grid, begin, mesh.x[begin:end], mesh.y[begin:end])
+    return MeshRows.of(mesh).within(begin, end)
 
 
 def between_strips(shape: tuple[int, int], count: int) -> list[int]:

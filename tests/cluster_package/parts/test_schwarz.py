@@ -65,7 +65,7 @@ def test_the_rows_of_all_parts_are_the_mesh_of_one_process(subdomains: tuple[int
     x, y = joined(found)
     assert max(abs(x - solution.mesh.x).max(), abs(y - solution.mesh.y).max()) < 1e-12
     for part in found:
-        held = slice(part.reference.begin, part.reference.end)
+        held = part.reference.rows.here
         assert abs(part.reference.x - solution.reference.x[held]).max() < 1e-12
         assert (part.status, part.note, part.remedy) == (em.Status.CONVERGED, "", "")
         assert part.newton_steps == solution.newton_steps

@@ -14,8 +14,9 @@ import equimesh as em
 from cases import problem
 from cluster_package.parts.whole import COARSE_POINTS, in_parts, low_strips, require_equal
 from equimesh.fields import chunked_samples
-from equimesh.meshes.parts import cuts_of, nodes_across, strips_of
+from equimesh.meshes.rows import strips_of
 from equimesh.numerics.channel import ALONE, Channel
+from equimesh_cluster.parts.rows import cuts_of, nodes_across
 from equimesh_cluster.parts.solve import OtherGridsNeededError, coarse_solution, solve_in_threads, solve_part
 
 __all__ = ["low_strips"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes import parts
+from equimesh.meshes import rows
 from equimesh.numerics.channel import ThreadChannels
 from equimesh_cluster.parts.part_solution import PartSolution
 from equimesh_cluster.parts.solve import coarse_solution, solve_in_threads, solve_part
@@ -20,10 +20,10 @@ COARSE_POINTS = 65 * 65
 @pytest.fixture
 def low_strips(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Strips of 16 rows also on small grids, which can then be cut into many parts."""
-    caches = (parts.strips_of, parts._cut)
+    caches = (rows.strips_of, rows._whole)
     for cache in caches:
         cache.cache_clear()
-    monkeypatch.setattr(parts, "STRIP_NODES", 1_024)
+    monkeypatch.setattr(rows, "STRIP_NODES", 1_024)
     yield
     for cache in caches:
         cache.cache_clear()
@@ -48,10 +48,10 @@ def in_parts(
 def require_equal(found: list[PartSolution], whole: em.Solution) -> None:
     """The meshes are equal to the last bit, and so are all numbers of the solve."""
     for name in ("x", "y"):
-        rows = np.concatenate([getattr(part.mesh, name)[part.mesh.own_rows] for part in found])
-        assert np.array_equal(rows, getattr(whole.mesh, name)), name
+        joined = np.concatenate([getattr(part.mesh, name)[part.mesh.own_rows] for part in found])
+        assert np.array_equal(joined, getattr(whole.mesh, name)), name
         for part in found:
-            held = getattr(whole.reference, name)[part.reference.begin : part.reference.end]
+            held = getattr(whole.reference, name)[part.reference.rows.here]
             assert np.array_equal(getattr(part.reference, name), held), name
     for part in found:
         for name in ("status", "newton_steps", "residual", "note", "remedy", "relaxed", "mode"):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.mesh import Mesh, MeshWindow, Rows
+from equimesh.meshes.mesh import Mesh, MeshRows
+from equimesh.meshes.rows import Rows
 from equimesh.quality.measures import CutOff, measure_block_cut_off, measure_cut_off
 from equimesh.solving.least_error import is_no_worse
 from equimesh.testing.geometries import l_shape, ring
@@ -23,7 +24,7 @@ def bunched(n: int, share: float) -> Mesh:
 
 
 def test_a_uniform_mesh_of_a_ring_has_that_of_a_polygon() -> None:
-    cut, step = measure_cut_off(RING, MeshWindow.of(bunched(25, 0.0))), 2.0 * math.pi / 24
+    cut, step = measure_cut_off(RING, MeshRows.of(bunched(25, 0.0))), 2.0 * math.pi / 24
     # The inner circle's chords cover the hole, the outer one's leave out of the ring: both count.
     assert cut.share == pytest.approx(5.0 * 12.0 * (step - math.sin(step)) / (3.0 * math.pi), rel=3e-3)
     assert cut.share == pytest.approx(cut.initial, rel=1e-12)
@@ -32,13 +33,13 @@ def test_a_uniform_mesh_of_a_ring_has_that_of_a_polygon() -> None:
 
 def test_parts_of_rows_add_up_and_straight_domains_have_none() -> None:
     mesh = bunched(25, 0.8)
-    whole = measure_cut_off(em.AnnulusSector(), MeshWindow.of(mesh)).share
+    whole = measure_cut_off(em.AnnulusSector(), MeshRows.of(mesh)).share
     parts = [
-        MeshWindow(mesh.x[a : b + 1], mesh.y[a : b + 1], Rows(shape=(25, 25), begin=a, first=a, last=b))
+        MeshRows(mesh.x[a : b + 1], mesh.y[a : b + 1], Rows(shape=(25, 25), begin=a, end=b + 1, first=a, last=b))
         for a, b in ((0, 9), (9, 24))
     ]
     assert sum(measure_cut_off(em.AnnulusSector(), part).share for part in parts) == pytest.approx(whole, rel=1e-12)
-    assert measure_cut_off(em.Rectangle(), MeshWindow.of(mesh)) == CutOff(share=0.0, initial=0.0)
+    assert measure_cut_off(em.Rectangle(), MeshRows.of(mesh)) == CutOff(share=0.0, initial=0.0)
 
 
 def test_meshes_of_blocks_are_measured_on_their_curves() -> None:

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.mesh import Mesh, Rows
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.quality import resolution
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.interpolation import InterpolationErrors, interpolation_errors
 from equimesh.quality.measures import measure_interpolation
 from equimesh.quality.resolution import all_but_the_smallest, largest_of
+from equimesh_cluster.parts.rows import PartRows
 from solver.quality.handmade import uniform, wavy
 
 
@@ -116,7 +118,7 @@ VALUES = np.abs(np.random.default_rng(3).standard_normal(1000)) * 10.0 ** np.ran
 
 def alone(count: int, channel: Channel) -> Rows:
     """Rows of so many cells, of which those of every process begin at 0."""
-    return Rows(shape=(count + 1, 2), begin=0, first=0, last=count, channel=channel)
+    return PartRows(shape=(count + 1, 2), begin=0, end=count + 1, first=0, last=count, channel=channel)
 
 
 def in_parts(values: np.ndarray, cuts: list[int], count: int) -> np.ndarray:
@@ -125,7 +127,8 @@ def in_parts(values: np.ndarray, cuts: list[int], count: int) -> np.ndarray:
 
     def work(channel: Channel) -> np.ndarray:
         k = channel.number
-        rows = Rows(shape=(values.size + 1, 2), begin=ends[k], first=ends[k], last=ends[k + 1], channel=channel)
+        first, last = ends[k : k + 2]
+        rows = PartRows(shape=(values.size + 1, 2), begin=first, end=last + 1, first=first, last=last, channel=channel)
         return ends[k] + largest_of(pieces[k], count, rows)
 
     return np.concatenate(ThreadChannels(len(pieces)).run(work))

@@ -82,7 +82,7 @@ def test_half_the_monitor_leads_up_to_one_on_which_sweeps_fail(u: str, monkeypat
     with monkeypatch.context() as patch:
         patch.setattr(iteration, "newton_level", None)  # no Newton step is needed
         assert strengths() == [0.5, 1.0]
-        patch.setattr(iteration, "_weaker", lambda *_: iter(()))
+        patch.setattr(iteration.Climb, "_weaker", lambda *_: iter(()))
         with pytest.raises(TypeError):  # but for what is tested here
             strengths()
 

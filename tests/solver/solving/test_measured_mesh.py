@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.mesh import MeshWindow
+from equimesh.meshes.mesh import MeshRows
 from equimesh.solving.solution import MeasuredMesh
 
 U = em.Expression("tanh(9*(x + y/2 - 0.7))")
 
 
 def measured(solution: em.Solution, **more: object) -> MeasuredMesh:
-    windows = MeshWindow.of(solution.mesh), MeshWindow.of(solution.reference)
+    windows = MeshRows.of(solution.mesh), MeshRows.of(solution.reference)
     return MeasuredMesh(problem=solution.problem, mesh=windows[0], reference=windows[1], **more)  # type: ignore[arg-type]
 
 

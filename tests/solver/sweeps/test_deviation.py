@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.equations.problem import Problem
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.sweeps.deviation import deviation
 from equimesh.sweeps.sweep import Sweep, memory_needed
 
@@ -32,7 +32,7 @@ def bent(shape: tuple[int, int]) -> em.Mesh:
 @pytest.mark.parametrize("shape", [(4, 4), (40, 7), (301, 150)])
 def test_it_is_that_of_a_sweep(domain: em.Domain, monitor: em.Monitor, shape: tuple[int, int]) -> None:
     case, mesh = problem(shape, domain, monitor), bent(shape)
-    swept = Sweep(case.metric, case.boundary, Parts.of(shape), np.empty(memory_needed(shape))).correct(mesh.x, mesh.y)
+    swept = Sweep(case.metric, case.boundary, Rows.whole(shape), np.empty(memory_needed(shape))).correct(mesh.x, mesh.y)
     found = deviation(case.metric, case.boundary, mesh)
     assert found == pytest.approx(swept.deviation, rel=1e-12)
     assert deviation(case.metric, case.boundary, mesh, threads=3) == found

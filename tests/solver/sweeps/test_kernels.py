@@ -8,11 +8,11 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import Cells, SeenGradient
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.sweeps import kernels
 from equimesh.sweeps.kernels import Lines, Moved, Nodes
 from equimesh.sweeps.line_sums import LineSums, cell_metrics
-from equimesh.sweeps.sweep import PartSweep
+from equimesh.sweeps.sweep import ShareSweep
 from solver.sweeps.windows import disturbed
 
 SECTOR = em.AnnulusSector(angles=(0, 110))
@@ -86,35 +86,35 @@ def test_what_is_not_a_number_is_an_infinite_deviation() -> None:
     assert side_moves(t, 1.0)[0] == np.inf
 
 
-# One part of a sweep: it writes its own rows only, and all parts together do the work of the whole.
+# The share of a thread: it writes its own rows only, and all shares together do the work of the whole.
 
 
 SHAPE = (301, 257)
 
 
 def swept(mesh: em.Mesh, case: em.Problem, threads: int) -> tuple[Moved, list[float]]:
-    """Both phases on every part, one part after the other; what no part writes stays 7."""
-    parts, summed = Parts.of(SHAPE, threads), SHAPE[0] - 1
+    """Both phases on every share, one after the other; what no share writes stays 7."""
+    rows, summed = Rows.whole(SHAPE, threads), SHAPE[0] - 1
     x, y, squares = (np.full(SHAPE, 7.0) for _ in range(3))
-    out, sums = Moved(x, y, np.full((2, *SHAPE), 7.0, dtype=np.float32), squares), LineSums(parts, summed)
+    out, sums = Moved(x, y, np.full((2, *SHAPE), 7.0, dtype=np.float32), squares), LineSums(rows, summed)
     none = [np.zeros((2, SHAPE[1 - k])) for k in (0, 1)]
     lines = [Lines(0, SHAPE[k] - 1, none[k], (0.0, 0.0), none[k]) for k in (0, 1)]
     nodes, still = Nodes(mesh.x, mesh.y), (np.zeros((2, SHAPE[1])), np.zeros((2, SHAPE[0])))
-    sweeps = [PartSweep(case.metric, parts, part, summed) for part in parts.parts]
+    sweeps = [ShareSweep(case.metric, rows, share, summed) for share in rows.shares]
     found = [sweep.along_eta(nodes, None, still, lines[1], out, sums) for sweep in sweeps]
     sums.solve(lines[0])
-    for sweep, part in zip(sweeps, parts.parts, strict=True):
+    for sweep, share in zip(sweeps, rows.shares, strict=True):
         before = x.copy()
         found += sweep.along_xi(nodes, out, sums)
         inside = x[:, 1:-1] != before[:, 1:-1]
-        others = np.delete(inside, np.s_[part.rows], axis=0)
-        assert not others.any(), "a part writes its own rows only"
+        others = np.delete(inside, np.s_[share.rows], axis=0)
+        assert not others.any(), "a thread writes its own rows only"
         assert inside.any()
     return out, found
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-def test_parts_do_the_work_of_the_whole_to_the_last_bit(threads: int) -> None:
+def test_threads_do_the_work_of_the_whole_to_the_last_bit(threads: int) -> None:
     case = problem("ring", *SHAPE)
     mesh = disturbed(case, 1e-4)
     (whole, (deviation, *most)), (cut, found) = (swept(mesh, case, count) for count in (1, threads))

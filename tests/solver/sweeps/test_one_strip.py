@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array
 from equimesh.single_domain import iteration, level
 from equimesh.sweeps.one_strip import MAX_SWEEPS_AT_ONCE, NOT_GIVEN, Patches, is_one_strip
@@ -88,10 +88,10 @@ def test_every_step_has_its_own_mesh() -> None:
 
 def test_larger_grids_and_orthogonal_sides_are_swept_one_by_one() -> None:
     case = CASES["samples"]
-    assert is_one_strip(case, Parts.of((181, 181)))
-    assert not is_one_strip(case, Parts.of((257, 257)))
+    assert is_one_strip(case, Rows.whole((181, 181)))
+    assert not is_one_strip(case, Rows.whole((257, 257)))
     orthogonal = arc_length(samples(), 33, 33, boundary="orthogonal")
-    assert not is_one_strip(orthogonal, Parts.of((33, 33)))
+    assert not is_one_strip(orthogonal, Rows.whole((33, 33)))
 
 
 def test_nodes_that_are_nowhere_end_the_sweeps() -> None:

@@ -6,8 +6,6 @@ import numpy as np
 
 import equimesh as em
 from cases import problem
-from equimesh.meshes.parts import Parts
-from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.single_domain import iteration
 from equimesh.sweeps.sweep import WHOLE, Frame, SideNodes
 
@@ -43,19 +41,6 @@ def test_the_lines_of_the_whole_grid_are_whole() -> None:
 
 SHAPE = (130, 2049)
 X, Y = np.random.default_rng(5).random((2, *SHAPE))
-
-
-def test_every_part_gets_all_sides() -> None:
-    def work(channel: Channel) -> SideNodes:
-        parts = Parts.of(SHAPE, 1, channel)
-        return SideNodes.gathered(X[parts.held], Y[parts.held], parts)
-
-    whole = SideNodes.of(X, Y)
-    assert np.array_equal(whole.along_eta, Y[[0, -1]])
-    assert np.array_equal(whole.along_xi, X[:, [0, -1]].T)
-    for count in (1, 2, 3, 5):
-        for found in ThreadChannels(count).run(work):
-            assert all(np.array_equal(one, other) for one, other in zip(found, whole, strict=True))
 
 
 def test_moved_sides_are_new_ones() -> None:

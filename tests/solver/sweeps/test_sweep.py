@@ -11,7 +11,7 @@ import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import Cells
 from equimesh.meshes.nested import Closed, padded
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.single_domain import iteration
 from equimesh.sweeps.deviation import deviation
 from equimesh.sweeps.kernels import copy_ends
@@ -28,7 +28,7 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
     meshes = [list(iteration.single_domain_steps(case, threads=threads))[-1].mesh for threads in (1, 2, 3, 1)]
     assert all(np.array_equal(meshes[0].x, mesh.x) and np.array_equal(meshes[0].y, mesh.y) for mesh in meshes[1:])
     sweep = sweep_on(case, threads=3)
-    assert len(sweep.parts.parts) == 3
+    assert len(sweep.rows.shares) == 3
 
 
 @pytest.mark.parametrize("domain", [em.Rectangle(), em.AnnulusSector(angles=(0, 120))], ids=["square", "annulus"])
@@ -85,7 +85,7 @@ def test_what_is_not_a_number_is_no_convergence() -> None:
 def test_a_guarded_sweep_halves_its_moves_until_nothing_folds() -> None:
     """Nodes that overshoot by three cells: a quarter of the move is the first share that is valid."""
     case = problem("ring", 9)
-    sweep = Sweep(case.metric, case.boundary, Parts.of((9, 9)), np.empty(memory_needed((9, 9))))
+    sweep = Sweep(case.metric, case.boundary, Rows.whole((9, 9)), np.empty(memory_needed((9, 9))))
     mesh = em.Mesh.uniform(case.grid)
 
     def overshoot(cells: float) -> None:
@@ -137,7 +137,7 @@ def test_every_closed_line_keeps_its_mean_from_the_first_sweep(closed: Closed) -
     start = padded(em.Mesh.uniform(problem.grid), closed)
     x, y = start.x, start.y
     sweep = Sweep(
-        problem.metric, problem.boundary, Parts.of(x.shape), np.empty(memory_needed(x.shape)), Frame.around(closed)
+        problem.metric, problem.boundary, Rows.whole(x.shape), np.empty(memory_needed(x.shape)), Frame.around(closed)
     )
     for _ in range(2):
         sweep.correct(x, y)

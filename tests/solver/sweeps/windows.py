@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
-from equimesh.meshes.parts import Parts
+from equimesh.meshes.rows import Rows
 from equimesh.sweeps import sweep as chord
 
 
@@ -15,7 +15,7 @@ def distance(one: em.Mesh, other: em.Mesh) -> float:
 
 def sweep_on(case: em.Problem, threads: int = 1) -> chord.Sweep:
     return chord.Sweep(
-        case.metric, case.boundary, Parts.of(case.grid.shape, threads), np.empty(chord.memory_needed(case.grid.shape))
+        case.metric, case.boundary, Rows.whole(case.grid.shape, threads), np.empty(chord.memory_needed(case.grid.shape))
     )
 
 
