@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -117,11 +118,13 @@ def measured(parts: list[PartSolution]) -> list[PartMeasures]:
 
 def assert_equal(solution: Solution, count: int) -> None:
     found = measured(parts_of(solution, count))
+    # The gain of a solver comes from a solve with the whole mesh, which no part has.
+    certificate = replace(solution.certificate, solver_gain=None)
     for one in found:
         assert one.quality.summary() == solution.quality.summary()
         assert str(one.quality.interpolation_error) == str(solution.quality.interpolation_error)
-        assert str(one.certificate) == str(solution.certificate)
-        assert repr(one.certificate) == repr(solution.certificate)
+        assert str(one.certificate) == str(certificate)
+        assert repr(one.certificate) == repr(certificate)
     q_eq = np.concatenate([one.q_eq for one in found])
     assert np.array_equal(q_eq, solution.quality.q_eq.cells)
 
