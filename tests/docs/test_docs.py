@@ -13,10 +13,11 @@ import inspect
 import io
 import os
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from itertools import zip_longest
 from pathlib import Path
 from types import ModuleType
@@ -44,7 +45,7 @@ from equimesh.fields.expression import FUNCTIONS, LIMITS
 from equimesh.io.write import CELLS, FORMATS
 from equimesh.quality.measures import PER_CELL
 from equimesh.upload.samples import READERS
-from equimesh_cli.command import build_parser
+from equimesh_cli.command import build_parser, main
 from equimesh_cli.parser import Exit
 from equimesh_client import Client
 from equimesh_client.spec.request import DEFAULTS, MeshOptions
@@ -125,9 +126,33 @@ def run_python(code: str, program: ModuleType) -> str:
 
 
 def run_shell(code: str) -> None:
-    command = ["bash", "-euo", "pipefail", "-c", code.replace("curl -s ", "curl -sS --fail-with-body ")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stdout + done.stderr
+    """Run a block by bash, but its commands of ``equimesh`` here, where the packages are loaded."""
+    code = code.replace("curl -s ", "curl -sS --fail-with-body ")
+    for command in shell_commands(code) if re.search("^equimesh ", code, re.MULTILINE) else [code]:
+        words = shlex.split(command)
+        if words[0] != "equimesh" or {"|", "&&", ";"} & {*words}:
+            done = subprocess.run(
+                ["bash", "-euo", "pipefail", "-c", command], capture_output=True, text=True, timeout=600
+            )
+            assert done.returncode == 0, done.stdout + done.stderr
+            continue
+        end = words.index(">") if ">" in words else len(words)
+        with redirect_stdout(io.StringIO()) as said:
+            assert main(words[1:end]) == 0, command
+        for name in words[end + 1 :]:
+            Path(name).write_text(said.getvalue())
+
+
+def shell_commands(code: str) -> Iterator[str]:
+    """The commands of a block: a line each, or more where a quotation or a backslash goes on."""
+    command = ""
+    for line in code.replace("\\\n", " ").splitlines(keepends=True):
+        command += line
+        with suppress(ValueError):  # a quotation that is not closed
+            if shlex.split(command):
+                yield command
+            command = ""
+    assert not command.strip(), f"a quotation does not end: {command}"
 
 
 @pytest.mark.parametrize("name", RUN)
