@@ -17,6 +17,7 @@ from equimesh.fields.expression import Field, require_fields
 from equimesh.fields.periodic import within
 from equimesh.monitors.monitor import (
     AnyDomain,
+    Matrices,
     Monitor,
     Probe,
     bound_copy,
@@ -27,7 +28,6 @@ from equimesh.monitors.monitor import (
     weaken,
 )
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.spd import Matrices
 from equimesh.numerics.types import Array, BoolArray, Pair
 
 # The arc-length monitor of the paper.
@@ -318,7 +318,7 @@ def _curvature_metric(
 ) -> None:
     """The tensors from the Hessian's entries. |B| is the root of ``S = B^2 + floor^2 I``, ``B = H / alpha``:
     ``|B| = (S + sqrt(det S) I) / t`` with its trace ``t = sqrt(tr S + 2 sqrt(det S))``, as in
-    :mod:`equimesh.numerics.spd`.
+    :mod:`equimesh.monitors.monitor`.
     """
     square = floor * floor
     for i in range(h11.size):

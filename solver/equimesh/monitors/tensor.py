@@ -11,8 +11,17 @@ from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_fields
 from equimesh.fields.nodal_field import HermiteField, NodalField
-from equimesh.monitors.monitor import Monitor, Probe, bound_copy, is_bound_to, map_of, require_orthogonality, weaken
-from equimesh.numerics.spd import eigenvalues, intersection
+from equimesh.monitors.monitor import (
+    Monitor,
+    Probe,
+    bound_copy,
+    eigenvalues,
+    intersection,
+    is_bound_to,
+    map_of,
+    require_orthogonality,
+    weaken,
+)
 from equimesh.numerics.types import Array
 
 MAPS = ("lines", "gradient")
@@ -147,7 +156,7 @@ MAX_MONITORS = 8
 class Intersection:
     """The metric in which no length is less than in any of ``monitors``: cells are as small as each of them requests.
 
-    By simultaneous reduction of two metrics at a time (:func:`equimesh.numerics.spd.intersection`), as in P. J. Frey
+    By simultaneous reduction of two metrics at a time, :func:`equimesh.monitors.monitor.intersection`, as in P. J. Frey
     and F. Alauzet, *Anisotropic mesh adaptation for CFD computations*, Comput. Methods Appl. Mech. Engrg. 194 (2005).
     For more than two metrics the result depends slightly on their order. The sizes of the metrics matter: a
     :class:`~equimesh.monitors.tensor.Weight` of 100 hides an arc length of u. :attr:`u` is that of the first monitor
