@@ -477,9 +477,12 @@ def attempts(problem: Problem, start: Mesh, before: Relaxation, *, rough: bool =
         found = yield from _descend(problem, found)
     elif before.strength == 1.0 or problem.grid.points <= MAX_TRIED_POINTS:
         found = yield from _strengthen(problem, found, uniform)
-    if found is None or rough or not found.converged or found.residual <= TOLERANCE:
-        return found
-    return (yield from _polished(problem, found))
+    polished = yield from _polished(problem, found, rough=rough)
+    if polished is not None or not cold:
+        return polished
+    # A rough solution for the full monitor led to none: a weaker monitor may have one.
+    found = yield from _strengthen(problem, None, uniform)
+    return (yield from _polished(problem, found, rough=rough)) or _given_up(uniform)
 
 
 def _first_weight(before: Relaxation, cold: bool) -> float:
@@ -511,8 +514,18 @@ def _descend(problem: Problem, found: Attempt) -> Generator[Attempt, None, Attem
     return found
 
 
-def _polished(problem: Problem, found: Attempt) -> Attempts:
-    """The solution to the full tolerance, with a larger weight where it was no solution after all."""
+def _given_up(uniform: Mesh) -> Attempt:
+    """The end where no problem has a solution."""
+    return Attempt(Relaxation(strength=0.0, cross_line=CROSS_LINE_WEIGHTS[-1]), uniform, 0, np.inf)
+
+
+def _polished(problem: Problem, found: Attempt | None, *, rough: bool) -> Attempts:
+    """The solution to the full tolerance, with a larger weight where it was no solution after all.
+
+    ``None`` where no weight has one. A ``rough`` solution is returned as it is.
+    """
+    if found is None or rough or not found.converged or found.residual <= TOLERANCE:
+        return found
     for weight_tried in CROSS_LINE_WEIGHTS[CROSS_LINE_WEIGHTS.index(found.relaxation.cross_line) :]:
         polished = yield from _newton(problem, replace(found.relaxation, cross_line=weight_tried), found.mesh)
         if polished is not None:
@@ -526,7 +539,7 @@ def _strengthen(problem: Problem, known: Attempt | None, uniform: Mesh) -> Gener
         none = Relaxation(strength=0.0, cross_line=CROSS_LINE_WEIGHTS[-1])
         known = yield from _newton(problem, none, uniform, rough=True)
     if known is None:
-        return Attempt(Relaxation(strength=0.0, cross_line=CROSS_LINE_WEIGHTS[-1]), uniform, 0, np.inf)
+        return _given_up(uniform)
     advance = (1.0 - known.relaxation.strength) / 3
     while known.relaxation.strength < 1.0 and advance >= MIN_ADVANCE:
         target = replace(known.relaxation, strength=min(1.0, known.relaxation.strength + advance))

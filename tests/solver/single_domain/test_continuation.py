@@ -235,3 +235,13 @@ def test_a_level_that_is_interpolated_names_the_grid_that_was_solved() -> None:
     again = interpolated_level(step(65), found)
     assert again.solved == relaxed.grid
     assert not again.is_exact
+
+
+def test_noise_that_has_no_solution_is_a_failure_and_no_fault() -> None:
+    """A rough solution was found there that no weight of the cross-line term makes one to the full tolerance."""
+    axis = np.linspace(0.0, 1.0, 20)
+    u = em.GridSamples(x=axis, y=axis, values=np.random.default_rng(1).random((20, 20)))
+    solution = em.solve(em.Problem(monitor=em.ArcLength(u=u), grid=em.Grid(n_xi=17, n_eta=9)), check=False)
+    assert solution.status is em.Status.NEWTON_FAILED
+    assert "smooth the monitor" in solution.message
+    np.testing.assert_array_equal(solution.mesh.x, em.Mesh.uniform(solution.problem.grid).x)
