@@ -59,6 +59,7 @@ from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Event, Initial, Status
 from equimesh.solving.target import Target, solve_to
+from equimesh.specs.short import mesh
 from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.transfer import transfer
@@ -83,7 +84,14 @@ def __getattr__(name: str) -> NoReturn:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+def __dir__() -> list[str]:
+    """What people need; modules stay out."""
+    return sorted(__all__)
+
+
 __all__ = [  # noqa: RUF022 - grouped by noun
+    # From a function to its mesh in one short call
+    "mesh",
     # The problem: a monitor on a grid of a domain
     "Problem",
     "Grid",

@@ -12,14 +12,13 @@ from typing import Any, Literal, TypeAlias, get_args, get_origin
 import numpy as np
 
 from equimesh_client.errors import BadArgument
+from equimesh_coupling.samples import Box
 from equimesh_schema import domains
 from equimesh_schema.document import Pair, keys_of, one_of, required_of, types_of
 from equimesh_schema.domains import CURVES, DOMAINS, AnnulusSector, AnyDomain, DomainDocument, MeshFile, Rectangle
 
 Json: TypeAlias = dict[str, Any]
 Domain: TypeAlias = AnyDomain
-Box: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
-UNIT_BOX: Box = ((0.0, 1.0), (0.0, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)

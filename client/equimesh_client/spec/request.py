@@ -11,8 +11,9 @@ from enum import Enum
 from typing import Any, Literal, TypeAlias, TypedDict
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, Json, box_around, domain_json, has_own_points
+from equimesh_client.spec.domains import Domain, Json, box_around, domain_json, has_own_points
 from equimesh_client.spec.sources import Upload, needs_box, source_of, upload_of
+from equimesh_coupling.samples import UNIT_BOX, Box
 from equimesh_schema.document import keys_of, without_usual
 from equimesh_schema.mesh import Grid, MeshSpec, Target
 from equimesh_schema.monitors import FUNCTIONS, ArcLength, Auto, Curvature, Intersection, MonitorDocument, PlainMonitor

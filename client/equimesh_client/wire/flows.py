@@ -22,7 +22,7 @@ from equimesh_client.errors import (
     ServiceUnreachable,
 )
 from equimesh_client.records.resources import FINISHED
-from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, box_around, domain_json
+from equimesh_client.spec.domains import Domain, box_around, domain_json
 from equimesh_client.spec.request import UPLOAD, GenerateArguments, MeshRequest
 from equimesh_client.spec.sources import needs_box, read_mesh_file, upload_of
 from equimesh_client.wire import protocol
@@ -31,6 +31,7 @@ from equimesh_client.wire.downloads import Download, PartFile
 from equimesh_client.wire.protocol import Call, Reply
 from equimesh_client.wire.settings import RETRIED, Deadline, Settings, pause_before_retry, retry_after_of
 from equimesh_client.wire.stream import StreamPosition
+from equimesh_coupling.samples import UNIT_BOX, Box
 from equimesh_schema.domains import MeshFile
 
 T = TypeVar("T")

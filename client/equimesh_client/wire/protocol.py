@@ -13,11 +13,11 @@ from typing import Any
 from urllib.parse import quote, unquote
 
 from equimesh_client.errors import BadArgument, InputProblem, ProblemError, ServiceUnreachable, error_class
-from equimesh_client.spec.domains import Box
 from equimesh_client.spec.request import MeshRequest
 from equimesh_client.spec.sources import Upload
 from equimesh_client.wire.settings import retry_after_of
 from equimesh_client.wire.stream import StreamPosition
+from equimesh_coupling.samples import Box
 from equimesh_schema import Certificate
 from equimesh_schema.mesh import SUFFIXES as MESH_SUFFIXES
 

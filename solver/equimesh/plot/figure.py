@@ -64,15 +64,25 @@ def figure_file(path: str | Path, width: float, height: float) -> Iterator[Figur
     suffix = path.suffix.lower()
     if suffix not in METADATA:
         raise InputError(f"{path.name}: pictures are written as {' or '.join(METADATA)}", field="path")
+    with drawing(width, height) as figure:
+        figure.set_layout_engine("constrained")
+        yield figure
+        figure.savefig(path, format=suffix[1:], dpi=RESOLUTION, metadata=METADATA[suffix])
+
+
+@contextmanager
+def drawing(width: float, height: float) -> Iterator[Figure]:
+    """A figure of ``width`` x ``height`` inches in our style, which the block draws and saves.
+
+    Raises ``ImportError`` without matplotlib.
+    """
     try:
         import matplotlib.style
         from matplotlib.figure import Figure
     except ImportError as error:
         raise ImportError("drawing needs matplotlib: pip install 'equimesh[plot]'") from error
     with _ONE_AT_A_TIME, matplotlib.style.context(["default", STYLE]):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        yield figure
-        figure.savefig(path, format=suffix[1:], dpi=RESOLUTION, metadata=METADATA[suffix])
+        yield Figure(figsize=(width, height))
 
 
 def semilog(axes: Axes, series: Series) -> None:

@@ -28,7 +28,7 @@ from equimesh.plot.figure import (
     remark_on,
     step_of,
 )
-from equimesh.quality.comparison import ComparedMesh, UniformComparison
+from equimesh.quality.comparison import UniformComparison
 from equimesh.schwarz.decomposition import Decomposition
 
 if TYPE_CHECKING:
@@ -86,9 +86,9 @@ def draw_comparison(comparison: UniformComparison, path: str | Path) -> None:
     side = min((WIDTH / columns - GAP) * height / width, MAX_SIDE)
     with figure_file(path, WIDTH, rows * (side + GAP) + BELOW) as figure:
         panels = figure.subplots(rows, columns)
-        scale = _scale([compared.error for compared in meshes if compared.error is not None])
+        scale = colours_of([compared.error for compared in meshes if compared.error is not None])
         for axes, compared, name in zip(panels, meshes, (first, "adapted"), strict=True):
-            drawn = _draw_cells(axes, compared, scale)
+            drawn = draw_cells(axes, compared.mesh, compared.error, scale)
             axes.set_title(name, fontsize=15)
             axes.set_aspect("equal")
             axes.set_axis_off()
@@ -114,8 +114,8 @@ def words(comparison: UniformComparison) -> str:
     return f"error {1.0 / gain:.3g} times larger, with the same {points}"
 
 
-def _scale(errors: list[Array]) -> LogNorm:
-    """From the largest error down, over at most ``DECADES`` and at least ``MIN_DECADES`` powers of ten."""
+def colours_of(errors: list[Array]) -> LogNorm:
+    """The scale of colours: from the largest error down, over ``MIN_DECADES`` to ``DECADES`` powers of ten."""
     from matplotlib.colors import LogNorm
 
     known = np.concatenate([error[np.isfinite(error) & (error > 0.0)] for error in errors] or [np.zeros(0)])
@@ -126,12 +126,13 @@ def _scale(errors: list[Array]) -> LogNorm:
     return LogNorm(largest * 10.0**-decades, largest)
 
 
-def _draw_cells(axes: Axes, compared: ComparedMesh, scale: LogNorm) -> ScalarMappable:
+def draw_cells(axes: Axes, mesh: Mesh | QuadMesh, error: Array | None, scale: LogNorm) -> ScalarMappable:
+    """Draw every cell with the colour of its ``error``, and the lines of a mesh that is not too fine for them."""
     from matplotlib import colormaps
     from matplotlib.collections import LineCollection
 
-    mesh, shape = compared.mesh, _lines_across(compared.mesh)
-    error = np.zeros(mesh.cell_shape) if compared.error is None else compared.error
+    shape = _lines_across(mesh)
+    error = np.zeros(mesh.cell_shape) if error is None else error
     drawn = colour_cells(
         axes,
         mesh,

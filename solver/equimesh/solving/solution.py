@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias
 
 import numpy as np
@@ -47,6 +49,7 @@ from equimesh.sweeps.deviation import deviation
 from equimesh_schema import Aim, Candidate, DegreeGain, Estimate, Relaxed, SolverGain
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from typing_extensions import TypeVar
 
     M = TypeVar("M", Mesh, QuadMesh, default=Mesh)
@@ -423,6 +426,38 @@ class Solution(Generic[D, M]):
     def _takes_longer(self) -> bool:
         """Whether the solve takes several times as long as to measure what a solver gets."""
         return bool(self.comparison) or isinstance(self.problem.monitor, LeastError)
+
+    @property
+    def gain(self) -> float:
+        """How many times smaller the L2 error is than on the uniform mesh, or on the initial one of blocks.
+
+        Of a solver where the certificate has it, else of interpolating u. NaN where there is no u or no valid mesh.
+        """
+        found = self.certificate.solver_gain or self.certificate.interpolation_gain
+        return math.nan if found is None else found["l2"]
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the mesh on ``axes`` of matplotlib, or on those of pyplot, with the error of each cell as its colour."""
+        from equimesh.plot.display import draw_on
+
+        return draw_on(self.mesh, self.against_uniform.adapted.error, axes)
+
+    def write(self, path: str | os.PathLike[str], *, cells: Literal["quad", "triangle"] = "quad") -> tuple[Path, ...]:
+        """Write the mesh with its data in the format of the suffix; see :func:`equimesh.io.write_mesh`."""
+        from equimesh.io.write import write_mesh
+
+        return write_mesh(path, self.data(), cells=cells)
+
+    def _repr_html_(self) -> str:
+        """A picture and a table, for notebooks."""
+        from equimesh.plot.display import html_of
+
+        facts = {"points": " x ".join(map(str, self.mesh.node_shape)), "status": self.status.sentence}
+        if self.interpolation is not None:
+            facts["interpolation error of u"] = f"{self.interpolation.l2:.3g} in L2, {self.interpolation.h1:.3g} in H1"
+        facts["non-orthogonality"] = f"at most {self.faces.non_orthogonality:.0f} degrees"
+        certificate = self.certificate
+        return html_of(certificate.headline, facts, certificate.warnings, self.against_uniform.adapted)
 
     @property
     def decomposition(self) -> Decomposition | None:

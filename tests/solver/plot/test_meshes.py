@@ -25,7 +25,7 @@ from equimesh.plot.meshes import (
     MIN_DECADES,
     OVERLAP_COLOUR,
     SINGLE_COLOUR,
-    _scale,
+    colours_of,
     draw_comparison,
     draw_decomposition,
     draw_mesh,
@@ -196,10 +196,10 @@ def test_both_meshes_have_one_scale_of_colours(tmp_path: Path) -> None:
 
 def test_the_scale_spans_some_decades_below_the_largest_error() -> None:
     for smallest, decades in ((1e-9, DECADES), (1e-2, 2.0), (0.9, MIN_DECADES)):
-        scale = _scale([np.array([smallest, 0.0, np.inf]), np.array([1.0, np.nan])])
+        scale = colours_of([np.array([smallest, 0.0, np.inf]), np.array([1.0, np.nan])])
         assert scale.vmax == 1.0
         assert scale.vmin == pytest.approx(10.0**-decades)
-    assert (_scale([]).vmin, _scale([]).vmax) == (0.1, 1.0)
+    assert (colours_of([]).vmin, colours_of([]).vmax) == (0.1, 1.0)
 
 
 def test_wide_domains_are_drawn_one_below_the_other(tmp_path: Path) -> None:

@@ -1,0 +1,116 @@
+"""One short call from a function to its mesh, for people at a prompt or in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from difflib import get_close_matches
+from typing import Any, TypeAlias, cast
+
+import numpy.typing as npt
+
+from equimesh.blocks.blocks import Blocks
+from equimesh.domains.domain import UNIT_SQUARE, Domain
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.fields.expression import Expression, Field
+from equimesh.meshes.mesh import Grid
+from equimesh.monitors.monitor import Monitor
+from equimesh.numerics.types import Array
+from equimesh.schwarz.settings import Schwarz
+from equimesh.solving.solution import AnySolution
+from equimesh.solving.solve import solve
+from equimesh.specs.monitors import MAKERS, build_field, no_samples
+from equimesh_coupling.errors import BadValues
+from equimesh_coupling.samples import kind_of, pieces_of
+from equimesh_schema.monitors import MONITORS
+
+Function: TypeAlias = str | Field | npt.ArrayLike | Callable[[Array, Array], npt.ArrayLike] | Mapping[str, Any]
+"""A function of x and y: a formula, a field, samples, or what takes arrays x and y."""
+KINDS: Mapping[str, Callable[..., Monitor]] = {
+    kind: MAKERS[document]
+    for kind, document in MONITORS.documents.items()
+    if document in MAKERS and kind not in ("weight", "tensor", "intersection", "nodal_solution")
+}
+"""The monitors of one function u, by their kinds."""
+
+
+def mesh(
+    u: Function,
+    grid: int | tuple[int, int] | Grid | None = None,
+    domain: Domain | Blocks = UNIT_SQUARE,
+    *,
+    monitor: str = "auto",
+    schwarz: Schwarz | None = None,
+    **settings: Any,
+) -> AnySolution:
+    """The mesh for ``u``, and all that is known about it: its errors, its certificate, its picture.
+
+    ``u`` is a formula in x and y; a field, such as :class:`equimesh.Expression`; a function that takes arrays x and y;
+    an array of values on the uniform grid of the domain, first index along x; or samples ``(x, y, values)`` or
+    ``(points, values)``, as :func:`equimesh_coupling.samples.pieces_of` takes them. A function is called once, on
+    129 x 129 points of the box of the domain: sample it on more points where it has finer features.
+
+    ``grid`` is the number of points a side, 33 if it is not given, or ``(n_xi, n_eta)``; a domain in blocks has its
+    own. ``monitor`` is ``"auto"``, ``"least_error"``, ``"arc_length"`` or ``"curvature"``, and ``settings`` are those
+    of :class:`equimesh.Auto` and so on. ``parameters`` and ``t`` belong to a formula.
+
+    Raises :class:`equimesh.InputError` for what cannot be used, and :class:`equimesh.SolveError` as
+    :func:`equimesh.solve` does.
+    """
+    make = KINDS.get(monitor) if isinstance(monitor, str) else None
+    if make is None:
+        raise InputError(f"monitor = {str(monitor)[:40]!r}: choose one of {', '.join(KINDS)}", field="monitor")
+    formula = {name: settings.pop(name) for name in ("parameters", "t") if name in settings}
+    _require_known(make, monitor, settings)
+    function = field_of(u, domain, **formula)
+    problem: Problem[Any]
+    if isinstance(domain, Blocks):
+        if grid is not None:
+            raise InputError("a domain in blocks has its own numbers of points: leave the grid out", field="grid")
+        problem = Problem(monitor=make(u=function, **settings), domain=domain)
+    else:
+        problem = Problem(monitor=make(u=function, **settings), grid=_grid(grid), domain=domain)
+    return solve(problem, schwarz)
+
+
+def field_of(
+    u: Function, domain: Domain | Blocks = UNIT_SQUARE, *, parameters: Mapping[str, float] | None = None, t: float = 0.0
+) -> Field:
+    """The field that ``u`` stands for; see :func:`mesh`. ``parameters`` and ``t`` belong to a formula.
+
+    Raises :class:`equimesh.InputError`, or its kin for faults in formulas and samples.
+    """
+    if isinstance(u, str):
+        return Expression(u, parameters=parameters or {}, t=t)
+    if parameters or t != 0.0:
+        raise InputError("parameters and t belong to a formula: u is not a text here", field="parameters")
+    if callable(getattr(u, "evaluate", None)):
+        return cast("Field", u)
+    try:
+        pieces = pieces_of(u, domain.box)
+    except BadValues as error:
+        raise InputError(str(error), field="u") from error.__cause__
+    return build_field({kind_of(pieces): pieces}, domain, no_samples, "u")
+
+
+def _grid(given: int | tuple[int, int] | Grid | None) -> Grid:
+    """The grid of one number of points a side, of two, or the usual one."""
+    if isinstance(given, Grid):
+        return given
+    if isinstance(given, tuple | list) and len(given) == 2:
+        return Grid(n_xi=given[0], n_eta=given[1])
+    if given is None or isinstance(given, int):
+        n = 33 if given is None else given
+        return Grid(n_xi=n, n_eta=n)
+    raise InputError(f"grid = {str(given)[:40]}: give a number of points a side, such as 33, or (33, 17)", field="grid")
+
+
+def _require_known(make: Callable[..., Monitor], kind: str, settings: Mapping[str, Any]) -> None:
+    """Refuse a setting that the monitor does not have."""
+    known = [one.name for one in fields(make) if one.init and one.name != "u"]  # type: ignore[arg-type]
+    for name in settings:
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
+            perhaps = f"; perhaps {near[0]} is meant" if near else ""
+            raise InputError(f"the monitor {kind} has no setting {name!r}{perhaps}: {', '.join(known)}", field=name)

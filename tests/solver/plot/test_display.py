@@ -1,0 +1,89 @@
+"""What a notebook shows of a mesh, and a mesh on axes of the reader's own."""
+
+from __future__ import annotations
+
+import base64
+import re
+import sys
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.plot.display import MAX_BYTES, MAX_WARNINGS, html_of
+from solver.plot.drawings import compared
+
+matplotlib = pytest.importorskip("matplotlib")
+from matplotlib.figure import Figure  # noqa: E402 - after matplotlib is known to be here
+
+
+@pytest.fixture(scope="module")
+def front() -> em.Solution:
+    solution: em.Solution = em.mesh("tanh(10*(x + y/2 - 0.75))", 17)
+    return solution
+
+
+def test_a_notebook_shows_a_small_picture_and_the_gain(front: em.Solution) -> None:
+    page = front._repr_html_()
+    assert len(page) < 100_000
+    (source,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    picture = base64.b64decode(source)
+    assert picture.startswith(b"\x89PNG")
+    assert front.certificate.headline in page
+    assert "17 x 17" in page
+
+
+def test_the_picture_of_a_fine_mesh_is_small_and_has_no_background() -> None:
+    from io import BytesIO
+
+    from matplotlib.image import imread
+
+    fine = em.mesh("tanh(20*(x + y/2 - 0.75))", 129, monitor="arc_length")
+    (source,) = re.findall(r'base64,([^"]+)"', fine._repr_html_())
+    data = base64.b64decode(source)
+    assert len(data) <= MAX_BYTES
+    assert imread(BytesIO(data)).shape[2] == 4
+
+
+def test_words_are_escaped_and_warnings_are_few() -> None:
+    page = html_of("a < b", {"u": "<script>"}, [f"warning {k}" for k in range(MAX_WARNINGS + 2)], compared().adapted)
+    assert "a &lt; b" in page
+    assert "<script>" not in page
+    assert "warning 2" in page
+    assert "warning 3" not in page
+    assert "2 more warnings are in the certificate." in page
+
+
+def test_without_matplotlib_the_table_is_shown(front: em.Solution, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    page = front._repr_html_()
+    assert "<img" not in page
+    assert front.certificate.headline in page
+    with pytest.raises(ImportError, match=r"equimesh\[plot\]"):
+        front.plot()
+
+
+def test_it_is_drawn_on_the_axes_that_are_given(front: em.Solution) -> None:
+    left, right = Figure().subplots(1, 2)
+    assert front.plot(right) is right
+    assert not left.collections
+    mesh, lines = right.collections
+    np.testing.assert_allclose(mesh.get_array().size, front.mesh.cells.shape[0])
+    assert len(lines.get_segments()) == 2 * 17
+    assert right.get_xlim() == pytest.approx((0.0, 1.0), abs=0.1)
+
+
+def test_write_takes_the_format_of_the_suffix(front: em.Solution, tmp_path: Path) -> None:
+    (path,) = front.write(tmp_path / "mesh.vtu", cells="triangle")
+    assert meshio.read(path).cells_dict["triangle"].shape == (2 * 16 * 16, 3)
+
+
+def test_a_metric_without_u_has_no_gain() -> None:
+    rho = em.Weight(rho=em.Expression("1 + 5*exp(-50*(x - 0.5)**2)"))
+    solution = em.solve(em.Problem(monitor=rho, grid=em.Grid(n_xi=9, n_eta=9)))
+    assert np.isnan(solution.gain)
+    assert "interpolation error" not in solution._repr_html_()
