@@ -24,6 +24,9 @@ from scheduler import FileScheduling
 # and several processes run at once. Services give their workers one thread, too.
 for count in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(count, "1")
+# All processes of a run keep what they compile, also where the environment says otherwise: there are hundreds.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 LEFT_OUT = pytest.StashKey[Counter[str]]()
 MARK = pytest.StashKey[str]()
@@ -56,11 +59,7 @@ warm_up_blocks(em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9)), em.Expression("tanh(8*
 
 
 def _compile_once(paths: list[str]) -> None:
-    """Compile the kernels in two processes, of which the second one then compiles tests while there is time.
-
-    All processes of the run keep what they compile, also where the environment says otherwise: there are hundreds.
-    """
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    """Compile the kernels in two processes, of which the second one then compiles tests: each process would do it."""
     warm_up = [sys.executable, "-c", "from equimesh.warm_up import warm_up; warm_up()"]
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:cacheprovider", *paths]
     second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$@"', sys.executable, FIRST_BLOCKS, *collect]
@@ -68,9 +67,11 @@ def _compile_once(paths: list[str]) -> None:
     with subprocess.Popen(second, stdin=silent, stdout=silent, stderr=silent, start_new_session=True) as compiling:
         try:
             subprocess.run(warm_up, check=True)
-        finally:
+            compiling.wait()
+        except BaseException:
             with suppress(ProcessLookupError):
                 os.killpg(compiling.pid, signal.SIGKILL)
+            raise
 
 
 @pytest.hookimpl(optionalhook=True)
