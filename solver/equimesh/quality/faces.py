@@ -18,7 +18,7 @@ from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.nested import OPEN, Closed
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array, IntArray
+from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cells import AnyMesh, QuadCells
 
 INNER_DISTANCE_SHARE = 0.2
@@ -135,19 +135,58 @@ def _degrees(cosine: float) -> float:
 @compiled
 def place_centres(x: Array, y: Array, at_x: Array, at_y: Array) -> bool:
     """Write the centroids of all cells; returns whether no cell is folded."""
-    valid = True
+    columns, smallest = at_x.shape[1], np.inf
+    lowest = np.empty(columns)
     for i in range(at_x.shape[0]):
-        for j in range(at_x.shape[1]):
-            ax, ay = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j]  # the other corners, seen from the first one
-            bx, by = x[i + 1, j + 1] - x[i, j], y[i + 1, j + 1] - y[i, j]
-            cx, cy = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
-            first, second = ax * by - ay * bx, bx * cy - by * cx
+        x0, x1, y0, y1, to_x, to_y = x[i], x[i + 1], y[i], y[i + 1], at_x[i], at_y[i]
+        for j in range(columns):
+            ax, ay = x1[j] - x0[j], y1[j] - y0[j]  # the other corners, seen from the first one
+            bx, by = x1[j + 1] - x0[j], y1[j + 1] - y0[j]
+            cx, cy = x0[j + 1] - x0[j], y0[j + 1] - y0[j]
+            one, two = ax * by - ay * bx, bx * cy - by * cx
             at_b, at_d = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax), ax * cy - ay * cx
-            valid = valid and first > 0.0 and second > 0.0 and at_d > 0.0 and at_b > 0.0
-            weight = 1.0 / (3.0 * (first + second))
-            at_x[i, j] = x[i, j] + weight * (first * (ax + bx) + second * (bx + cx))
-            at_y[i, j] = y[i, j] + weight * (first * (ay + by) + second * (by + cy))
-    return valid
+            here = min(min(one, two), min(at_b, at_d))
+            check = one + two + at_b + at_d
+            lowest[j] = here if check - check == 0.0 else -1.0
+            weight = 1.0 / (3.0 * (one + two))
+            to_x[j] = x0[j] + weight * (one * (ax + bx) + two * (bx + cx))
+            to_y[j] = y0[j] + weight * (one * (ay + by) + two * (by + cy))
+        for j in range(columns):
+            smallest = min(smallest, lowest[j])
+    return smallest > 0.0
+
+
+@compiled
+def cross_faces(start: Pair, end: Pair, before: Pair, after: Pair, cosine: Array, skewness: Array) -> None:
+    """The ``cosine`` and the ``skewness`` of inner faces from ``start`` to ``end``, between two rows of centres.
+
+    Each row is two arrays ``(n,)``, x and y.
+    """
+    (xa, ya), (xb, yb), (ox, oy), (px, py) = start, end, before, after
+    for k in range(cosine.size):
+        ex, ey = xb[k] - xa[k], yb[k] - ya[k]
+        fx, fy = xa[k] + 0.5 * ex - ox[k], ya[k] + 0.5 * ey - oy[k]
+        dx, dy = px[k] - ox[k], py[k] - oy[k]
+        half, apart = 0.5 * np.sqrt(ex * ex + ey * ey), np.sqrt(dx * dx + dy * dy)
+        across = abs(dx * ey - dy * ex)
+        cosine[k] = across / (apart * 2.0 * half)
+        share = abs(fx * ey - fy * ex) / across
+        sx, sy = fx - share * dx, fy - share * dy
+        skewness[k] = np.sqrt(sx * sx + sy * sy) / max(INNER_DISTANCE_SHARE * apart, half)
+
+
+@compiled
+def face_sides(start: Pair, end: Pair, centres: Pair) -> float:
+    """The largest skewness of faces from ``start`` to ``end`` on a side, of cells with these ``centres``."""
+    (xa, ya), (xb, yb), (ox, oy) = start, end, centres
+    skewness = 0.0
+    for k in range(ox.size):
+        ex, ey = xb[k] - xa[k], yb[k] - ya[k]
+        fx, fy = xa[k] + 0.5 * ex - ox[k], ya[k] + 0.5 * ey - oy[k]
+        half = 0.5 * np.sqrt(ex * ex + ey * ey)
+        off, apart = abs(fx * ex + fy * ey) / (2.0 * half), abs(fx * ey - fy * ex) / (2.0 * half)
+        skewness = max(skewness, off / max(SIDE_DISTANCE_SHARE * apart, half))
+    return skewness
 
 
 @compiled
@@ -161,39 +200,49 @@ def survey_faces(
     ``(2, rows of cells, columns)`` are those of the cells.
     """
     at_x, at_y = centres[0], centres[1]
-    cells_xi, cells_eta = at_x.shape
-    lowest, total, skewness, count = 1.0, 0.0, 0.0, 0.0
-    for i in range(first, cells_xi + (1 if to_side else 0)):
-        for j in range(lowest_column, cells_eta + (1 if to_top else 0)):
-            for along in range(2):  # the edge that leaves the node along xi, then along eta
-                end_i, end_j = i + 1 - along, j + along
-                if end_i > cells_xi or end_j > cells_eta:
-                    continue
-                ex, ey = x[end_i, end_j] - x[i, j], y[end_i, end_j] - y[i, j]
-                half = 0.5 * np.sqrt(ex * ex + ey * ey)
-                last_i, last_j = min(i, cells_xi - 1), min(j, cells_eta - 1)
-                before_i, before_j = (last_i, j - 1) if along == 0 else (i - 1, last_j)
-                mx, my = x[i, j] + 0.5 * ex, y[i, j] + 0.5 * ey
-                if before_i < 0 or before_j < 0 or (j if along == 0 else i) == (cells_eta if along == 0 else cells_xi):
-                    own_i, own_j = max(before_i, 0), max(before_j, 0)
-                    fx, fy = mx - at_x[own_i, own_j], my - at_y[own_i, own_j]
-                    off = abs(fx * ex + fy * ey) / (2.0 * half)
-                    apart = abs(fx * ey - fy * ex) / (2.0 * half)
-                    skewness = max(skewness, off / max(SIDE_DISTANCE_SHARE * apart, half))
-                    continue
-                fx, fy = mx - at_x[before_i, before_j], my - at_y[before_i, before_j]
-                dx, dy = (
-                    at_x[last_i, last_j] - at_x[before_i, before_j],
-                    at_y[last_i, last_j] - at_y[before_i, before_j],
-                )
-                apart, across = np.sqrt(dx * dx + dy * dy), abs(dx * ey - dy * ex)
-                cosine = across / (apart * 2.0 * half)
-                lowest, total, count = min(lowest, cosine), total + cosine, count + 1.0
-                share = abs(fx * ey - fy * ex) / across
-                sx, sy = fx - share * dx, fy - share * dy
-                off = np.sqrt(sx * sx + sy * sy)
-                skewness = max(skewness, off / max(INNER_DISTANCE_SHARE * apart, half))
-    return lowest, total, count, skewness
+    rows, columns = at_x.shape
+    cosine, skewness = np.empty(2 * columns), np.empty(2 * columns)
+    lowest, total, largest, count = 1.0, 0.0, 0.0, 0.0
+    low, left = lowest_column, max(lowest_column, 1)
+    for i in range(first, rows + (1 if to_side else 0)):
+        from_x, from_y, found = x[i], y[i], 0
+        if i < rows:  # the edges that leave the nodes of the row along xi
+            to_x, to_y, cx, cy = x[i + 1], y[i + 1], at_x[i], at_y[i]
+            found = max(columns - left, 0)
+            cross_faces(
+                (from_x[left:columns], from_y[left:columns]),
+                (to_x[left:columns], to_y[left:columns]),
+                (cx[left - 1 : columns - 1], cy[left - 1 : columns - 1]),
+                (cx[left:], cy[left:]),
+                cosine[:found],
+                skewness[:found],
+            )
+            if low == 0:
+                one = face_sides((from_x[:1], from_y[:1]), (to_x[:1], to_y[:1]), (cx[:1], cy[:1]))
+                largest = max(largest, one)
+            if to_top:
+                one = face_sides((from_x[-1:], from_y[-1:]), (to_x[-1:], to_y[-1:]), (cx[-1:], cy[-1:]))
+                largest = max(largest, one)
+        start, end = (from_x[low:columns], from_y[low:columns]), (from_x[low + 1 :], from_y[low + 1 :])
+        after = min(i, rows - 1)
+        if 0 < i < rows:  # those along eta
+            before, place = i - 1, found
+            found += columns - low
+            cross_faces(
+                start,
+                end,
+                (at_x[before][low:], at_y[before][low:]),
+                (at_x[after][low:], at_y[after][low:]),
+                cosine[place:found],
+                skewness[place:found],
+            )
+        else:
+            largest = max(largest, face_sides(start, end, (at_x[after][low:], at_y[after][low:])))
+        for k in range(found):
+            lowest, largest = min(lowest, cosine[k]), max(largest, skewness[k])
+            total += cosine[k]
+        count += found
+    return lowest, total, count, largest
 
 
 @compiled
