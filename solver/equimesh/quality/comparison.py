@@ -17,8 +17,9 @@ from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
 from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.quality.measures import error_rule, gauss_points
-from equimesh.quality.survey import ErrorTally, Survey
+from equimesh.quality.measures import error_rule, metric_rule
+from equimesh.quality.survey import Survey
+from equimesh.quality.tally import ErrorTally
 from equimesh.quality.triangles import squared_errors
 
 
@@ -98,10 +99,13 @@ def _measured(mesh: Mesh | QuadMesh, monitor: Monitor, kind: Literal["quad", "tr
     with np.errstate(all="ignore"):
         cells, u = cells_of(mesh), monitor.u
         nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]
-        tally = None
+        tally, rule = None, metric_rule(cells)
+        is_inside = rule is not CellPoints.corners()
         if u is not None and kind == "quad" and cells.all_valid:
             tally = ErrorTally.of(cells, u, error_rule(cells), nodal=nodal)
-        survey = Survey.of(cells, monitor, CellPoints.gauss(gauss_points(cells)), tally=tally, threads=threads)
+        survey = Survey.of(cells, monitor, rule, tally=tally if is_inside else None, threads=threads)
+        if tally is not None and not is_inside:
+            tally.add_all(threads)
         return ComparedMesh(
             mesh=mesh, q_eq=survey.q_eq.reshape(mesh.cell_shape), u=nodal, error=_root_mean_squares(cells, u, tally)
         )

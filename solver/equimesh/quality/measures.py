@@ -48,13 +48,16 @@ from equimesh.quality.interpolation import (
     require_same_cells,
     sample,
 )
-from equimesh.quality.survey import ROWS, ErrorRule, ErrorTally, Survey
+from equimesh.quality.survey import ROWS, Survey
+from equimesh.quality.tally import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
 """Gauss points per direction and cell, on meshes of at most this many cells: ``(cells, points)``."""
 GAUSS_POINTS_BEYOND = 2
 """On larger meshes, where the monitor hardly varies within a cell."""
+MAX_GAUSS_CELLS = 16_384
+"""Beyond so many cells the metric is evaluated at the nodes, once for the cells around each, unless asked otherwise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,11 +110,13 @@ class Quality:
     """The smallest corner Jacobian over the mean one: the same number, since the mean is the mean area of a cell."""
     interpolation_error: InterpolationErrors | None
     """The errors of interpolating u; ``None`` for a monitor without u."""
+    u: Array | None = field(default=None, repr=False)
+    """u at the nodes that are here, if the measures needed it; ``None`` otherwise."""
 
     def without_cells(self) -> Quality:
         """The measures without the values of cells, small and ready to be sent to another process."""
         named = {name: replace(getattr(self, name), compute=_values_elsewhere) for name in PER_CELL}
-        return replace(self, **named)
+        return replace(self, u=None, **named)
 
     def summary(self, *, arrays: bool = False) -> dict[str, Any]:
         """The measures as nested plain Python data, ready for JSON.
@@ -155,8 +160,8 @@ def measure(
     ``uniform`` is the mesh of the same size that interpolation of u is compared with, by default the uniform mesh of
     the unit square; a mesh of blocks has none, and its gains are then NaN. ``gauss`` is the number of Gauss points
     per direction and cell; by default ``GAUSS_POINTS`` or, on many cells, ``GAUSS_POINTS_BEYOND``, where the
-    interpolation errors are those of :func:`~equimesh.quality.interpolation.interpolation_errors`. Not finite where u
-    or its gradient is not.
+    interpolation errors are those of :func:`~equimesh.quality.interpolation.interpolation_errors`; beyond
+    ``MAX_GAUSS_CELLS`` the metric is that at the corners of the cells. Not finite where u or its gradient is not.
     """
     return measure_all(mesh, monitor, uniform=uniform, gauss=gauss)
 
@@ -179,11 +184,14 @@ def measure_all(
     """
     with np.errstate(all="ignore"):
         cells, u, tally = cells_of(mesh, closed_of(domain)), monitor.u, None
-        rule = CellPoints.gauss(gauss_points(cells, gauss))
+        rule = metric_rule(cells, gauss)
         numbers = sample(cells.rows) if gauss is None else None
-        if u is not None and kind == "quad" and cells.all_valid and numbers is None:
+        is_inside = rule is not CellPoints.corners()
+        if u is not None and kind == "quad" and cells.all_valid and numbers is None and is_inside:
             tally = ErrorTally.of(cells, u, error_rule(cells, gauss), nodal=nodal)
         survey = Survey.of(cells, monitor, rule, tally=tally, threads=threads)
+        if nodal is None:
+            nodal = survey.nodal if tally is None else tally.nodal
         if u is None:
             errors = None
         elif kind == "triangle":
@@ -194,7 +202,7 @@ def measure_all(
             here = norms_of(tally) if tally else norms(cells, u, errors_by, numbers, nodal=nodal, threads=threads)
             second = UNKNOWN if there is None else norms(there, u, errors_by, numbers, threads=threads)
             errors = compared(cells, here, second)
-        return _quality(cells, monitor, rule, survey, errors)
+        return replace(_quality(cells, monitor, rule, survey, errors), u=nodal)
 
 
 def measure_quality(
@@ -203,7 +211,7 @@ def measure_quality(
     """As :func:`measure`, where the ``errors`` of interpolation are known."""
     with np.errstate(all="ignore"):
         cells = cells_of(mesh)
-        rule = CellPoints.gauss(gauss_points(cells))
+        rule = metric_rule(cells)
         return _quality(cells, monitor, rule, Survey.of(cells, monitor, rule, threads=threads), errors)
 
 
@@ -258,8 +266,9 @@ def _quality(
         Measure(**numbers._asdict(), compute=partial(compute, row)) for row, numbers in enumerate(survey.statistics)
     ]
     with np.errstate(all="ignore"):
+        by_name: dict[str, Any] = dict(zip(ROWS, found, strict=True))
         return Quality(
-            **dict(zip(ROWS, found, strict=True)),
+            **by_name,
             min_jacobian=float(np.float64(cells.lowest) * cells.count / abs(cells.total_area)),
             min_jacobian_over_mean=float(np.float64(cells.lowest) / (cells.total_area / cells.count)),
             interpolation_error=errors,
@@ -277,7 +286,7 @@ def equidistribution(mesh: AnyMesh, monitor: Monitor, *, gauss: int | None = Non
     """
     with np.errstate(all="ignore"):
         cells = cells_of(mesh)
-        rule = CellPoints.gauss(gauss_points(cells, gauss))
+        rule = metric_rule(cells, gauss)
         found = Survey.of(cells, monitor, rule, threads=threads).q_eq
         return np.reshape(found, cells.own_shape)
 
@@ -307,7 +316,7 @@ def shape_regularity(mesh: Mesh | QuadMesh) -> Array:
 def _values_of(mesh: Mesh | QuadMesh, monitor: Monitor, gauss: int | None, name: str) -> Array:
     with np.errstate(all="ignore"):
         cells = cells_of(mesh)
-        rule = CellPoints.gauss(gauss_points(cells, gauss))
+        rule = metric_rule(cells, gauss)
         quality = _quality(cells, monitor, rule, Survey.of(cells, monitor, rule), None)
         return np.asarray(getattr(quality, name).cells)
 
@@ -315,6 +324,13 @@ def _values_of(mesh: Mesh | QuadMesh, monitor: Monitor, gauss: int | None, name:
 def gauss_points(cells: MeshCells, gauss: int | None = None) -> int:
     """The Gauss points per direction and cell for a mesh of this size, unless ``gauss`` gives them."""
     return gauss or next((points for most, points in GAUSS_POINTS if cells.count <= most), GAUSS_POINTS_BEYOND)
+
+
+def metric_rule(cells: MeshCells, gauss: int | None = None) -> CellPoints:
+    """The quadrature of the mean metric of a cell: Gauss points, on many cells their corners; ``gauss`` as there."""
+    if gauss is None and cells.count > MAX_GAUSS_CELLS:
+        return CellPoints.corners()
+    return CellPoints.gauss(gauss_points(cells, gauss))
 
 
 def error_rule(cells: MeshCells, gauss: int | None = None) -> ErrorRule:

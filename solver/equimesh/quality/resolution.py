@@ -19,7 +19,7 @@ from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import CellPoints, Cells, ChosenCells
-from equimesh.quality.survey import add_errors
+from equimesh.quality.tally import add_errors
 
 # Pieces of cells, on which the error of interpolation is integrated more finely than on the whole cell.
 #

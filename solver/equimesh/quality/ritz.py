@@ -23,7 +23,7 @@ from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import CellPoints, QuadCells
 from equimesh.quality.interpolation import gain_of, noise
-from equimesh.quality.survey import add_errors
+from equimesh.quality.tally import add_errors
 from equimesh_coupling.parts import CUTS, better_cuts, cuts_at_corners
 from equimesh_schema.certificate import SolverGain
 

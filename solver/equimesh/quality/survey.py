@@ -6,30 +6,22 @@ The own cells are looked at. The statistics of all strips give those of the mesh
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from equimesh.fields.expression import Field
-from equimesh.meshes.mesh import MeshRows
 from equimesh.monitors.monitor import Monitor, OfDerivatives
-from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.compiled import compiled, vectorised
-from equimesh.numerics.types import Array, IntArray, Pair
+from equimesh.numerics.types import Array
 from equimesh.quality.cell_maps import locate, shapes, shares_and_alignments
-from equimesh.quality.cells import BilinearCells, CellPoints, Cells, ChosenCells, MeshCells
+from equimesh.quality.cells import BilinearCells, CellPoints, MeshCells, pieces
+from equimesh.quality.tally import ErrorTally, share_blocks
 
-# The errors of interpolating u, summed over every cell, from one evaluation of u at each point.
-
-# Compiled integrals over cells: of a metric, and of the squared errors of bilinear interpolation.
+# Compiled means of a metric over cells.
 #
-# ``corners`` of shape ``(8, n)`` are x and then y of the corners of the cells, counter-clockwise; ``values`` of shape
-# ``(4, n)`` are those of the interpolant there. Functions at points have the shape ``(points, n)``.
-
-MIDDLE_WEIGHT = 2 / 45
-"""Weight of the middles of the edges; see :meth:`equimesh.quality.interpolation.ErrorRule.lean`."""
+# ``corners`` of shape ``(8, n)`` are x and then y of the corners of the cells, counter-clockwise. Functions at points
+# have the shape ``(points, n)``.
 
 
 @compiled
@@ -57,246 +49,34 @@ def mean_metrics(
 
 
 @compiled
-def add_errors(
-    corners: Array, values: Array, u: Array, gradient: Pair, points: CellPoints, sums: Array, largest: Array
-) -> None:
-    """To ``sums`` of shape ``(4, n)`` the integrals of errors ``u_h - u`` over every cell, by quadrature.
+def nodal_means(corners: Array, metric: tuple[Array, Array, Array], start: int, out: Array) -> None:
+    """As :func:`mean_metrics` by the corners of the cells from number ``start`` on of a grid of nodes.
 
-    The first is that of the squared error, the second that of the squared error of the gradient, the others are those
-    of the two components of this error. ``largest`` becomes the largest size of the error.
+    ``metric`` is that at the nodes, each entry of their shape. A corner counts by the determinant there.
     """
     x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
     y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
-    v0, v1, v2, v3 = values[0], values[1], values[2], values[3]
-    squares, slopes, along_x, along_y = sums[0], sums[1], sums[2], sums[3]
-    for p in range(u.shape[0]):
-        s, t, weight = points.s[p], points.t[p], points.weights[p]
-        a, b, c, d = (1.0 - s) * (1.0 - t), s * (1.0 - t), s * t, (1.0 - s) * t
-        here, u_x, u_y = u[p], gradient[0][p], gradient[1][p]
-        for k in range(largest.size):
-            x_s = (1.0 - t) * (x1[k] - x0[k]) + t * (x2[k] - x3[k])
-            y_s = (1.0 - t) * (y1[k] - y0[k]) + t * (y2[k] - y3[k])
-            x_t = (1.0 - s) * (x3[k] - x0[k]) + s * (x2[k] - x1[k])
-            y_t = (1.0 - s) * (y3[k] - y0[k]) + s * (y2[k] - y1[k])
-            det = x_s * y_t - x_t * y_s
-            along_s = (1.0 - t) * (v1[k] - v0[k]) + t * (v2[k] - v3[k])
-            along_t = (1.0 - s) * (v3[k] - v0[k]) + s * (v2[k] - v1[k])
-            error = a * v0[k] + b * v1[k] + c * v2[k] + d * v3[k] - here[k]
-            error_x = (along_s * y_t - along_t * y_s) / det - u_x[k]
-            error_y = (along_t * x_s - along_s * x_t) / det - u_y[k]
-            share = weight * det
-            squares[k] += share * error * error
-            slopes[k] += share * (error_x * error_x + error_y * error_y)
-            along_x[k] += share * error_x
-            along_y[k] += share * error_y
-            largest[k] = max(largest[k], abs(error))
-
-
-@compiled
-def add_values(corners: Array, values: Array, u: Array, points: CellPoints, sums: Array, largest: Array) -> None:
-    """To ``sums`` of every cell the integral of the squared error alone; ``largest`` as in :func:`add_errors`."""
-    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
-    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
-    v0, v1, v2, v3 = values[0], values[1], values[2], values[3]
-    for p in range(u.shape[0]):
-        s, t, weight = points.s[p], points.t[p], points.weights[p]
-        a, b, c, d = (1.0 - s) * (1.0 - t), s * (1.0 - t), s * t, (1.0 - s) * t
-        here = u[p]
-        for k in range(largest.size):
-            x_s = (1.0 - t) * (x1[k] - x0[k]) + t * (x2[k] - x3[k])
-            y_s = (1.0 - t) * (y1[k] - y0[k]) + t * (y2[k] - y3[k])
-            x_t = (1.0 - s) * (x3[k] - x0[k]) + s * (x2[k] - x1[k])
-            y_t = (1.0 - s) * (y3[k] - y0[k]) + s * (y2[k] - y1[k])
-            error = a * v0[k] + b * v1[k] + c * v2[k] + d * v3[k] - here[k]
-            sums[k] += weight * (x_s * y_t - x_t * y_s) * error * error
-            largest[k] = max(largest[k], abs(error))
-
-
-@compiled
-def add_middles(nodes: Pair, nodal: Array, middles: Pair, sums: Array, largest: Array) -> None:
-    """As :func:`add_values` for all cells of a mesh and the middles of their edges, each evaluated once.
-
-    ``nodal`` is u at the ``nodes``; ``middles`` is u in the middle of the edges along xi, of shape
-    ``(n_xi - 1, n_eta)``, and of those along eta, of shape ``(n_xi, n_eta - 1)``.
-    """
-    (x, y), (of_xi, of_eta) = nodes, middles
-    columns = x.shape[1] - 1
-    for i in range(x.shape[0] - 1):
-        for j in range(columns):
-            k = i * columns + j
-            ax, ay, bx = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j], x[i + 1, j + 1] - x[i + 1, j]
-            by = y[i + 1, j + 1] - y[i + 1, j]
-            cx, cy = x[i + 1, j + 1] - x[i, j + 1], y[i + 1, j + 1] - y[i, j + 1]
-            dx, dy = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
-            ex, ey, fx, fy = 0.5 * (ax + cx), 0.5 * (ay + cy), 0.5 * (bx + dx), 0.5 * (by + dy)
-            bottom = 0.5 * (nodal[i, j] + nodal[i + 1, j]) - of_xi[i, j]
-            top = 0.5 * (nodal[i, j + 1] + nodal[i + 1, j + 1]) - of_xi[i, j + 1]
-            left = 0.5 * (nodal[i, j] + nodal[i, j + 1]) - of_eta[i, j]
-            right = 0.5 * (nodal[i + 1, j] + nodal[i + 1, j + 1]) - of_eta[i + 1, j]
-            total = (ax * fy - ay * fx) * bottom * bottom + (cx * fy - cy * fx) * top * top
-            total += (ex * dy - ey * dx) * left * left + (ex * by - ey * bx) * right * right
-            sums[k] += MIDDLE_WEIGHT * total
-            largest[k] = max(max(largest[k], max(abs(bottom), abs(top))), max(abs(left), abs(right)))
-
-
-MIN_CELLS_FOR_THREADS = 16_384
-"""On fewer cells a second thread costs more than it saves."""
-
-
-def share_blocks(work: Callable[[int, int], None], cells: int, threads: int) -> None:
-    """Call ``work(k, threads)`` for every thread k; in one thread where there are few ``cells``."""
-    threads = threads if cells >= MIN_CELLS_FOR_THREADS else 1
-    run_on_threads(threads, lambda thread: work(thread, threads))
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorRule:
-    """Quadrature of squared errors: u and its gradient at ``inner`` points, u alone at ``edge`` points of every cell.
-
-    Gradients are weighted by ``inner.weights``, values by those and by ``edge.weights``.
-    """
-
-    inner: CellPoints
-    edge: CellPoints
-
-    @classmethod
-    def gauss(cls, count: int) -> ErrorRule:
-        """The Gauss rule with ``count`` points per direction, alone."""
-        return cls(CellPoints.gauss(count), CellPoints(np.empty(0), np.empty(0), np.empty(0)))
-
-    @classmethod
-    def lean(cls) -> ErrorRule:
-        """The 2 x 2 Gauss rule, and the middles of the edges.
-
-        The interpolation error is ``a s (1-s) + b t (1-t)`` to leading order. Its square has the integral
-        ``(a^2 + b^2)/30 + a b/18``, of which the 2 x 2 rule gives ``(a + b)^2/36``. Four middles with weights of
-        2/45 add the rest. The result is exact to leading order; for the gradient the 2 x 2 rule alone is. The weights
-        sum to more than 1: the corners, where there is no error, have the negative rest.
-        """
-        middles = CellPoints(
-            np.array([0.5, 1.0, 0.5, 0.0]),
-            np.array([0.0, 0.5, 1.0, 0.5]),
-            np.full(4, 2 / 45),
-        )
-        return cls(CellPoints.gauss(2), middles)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ErrorTally:
-    """Sums over own cells, all of them or some, that grow while blocks of cells are added.
-
-    ``chosen`` are these cells, ``sampled`` is whether they are some only. ``values`` of shape ``(4, n)`` are u at the
-    corners, ``sums`` of shape ``(4, n)`` the integrals of :func:`~equimesh.quality.survey.add_errors`,
-    ``largest`` the largest errors at a point. ``nodal`` is u at the held nodes, ``None`` where it is not known.
-    """
-
-    cells: Cells
-    u: Field
-    rule: ErrorRule
-    chosen: ChosenCells
-    sampled: bool
-    nodal: Array | None
-    values: Array
-    sums: Array
-    largest: Array
-    ends: list[tuple[float, float]]
-
-    @classmethod
-    def of(
-        cls,
-        cells: Cells,
-        u: Field,
-        rule: ErrorRule,
-        numbers: IntArray | None = None,
-        nodal: Array | None = None,
-    ) -> ErrorTally:
-        """Nothing yet of the own ``cells`` or of those with ``numbers``.
-
-        ``nodal`` is u at the held nodes if that is known.
-        """
-        chosen = ChosenCells.of(cells.rows, numbers)
-        count = chosen.numbers.size
-        if isinstance(cells, MeshCells) and (nodal is not None or numbers is None):
-            nodal = u.evaluate(*cells.nodes)[0] if nodal is None else nodal
-            values = cells.corner_values(nodal, chosen.numbers)
-        else:
-            corners = cells.corners(chosen.numbers)
-            (values,) = u.evaluate(corners[:4], corners[4:])
-        return cls(
-            cells=cells,
-            u=u,
-            rule=rule,
-            chosen=chosen,
-            sampled=numbers is not None,
-            nodal=nodal,
-            values=values,
-            sums=np.zeros((4, count)),
-            largest=np.zeros(count),
-            ends=[(float(values.min()), float(values.max()))] if count else [],
-        )
-
-    def add(self, where: slice, corners: Array, derivatives: tuple[Array, ...]) -> None:
-        """The cells at these places, with u and its ``derivatives`` at the inner points of the rule."""
-        u, u_x, u_y = (np.ascontiguousarray(part) for part in derivatives[:3])
-        values, sums = np.ascontiguousarray(self.values[:, where]), np.zeros((4, corners.shape[1]))
-        add_errors(corners, values, u, (u_x, u_y), self.rule.inner, sums, self.largest[where])
-        self.sums[:, where] = sums
-        self._widen(u)
-
-    def add_all(self, threads: int = 1) -> None:
-        """All cells at the inner points of the rule, block by block; ``threads`` share the blocks if they are many."""
-        inner = self.rule.inner
-        blocks = list(self.cells.blocks_of(self.chosen, inner))
-
-        def work(thread: int, threads: int) -> None:
-            with np.errstate(all="ignore"):
-                for where, numbers in blocks[thread::threads]:
-                    corners = self.cells.corners(numbers)
-                    x, y = np.empty((2, inner.s.size, corners.shape[1]))
-                    locate(corners, inner.s, inner.t, x, y)
-                    self.add(where, corners, self.u.evaluate(x, y, order=1))
-
-        share_blocks(work, self.largest.size, threads)
-
-    def add_edges(self) -> None:
-        """All cells at the edge points of the rule."""
-        edge = self.rule.edge
-        if not edge.s.size:
-            return
-        if isinstance(self.cells, BilinearCells) and not self.sampled and self.nodal is not None:
-            for first, last in self.cells.rows.strips:
-                self._add_middles(self.cells.window, self.nodal, first, last)
-            return
-        for where, numbers in self.cells.blocks_of(self.chosen, edge):
-            corners = self.cells.corners(numbers)
-            x, y = np.empty((2, edge.s.size, corners.shape[1]))
-            locate(corners, edge.s, edge.t, x, y)
-            (there,) = self.u.evaluate(x, y)
-            values = np.ascontiguousarray(self.values[:, where])
-            add_values(corners, values, np.ascontiguousarray(there), edge, self.sums[0, where], self.largest[where])
-            self._widen(there)
-
-    def _add_middles(self, window: MeshRows, nodal: Array, first: int, last: int) -> None:
-        """The middles of the edges of the rows ``first`` to ``last - 1`` of cells."""
-        rows, columns = window.rows, window.rows.cells[1]
-        x, y = window.nodes(first, last)
-        of_xi = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))[0]
-        of_eta = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))[0]
-        there = np.ascontiguousarray(nodal[first - rows.begin : last + 1 - rows.begin])
-        where = slice((first - rows.first) * columns, (last - rows.first) * columns)
-        middles = np.ascontiguousarray(of_xi), np.ascontiguousarray(of_eta)
-        add_middles((x, y), there, middles, self.sums[0, where], self.largest[where])
-        self._widen(of_xi)
-        self._widen(of_eta)
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """The smallest and the largest value of u at the points so far; blocks with NaN have no part in it."""
-        known = [ends for ends in self.ends if not math.isnan(ends[0])]
-        return min((low for low, _ in known), default=math.nan), max((high for _, high in known), default=math.nan)
-
-    def _widen(self, u: Array) -> None:
-        self.ends.append((float(u.min()), float(u.max())))
+    first, second, third = metric
+    columns, k = first.shape[1] - 1, 0
+    a, b, c, d = np.empty(columns), np.empty(columns), np.empty(columns), np.empty(columns)
+    while k < out.shape[1]:
+        i = (start + k) // columns
+        j = start + k - i * columns
+        count = min(columns - j, out.shape[1] - k)
+        for m in range(count):
+            p = k + m
+            a[m] = (x1[p] - x0[p]) * (y3[p] - y0[p]) - (y1[p] - y0[p]) * (x3[p] - x0[p])
+            b[m] = (x1[p] - x0[p]) * (y2[p] - y1[p]) - (y1[p] - y0[p]) * (x2[p] - x1[p])
+            c[m] = (x2[p] - x3[p]) * (y2[p] - y1[p]) - (y2[p] - y3[p]) * (x2[p] - x1[p])
+            d[m] = (x2[p] - x3[p]) * (y3[p] - y0[p]) - (y2[p] - y3[p]) * (x3[p] - x0[p])
+        for m in range(count):
+            per = 1.0 / (a[m] + b[m] + c[m] + d[m])
+            a[m], b[m], c[m], d[m] = a[m] * per, b[m] * per, c[m] * per, d[m] * per
+        for entry, to in ((first, out[0]), (second, out[1]), (third, out[2])):
+            low, high = entry[i], entry[i + 1]
+            for m in range(count):
+                to[k + m] = a[m] * low[j + m] + b[m] * high[j + m] + c[m] * high[j + m + 1] + d[m] * low[j + m + 1]
+        k += count
 
 
 # Extremes, mean and root mean square of numbers that come in blocks.
@@ -311,10 +91,15 @@ class Statistics(NamedTuple):
     rms: float
 
     @classmethod
-    def of(cls, parts: Array, count: int) -> Statistics:
-        """Those of ``count`` numbers, from the :func:`parts` of their blocks, of shape ``(blocks, 4)``."""
-        total, squares = float(parts[:, 2].sum()), float(parts[:, 3].sum())
-        return cls(float(parts[:, 0].max()), float(parts[:, 1].min()), total / count, math.sqrt(squares / count))
+    def of(cls, parts: Array, count: int) -> list[Statistics]:
+        """Those of each of some rows of ``count`` numbers, from the :func:`parts <fill_parts>` of their blocks.
+
+        These have the shape ``(blocks, rows, 4)``.
+        """
+        ends = parts[:, :, 0].max(axis=0).tolist(), parts[:, :, 1].min(axis=0).tolist()
+        sums, squares = parts[:, :, 2:].sum(axis=0).T.tolist()
+        found = zip(*ends, sums, squares, strict=True)
+        return [cls(high, low, total / count, math.sqrt(square / count)) for high, low, total, square in found]
 
     def times(self, factor: float) -> Statistics:
         """Those of the numbers times a positive ``factor``."""
@@ -326,23 +111,30 @@ def fill_parts(rows: Array, out: Array) -> None:
 
     Where a number is not finite they are what numpy says.
     """
-    fast_parts(rows, out)
-    for row, part in zip(rows, out, strict=True):
-        if not math.isfinite(part[3]):
-            part[:] = row.max(), row.min(), row.sum(), np.square(row).sum()
+    rows.max(axis=1, out=out[:, 0])
+    rows.min(axis=1, out=out[:, 1])
+    fast_sums(rows, out)
+    if not math.isfinite(out[:, 3].sum()):
+        out[:, 2], out[:, 3] = rows.sum(axis=1), np.square(rows).sum(axis=1)
+
+
+def join_parts(one: Array, other: Array) -> None:
+    """Add to ``one`` the :func:`fill_parts` of other numbers."""
+    np.maximum(one[:, 0], other[:, 0], out=one[:, 0])
+    np.minimum(one[:, 1], other[:, 1], out=one[:, 1])
+    one[:, 2:] += other[:, 2:]
 
 
 @vectorised
-def fast_parts(rows: Array, out: Array) -> None:
-    """As :func:`fill_parts` where all numbers are finite; where one is not, the last number of its row is neither."""
+def fast_sums(rows: Array, out: Array) -> None:
+    """The sums of :func:`fill_parts` where all numbers are finite; where one is not, that of its squares is neither."""
     for r in range(rows.shape[0]):
         row = rows[r]
-        high, low, total, squares = row[0], row[0], 0.0, 0.0
+        total, squares = 0.0, 0.0
         for k in range(row.size):
-            high, low = max(high, row[k]), min(low, row[k])
             total += row[k]
             squares += row[k] * row[k]
-        out[r, 0], out[r, 1], out[r, 2], out[r, 3] = high, low, total, squares
+        out[r, 2], out[r, 3] = total, squares
 
 
 ROWS = ("q_eq", "q_ali", "q_geo", "scaled_jacobian", "skewness", "aspect_ratio", "size_ratio")
@@ -355,12 +147,14 @@ MAX_KEPT_CELLS = 16_384
 class Survey:
     """The statistics of all measures, in the order of :data:`ROWS`, and ``q_eq`` of every own cell.
 
-    ``kept`` are all values of the own cells, of shape ``(7, cells)``, or ``None`` where they are not kept.
+    ``kept`` are all values of the own cells, of shape ``(7, cells)``, or ``None`` where they are not kept. ``nodal`` is
+    u at the held nodes around own cells, where the metric was evaluated there and depends on u alone.
     """
 
     statistics: tuple[Statistics, ...]
     q_eq: Array
     kept: Array | None
+    nodal: Array | None
 
     @classmethod
     def of(
@@ -375,62 +169,56 @@ class Survey:
     ) -> Survey:
         """The survey with the metric of ``monitor`` at the points of ``rule``.
 
-        ``tally`` counts the errors of interpolation at the same points. ``keep`` keeps all values in any case.
+        ``tally`` counts the errors of interpolation at the same points, unless these are the corners. ``keep`` keeps
+        all values in any case.
         """
-        blocks, own = list(cells.blocks(rule)), cells.own
+        strips, own = cells.rows.strips, cells.own
         kept = np.empty((len(ROWS), own.stop - own.start)) if keep or cells.count <= MAX_KEPT_CELLS else None
         q_eq = np.empty(own.stop - own.start) if kept is None else kept[0]
-        parts = np.empty((len(blocks), len(ROWS), 4))
-        shares = np.empty(len(blocks))
-        known = cells.all_valid  # before the threads need it
+        parts, shares = np.empty((len(strips), len(ROWS), 4)), np.zeros(len(strips))
+        is_valid = cells.all_valid  # before the threads need it
+        metrics: _Metrics
+        if rule is CellPoints.corners():
+            metrics = _AtNodes.of(cells, monitor)
+        else:
+            metrics = _Inside(cells, monitor, rule, tally if is_valid else None)
 
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
-                for number in range(thread, len(blocks), threads):
-                    block = blocks[number]
-                    rows = np.empty((len(ROWS), block.stop - block.start))
-                    shares[number] = _measure(cells, monitor, rule, block, rows, tally if known else None)
-                    fill_parts(rows, parts[number])
-                    here = _places(cells, block)
-                    if kept is None:
-                        q_eq[here] = rows[0]
-                    else:
-                        kept[:, here] = rows
+                for number in range(thread, len(strips), threads):
+                    metrics.begin(number)
+                    first, last = strips[number]
+                    for block in pieces(first * cells.shape[1], last * cells.shape[1], rule):
+                        here = _places(cells, block)
+                        rows = np.empty((len(ROWS), block.stop - block.start))
+                        shares[number] += _measure(cells, metrics, number, block, rows)
+                        if block.start == first * cells.shape[1]:
+                            fill_parts(rows, parts[number])
+                        else:
+                            found = np.empty((len(ROWS), 4))
+                            fill_parts(rows, found)
+                            join_parts(parts[number], found)
+                        if kept is None:
+                            q_eq[here] = rows[0]
+                        else:
+                            kept[:, here] = rows
+                    metrics.end(number)
 
         share_blocks(work, own.stop - own.start, threads)
+        found = cells.rows.joined(np.column_stack([shares, parts.reshape(len(strips), -1)]))
         with np.errstate(all="ignore"):
-            found, total = _of_strips(cells, blocks, parts, shares)
-            factor = np.float64(cells.count) / total
+            factor = np.float64(cells.count) / found[:, 0].sum()
             q_eq *= factor
-        statistics = [Statistics.of(found[:, row], cells.count) for row in range(len(ROWS))]
-        return cls(statistics=(statistics[0].times(float(factor)), *statistics[1:]), q_eq=q_eq, kept=kept)
+        statistics = Statistics.of(found[:, 1:].reshape(-1, len(ROWS), 4), cells.count)
+        statistics[0] = statistics[0].times(float(factor))
+        return cls(statistics=tuple(statistics), q_eq=q_eq, kept=kept, nodal=metrics.nodal)
 
 
-def _of_strips(cells: MeshCells, blocks: list[slice], parts: Array, shares: Array) -> tuple[Array, float]:
-    """The statistics of all strips, of shape ``(strips, 7, 4)``, and the sum of all shares."""
-    starts = {first * cells.shape[1] for first, _ in cells.rows.strips}
-    at = [k for k, block in enumerate(blocks) if block.start in starts]
-    strips = np.empty((len(at), len(ROWS), 4))
-    for column, reduced in enumerate((np.maximum, np.minimum, np.add, np.add)):
-        strips[:, :, column] = reduced.reduceat(parts[:, :, column], at, axis=0)
-    sums = np.add.reduceat(shares, at)
-    found = cells.rows.joined(np.column_stack([sums, strips.reshape(len(at), -1)]))
-    return found[:, 1:].reshape(-1, len(ROWS), 4), float(found[:, 0].sum())
-
-
-def _measure(
-    cells: MeshCells, monitor: Monitor, rule: CellPoints, block: slice, rows: Array, tally: ErrorTally | None
-) -> float:
+def _measure(cells: MeshCells, metrics: _Metrics, strip: int, block: slice, rows: Array) -> float:
     """Fill ``rows`` of the measures of some cells, the first one not yet scaled; returns its sum over valid cells."""
     here = cells.places(block)
     corners, area, valid = cells.corners(block), cells.area[here], cells.valid[here]
-    if cells.all_valid:
-        metric = _mean_metrics(corners, area, monitor, rule, _places(cells, block), tally)
-    else:  # u need not be defined where a folded cell reaches
-        metric = np.full((3, area.size), np.nan)
-        chosen = np.flatnonzero(valid)
-        some = np.ascontiguousarray(corners[:, chosen])
-        metric[:, chosen] = _mean_metrics(some, area[chosen], monitor, rule, _places(cells, block), None)
+    metric = metrics.means(strip, block, corners)
     shares_and_alignments(corners, area, valid, metric, rows[:2])
     shapes(corners, valid, rows[2:6])
     np.arctan(rows[4], out=rows[4])
@@ -443,20 +231,135 @@ def _places(cells: MeshCells, block: slice) -> slice:
     return slice(block.start - cells.own.start, block.stop - cells.own.start)
 
 
-def _mean_metrics(
-    corners: Array, area: Array, monitor: Monitor, rule: CellPoints, own: slice, tally: ErrorTally | None
-) -> Array:
-    x, y = np.empty((2, rule.s.size, area.size))
-    locate(corners, rule.s, rule.t, x, y)
-    mean = np.empty((3, area.size))
-    if tally is not None and isinstance(monitor, OfDerivatives):
-        derivatives = tally.u.evaluate(x, y, monitor.order)
-        entries = monitor.metric_of(*derivatives)
-        tally.add(own, corners, derivatives)
-    else:
-        entries = monitor.metric(x, y)
-        if tally is not None:
-            tally.add(own, corners, tally.u.evaluate(x, y, 1))
-    m11, m12, m22 = (np.ascontiguousarray(entry) for entry in entries)
-    mean_metrics(corners, area, rule, (m11, m12, m22), mean)
-    return mean
+# The mean metric of every cell, by one of two rules: points inside the cells, or their corners.
+
+
+class _Metrics(Protocol):
+    """The mean metrics of the cells of a mesh, strip by strip; threads may ask for those of different strips."""
+
+    @property
+    def nodal(self) -> Array | None:
+        """u at the held nodes, where it was needed."""
+        ...
+
+    def begin(self, strip: int) -> None:
+        """What the blocks of a strip share is computed here."""
+        ...
+
+    def means(self, strip: int, block: slice, corners: Array) -> Array:
+        """The mean metrics of the cells of a block of the strip, shape ``(3, cells)``; their ``corners`` are known."""
+        ...
+
+    def end(self, strip: int) -> None:
+        """The strip is measured."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Inside:
+    """By points inside every cell, at which ``tally`` counts the errors of interpolation."""
+
+    cells: MeshCells
+    monitor: Monitor
+    rule: CellPoints
+    tally: ErrorTally | None
+    nodal: Array | None = None
+
+    def begin(self, strip: int) -> None:
+        """Nothing: blocks share no points."""
+
+    def end(self, strip: int) -> None:
+        """Nothing is kept."""
+
+    def means(self, strip: int, block: slice, corners: Array) -> Array:  # noqa: ARG002 - as by the corners
+        """As the protocol has it."""
+        here = self.cells.places(block)
+        area, own = self.cells.area[here], _places(self.cells, block)
+        if self.cells.all_valid:
+            return self._of_valid(corners, area, own)
+        metric = np.full((3, area.size), np.nan)  # u need not be defined where a folded cell reaches
+        chosen = np.flatnonzero(self.cells.valid[here])
+        metric[:, chosen] = self._of_valid(np.ascontiguousarray(corners[:, chosen]), area[chosen], own)
+        return metric
+
+    def _of_valid(self, corners: Array, area: Array, own: slice) -> Array:
+        rule, monitor, tally = self.rule, self.monitor, self.tally
+        x, y = np.empty((2, rule.s.size, area.size))
+        locate(corners, rule.s, rule.t, x, y)
+        mean = np.empty((3, area.size))
+        if tally is not None and isinstance(monitor, OfDerivatives):
+            derivatives = tally.u.evaluate(x, y, monitor.order)
+            entries = monitor.metric_of(*derivatives)
+            tally.add(own, corners, derivatives)
+        else:
+            entries = monitor.metric(x, y)
+            if tally is not None:
+                tally.add(own, corners, tally.u.evaluate(x, y, 1))
+        mean_metrics(corners, area, rule, contiguous(entries), mean)
+        return mean
+
+
+@dataclass(frozen=True, eq=False)
+class _AtNodes:
+    """By the corners of every cell, where neighbours share the metric.
+
+    ``strips`` has the metric at the nodes of every strip that is being measured; on blocks at all nodes.
+    """
+
+    cells: MeshCells
+    monitor: Monitor
+    nodal: Array | None
+    strips: dict[int, tuple[Array, Array, Array]]
+
+    @classmethod
+    def of(cls, cells: MeshCells, monitor: Monitor) -> _AtNodes:
+        """Nothing yet; on blocks the metric at all nodes."""
+        is_known = isinstance(monitor, OfDerivatives) and monitor.u is not None
+        found = cls(cells, monitor, np.full(cells.nodes[0].shape, np.nan) if is_known else None, {})
+        if not isinstance(cells, BilinearCells):
+            found.strips[ALL] = found._at(*cells.nodes, found.nodal)
+        return found
+
+    def begin(self, strip: int) -> None:
+        """The metric at the nodes of the strip."""
+        if isinstance(self.cells, BilinearCells):
+            first, last = self.cells.rows.strips[strip]
+            begin, nodal = self.cells.rows.begin, self.nodal
+            there = None if nodal is None else nodal[first - begin : last + 1 - begin]
+            self.strips[strip] = self._at(*self.cells.window.nodes(first, last), there)
+
+    def end(self, strip: int) -> None:
+        """The metric of the strip is needed no more."""
+        self.strips.pop(strip, None)
+
+    def means(self, strip: int, block: slice, corners: Array) -> Array:
+        """As the protocol has it."""
+        mean = np.empty((3, corners.shape[1]))
+        if isinstance(self.cells, BilinearCells):
+            first = self.cells.rows.strips[strip][0]
+            nodal_means(corners, self.strips[strip], block.start - first * self.cells.shape[1], mean)
+            return mean
+        numbers = np.arange(block.start, block.stop)
+        m11, m12, m22 = (self.cells.corner_values(entry, numbers) for entry in self.strips[ALL])
+        mean_metrics(corners, self.cells.area[block], CellPoints.corners(), (m11, m12, m22), mean)
+        return mean
+
+    def _at(self, x: Array, y: Array, nodal: Array | None) -> tuple[Array, Array, Array]:
+        """The metric at these nodes; u there goes to ``nodal``."""
+        monitor, u = self.monitor, self.monitor.u
+        with np.errstate(all="ignore"):
+            if nodal is None or u is None or not isinstance(monitor, OfDerivatives):
+                return contiguous(monitor.metric(x, y))
+            derivatives = u.evaluate(x, y, monitor.order)
+            nodal[...] = derivatives[0]
+            return contiguous(monitor.metric_of(*derivatives))
+
+
+ALL = -1
+"""The strip of a mesh of blocks, whose nodes are evaluated together."""
+
+
+def contiguous(entries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    """The entries of a metric, as compiled loops read them."""
+    m11, m12, m22 = (np.ascontiguousarray(entry, dtype=float) for entry in entries)
+    return m11, m12, m22

@@ -86,11 +86,11 @@ class MeasuredMesh:
     u: Callable[[], Array | None] = _unknown
     threads: int = 1
 
-    def quality(self) -> Quality:
-        """All quality measures."""
+    def quality(self, nodal: Array | None = None) -> Quality:
+        """All quality measures; ``nodal`` is u at the nodes where that is known."""
         monitor, domain = self.problem.monitor, self.problem.domain
         return measure_all(
-            self.mesh, monitor, domain=domain, kind=interpolated_cells(monitor), nodal=self.u(), threads=self.threads
+            self.mesh, monitor, domain=domain, kind=interpolated_cells(monitor), nodal=nodal, threads=self.threads
         )
 
     def against_uniform(self, mesh: Mesh, errors: InterpolationErrors | None) -> UniformComparison:
@@ -154,7 +154,7 @@ class MeasuredBlocks:
     cut_off: Callable[[], CutOff]
     threads: int = 1
 
-    def quality(self) -> Quality:
+    def quality(self, nodal: Array | None = None) -> Quality:  # noqa: ARG002 - as of a grid
         """All quality measures."""
         return measure_quality(self.mesh, self.problem.monitor, self.errors(), threads=self.threads)
 
@@ -275,7 +275,7 @@ class Solution(Generic[D, M]):
     @cached_property
     def quality(self) -> Quality:
         """All quality measures of the mesh."""
-        return self._measured.quality()
+        return self._measured.quality(vars(self).get("u"))
 
     @cached_property
     def interpolation(self) -> InterpolationErrors | None:
@@ -325,6 +325,9 @@ class Solution(Generic[D, M]):
     @cached_property
     def u(self) -> Array | None:
         """u at the nodes of the mesh; ``None`` where there is no u."""
+        measured: Quality | None = vars(self).get("quality")
+        if measured is not None and measured.u is not None:
+            return measured.u.reshape(self.mesh.node_shape)
         field = self.problem.monitor.u
         return None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
 
@@ -494,9 +497,9 @@ class Solution(Generic[D, M]):
         if isinstance(self.mesh, QuadMesh):
             for number, cells in enumerate(self.mesh.block_cells):
                 owner[cells] = number
-            return MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=owner)
+            return MeshData(mesh=self.mesh, q_eq=self.quality.q_eq.cells, u=self.u, subdomain=owner)
         owner = owner if parts is None else parts.owner_of_cells()
-        data = MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=owner, ties=self.ties)
+        data = MeshData(mesh=self.mesh, q_eq=self.quality.q_eq.cells, u=self.u, subdomain=owner, ties=self.ties)
         return data.joined if joined else data
 
 

@@ -17,6 +17,7 @@ from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.channel import Channel, Counted, ThreadChannels
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, SAMPLING
+from equimesh.quality.measures import MAX_GAUSS_CELLS
 from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
@@ -142,7 +143,6 @@ def test_q_eq_alone_is_that_of_the_whole_mesh() -> None:
     [
         (em.ArcLength(u=TANH), (402, 399), UNIT_SQUARE, (1, 2, 3, 5)),  # a sample of the cells
         (em.Curvature(u=TANH, norm="h1"), (130, 2060), SECTOR, (8,)),
-        (em.Curvature(u=TANH), (1000, 70), SECTOR, (2, 3)),  # all cells
         (em.Weight(rho=em.Expression("1 + x*y")), (900, 90), SECTOR, (3,)),  # no u
         (em.LeastError(u=TANH, cells="triangle"), (700, 100), UNIT_SQUARE, (3,)),
         (em.LeastError(u=TANH, cells="triangle"), (402, 399), UNIT_SQUARE, (3,)),
@@ -153,6 +153,15 @@ def test_parts_have_the_quality_and_the_certificate_of_the_whole(
 ) -> None:
     solution = solved(monitor, bent(shape), domain)
     for count in counts:
+        assert_equal(solution, count)
+
+
+@pytest.mark.usefixtures("low_strips")
+@pytest.mark.parametrize("rows", [300, 200])
+def test_parts_have_the_errors_of_all_cells(rows: int) -> None:
+    """The metric is evaluated at the nodes of the larger mesh, and inside the cells of the smaller one."""
+    solution = solved(em.Curvature(u=TANH), bent((rows, 70)), SECTOR)
+    for count in (2, 3):
         assert_equal(solution, count)
 
 
@@ -237,9 +246,9 @@ def test_little_travels() -> None:
         assert size < 8 * 25 * sum(shape)
 
 
-def test_one_mesh_is_large_enough_for_a_sample_of_its_cells() -> None:
+def test_meshes_are_large_enough_for_a_sample_of_their_cells_or_small_enough_for_all() -> None:
     one_of = SAMPLING[-1][0]
-    assert 401 * 398 > one_of * MIN_SAMPLED_CELLS > 999 * 69
+    assert 401 * 398 > one_of * MIN_SAMPLED_CELLS > 299 * 69 > MAX_GAUSS_CELLS > 199 * 69
 
 
 @pytest.mark.usefixtures("low_strips")

@@ -15,7 +15,7 @@ from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Weights
 from equimesh.least_error.starts import mesh_of
 from equimesh.quality.cells import BilinearCells
-from equimesh.quality.survey import ErrorRule, ErrorTally
+from equimesh.quality.tally import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors
 from solver.bent import CURVED, DOMAINS, RING, SECTOR, WEIGHTS, bent, objective_on, remainders, uniform
 

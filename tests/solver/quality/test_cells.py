@@ -9,6 +9,7 @@ import equimesh as em
 from block_cases import in_blocks, l_shape
 from equimesh.domains.domain import map_mesh
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.rows import STRIP_NODES
 from equimesh.monitors.metrics import ArcLength
 from equimesh.quality import cells as bilinear
 from equimesh.quality import measures
@@ -42,9 +43,9 @@ def test_memory_is_bounded_and_large_meshes_use_fewer_gauss_points() -> None:
     assert sum(seen) == 16 * 33 * 3**2
     seen.clear()
     equidistribution(uniform(401), counting)
-    assert sum(seen) == 400 * 400 * 2**2
-    assert max(seen) <= bilinear.BLOCK_POINTS
-    assert len(seen) > 5
+    assert len(seen) > 4
+    assert sum(seen) == 401 * (401 + len(seen) - 1), "the nodes, and those between two strips once more"
+    assert max(seen) < STRIP_NODES + 3 * 401
 
 
 @pytest.mark.parametrize("name", ["parallelogram", "rectangle"])

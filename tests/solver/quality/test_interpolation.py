@@ -80,10 +80,10 @@ def test_a_sample_of_the_cells_gives_the_errors_of_all() -> None:
             return u.evaluate(x, y, order)
 
     some = interpolation_errors(mesh, Counting())
-    assert sum(seen) < 2 * 14.2 * mesh.grid.cells / 5 + 100
+    assert sum(seen) < 2 * 14.2 * mesh.grid.cells / 34 + 100
     measured = measure(mesh, ArcLength(u=u, scaled=False)).interpolation_error
     for name in ERRORS:
-        assert getattr(some, name) == pytest.approx(getattr(full, name), rel=5e-3), name
+        assert getattr(some, name) == pytest.approx(getattr(full, name), rel=1e-2), name
         assert getattr(measured, name) == getattr(some, name)
 
 

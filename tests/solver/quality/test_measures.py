@@ -20,7 +20,8 @@ from equimesh.quality import measures
 from equimesh.quality.cells import BilinearCells, QuadCells, cells_of
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, interpolation_errors, probe_errors, sample
 from equimesh.quality.measures import alignment, equidistribution, measure, measure_all, shape_regularity
-from equimesh.quality.survey import ROWS, ErrorRule, ErrorTally
+from equimesh.quality.survey import ROWS
+from equimesh.quality.tally import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors
 from solver.quality.handmade import (
     CONSTANT,

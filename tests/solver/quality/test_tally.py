@@ -9,15 +9,8 @@ import pytest
 
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.survey import (
-    MIDDLE_WEIGHT,
-    ErrorRule,
-    ErrorTally,
-    add_errors,
-    add_middles,
-    add_values,
-    mean_metrics,
-)
+from equimesh.quality.survey import mean_metrics
+from equimesh.quality.tally import MIDDLE_WEIGHT, ErrorRule, ErrorTally, add_errors, add_middles, add_values
 from solver.quality.handmade import TANH20, wavy
 
 

@@ -43,10 +43,21 @@ def test_known_values_of_u_are_not_evaluated_again() -> None:
 
     known = measured(solution, u=values)
     assert known.deviation(1.0) == solution.certificate.equation_residual
-    assert known.quality().summary() == solution.quality.summary()
-    assert len(asked) == 2
+    assert known.quality(solution.u).summary() == solution.quality.summary()
     known.faces()
-    assert len(asked) == 2
+    assert len(asked) == 1
+
+
+@pytest.mark.parametrize("points", [17, 141])
+def test_u_at_the_nodes_is_that_of_the_measures(points: int) -> None:
+    """On a large mesh it was evaluated with the metric, on a small one with the errors."""
+    problem = em.Problem(monitor=em.ArcLength(u=U), grid=em.Grid(n_xi=points, n_eta=points))
+    first, second = em.solve(problem), em.solve(problem)
+    assert first.quality.u is not None
+    assert np.shares_memory(first.u, first.quality.u)
+    assert second.u == pytest.approx(first.u, rel=1e-14)
+    assert second.quality.summary() == first.quality.summary()
+    assert first.quality.without_cells().u is None
 
 
 def test_only_equidistribution_along_lines_has_a_deviation() -> None:

@@ -1,0 +1,268 @@
+"""The errors of interpolating u, summed over every cell, from one evaluation of u at each point."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.fields.expression import Field
+from equimesh.meshes.mesh import MeshRows
+from equimesh.numerics.channel import run_on_threads
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.types import Array, IntArray, Pair
+from equimesh.quality.cell_maps import locate
+from equimesh.quality.cells import BilinearCells, CellPoints, Cells, ChosenCells, MeshCells
+
+# Compiled integrals over cells of the squared errors of bilinear interpolation.
+#
+# ``corners`` of shape ``(8, n)`` are x and then y of the corners of the cells, counter-clockwise; ``values`` of shape
+# ``(4, n)`` are those of the interpolant there. Functions at points have the shape ``(points, n)``.
+
+MIDDLE_WEIGHT = 2 / 45
+"""Weight of the middles of the edges; see :meth:`ErrorRule.lean`."""
+
+
+@compiled
+def add_errors(
+    corners: Array, values: Array, u: Array, gradient: Pair, points: CellPoints, sums: Array, largest: Array
+) -> None:
+    """To ``sums`` of shape ``(4, n)`` the integrals of errors ``u_h - u`` over every cell, by quadrature.
+
+    The first is that of the squared error, the second that of the squared error of the gradient, the others are those
+    of the two components of this error. ``largest`` becomes the largest size of the error.
+    """
+    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
+    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
+    v0, v1, v2, v3 = values[0], values[1], values[2], values[3]
+    squares, slopes, along_x, along_y = sums[0], sums[1], sums[2], sums[3]
+    for p in range(u.shape[0]):
+        s, t, weight = points.s[p], points.t[p], points.weights[p]
+        a, b, c, d = (1.0 - s) * (1.0 - t), s * (1.0 - t), s * t, (1.0 - s) * t
+        here, u_x, u_y = u[p], gradient[0][p], gradient[1][p]
+        for k in range(largest.size):
+            x_s = (1.0 - t) * (x1[k] - x0[k]) + t * (x2[k] - x3[k])
+            y_s = (1.0 - t) * (y1[k] - y0[k]) + t * (y2[k] - y3[k])
+            x_t = (1.0 - s) * (x3[k] - x0[k]) + s * (x2[k] - x1[k])
+            y_t = (1.0 - s) * (y3[k] - y0[k]) + s * (y2[k] - y1[k])
+            det = x_s * y_t - x_t * y_s
+            along_s = (1.0 - t) * (v1[k] - v0[k]) + t * (v2[k] - v3[k])
+            along_t = (1.0 - s) * (v3[k] - v0[k]) + s * (v2[k] - v1[k])
+            error = a * v0[k] + b * v1[k] + c * v2[k] + d * v3[k] - here[k]
+            error_x = (along_s * y_t - along_t * y_s) / det - u_x[k]
+            error_y = (along_t * x_s - along_s * x_t) / det - u_y[k]
+            share = weight * det
+            squares[k] += share * error * error
+            slopes[k] += share * (error_x * error_x + error_y * error_y)
+            along_x[k] += share * error_x
+            along_y[k] += share * error_y
+            largest[k] = max(largest[k], abs(error))
+
+
+@compiled
+def add_values(corners: Array, values: Array, u: Array, points: CellPoints, sums: Array, largest: Array) -> None:
+    """To ``sums`` of every cell the integral of the squared error alone; ``largest`` as in :func:`add_errors`."""
+    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
+    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
+    v0, v1, v2, v3 = values[0], values[1], values[2], values[3]
+    for p in range(u.shape[0]):
+        s, t, weight = points.s[p], points.t[p], points.weights[p]
+        a, b, c, d = (1.0 - s) * (1.0 - t), s * (1.0 - t), s * t, (1.0 - s) * t
+        here = u[p]
+        for k in range(largest.size):
+            x_s = (1.0 - t) * (x1[k] - x0[k]) + t * (x2[k] - x3[k])
+            y_s = (1.0 - t) * (y1[k] - y0[k]) + t * (y2[k] - y3[k])
+            x_t = (1.0 - s) * (x3[k] - x0[k]) + s * (x2[k] - x1[k])
+            y_t = (1.0 - s) * (y3[k] - y0[k]) + s * (y2[k] - y1[k])
+            error = a * v0[k] + b * v1[k] + c * v2[k] + d * v3[k] - here[k]
+            sums[k] += weight * (x_s * y_t - x_t * y_s) * error * error
+            largest[k] = max(largest[k], abs(error))
+
+
+@compiled
+def add_middles(nodes: Pair, nodal: Array, middles: Pair, sums: Array, largest: Array) -> None:
+    """As :func:`add_values` for all cells of a mesh and the middles of their edges, each evaluated once.
+
+    ``nodal`` is u at the ``nodes``; ``middles`` is u in the middle of the edges along xi, of shape
+    ``(n_xi - 1, n_eta)``, and of those along eta, of shape ``(n_xi, n_eta - 1)``.
+    """
+    (x, y), (of_xi, of_eta) = nodes, middles
+    columns = x.shape[1] - 1
+    for i in range(x.shape[0] - 1):
+        for j in range(columns):
+            k = i * columns + j
+            ax, ay, bx = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j], x[i + 1, j + 1] - x[i + 1, j]
+            by = y[i + 1, j + 1] - y[i + 1, j]
+            cx, cy = x[i + 1, j + 1] - x[i, j + 1], y[i + 1, j + 1] - y[i, j + 1]
+            dx, dy = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
+            ex, ey, fx, fy = 0.5 * (ax + cx), 0.5 * (ay + cy), 0.5 * (bx + dx), 0.5 * (by + dy)
+            bottom = 0.5 * (nodal[i, j] + nodal[i + 1, j]) - of_xi[i, j]
+            top = 0.5 * (nodal[i, j + 1] + nodal[i + 1, j + 1]) - of_xi[i, j + 1]
+            left = 0.5 * (nodal[i, j] + nodal[i, j + 1]) - of_eta[i, j]
+            right = 0.5 * (nodal[i + 1, j] + nodal[i + 1, j + 1]) - of_eta[i + 1, j]
+            total = (ax * fy - ay * fx) * bottom * bottom + (cx * fy - cy * fx) * top * top
+            total += (ex * dy - ey * dx) * left * left + (ex * by - ey * bx) * right * right
+            sums[k] += MIDDLE_WEIGHT * total
+            largest[k] = max(max(largest[k], max(abs(bottom), abs(top))), max(abs(left), abs(right)))
+
+
+MIN_CELLS_FOR_THREADS = 16_384
+"""On fewer cells a second thread costs more than it saves."""
+
+
+def share_blocks(work: Callable[[int, int], None], cells: int, threads: int) -> None:
+    """Call ``work(k, threads)`` for every thread k; in one thread where there are few ``cells``."""
+    threads = threads if cells >= MIN_CELLS_FOR_THREADS else 1
+    run_on_threads(threads, lambda thread: work(thread, threads))
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorRule:
+    """Quadrature of squared errors: u and its gradient at ``inner`` points, u alone at ``edge`` points of every cell.
+
+    Gradients are weighted by ``inner.weights``, values by those and by ``edge.weights``.
+    """
+
+    inner: CellPoints
+    edge: CellPoints
+
+    @classmethod
+    def gauss(cls, count: int) -> ErrorRule:
+        """The Gauss rule with ``count`` points per direction, alone."""
+        return cls(CellPoints.gauss(count), CellPoints(np.empty(0), np.empty(0), np.empty(0)))
+
+    @classmethod
+    def lean(cls) -> ErrorRule:
+        """The 2 x 2 Gauss rule, and the middles of the edges.
+
+        The interpolation error is ``a s (1-s) + b t (1-t)`` to leading order. Its square has the integral
+        ``(a^2 + b^2)/30 + a b/18``, of which the 2 x 2 rule gives ``(a + b)^2/36``. Four middles with weights of
+        2/45 add the rest. The result is exact to leading order; for the gradient the 2 x 2 rule alone is. The weights
+        sum to more than 1: the corners, where there is no error, have the negative rest.
+        """
+        middles = CellPoints(
+            np.array([0.5, 1.0, 0.5, 0.0]),
+            np.array([0.0, 0.5, 1.0, 0.5]),
+            np.full(4, 2 / 45),
+        )
+        return cls(CellPoints.gauss(2), middles)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorTally:
+    """Sums over own cells, all of them or some, that grow while blocks of cells are added.
+
+    ``chosen`` are these cells, ``sampled`` is whether they are some only. ``values`` of shape ``(4, n)`` are u at the
+    corners, ``sums`` of shape ``(4, n)`` the integrals of :func:`~equimesh.quality.tally.add_errors`,
+    ``largest`` the largest errors at a point. ``nodal`` is u at the held nodes, ``None`` where it is not known.
+    """
+
+    cells: Cells
+    u: Field
+    rule: ErrorRule
+    chosen: ChosenCells
+    sampled: bool
+    nodal: Array | None
+    values: Array
+    sums: Array
+    largest: Array
+    ends: list[tuple[float, float]]
+
+    @classmethod
+    def of(
+        cls,
+        cells: Cells,
+        u: Field,
+        rule: ErrorRule,
+        numbers: IntArray | None = None,
+        nodal: Array | None = None,
+    ) -> ErrorTally:
+        """Nothing yet of the own ``cells`` or of those with ``numbers``.
+
+        ``nodal`` is u at the held nodes if that is known.
+        """
+        chosen = ChosenCells.of(cells.rows, numbers)
+        count = chosen.numbers.size
+        if isinstance(cells, MeshCells) and (nodal is not None or numbers is None):
+            nodal = u.evaluate(*cells.nodes)[0] if nodal is None else nodal
+            values = cells.corner_values(nodal, chosen.numbers)
+        else:
+            corners = cells.corners(chosen.numbers)
+            (values,) = u.evaluate(corners[:4], corners[4:])
+        return cls(
+            cells=cells,
+            u=u,
+            rule=rule,
+            chosen=chosen,
+            sampled=numbers is not None,
+            nodal=nodal,
+            values=values,
+            sums=np.zeros((4, count)),
+            largest=np.zeros(count),
+            ends=[(float(values.min()), float(values.max()))] if count else [],
+        )
+
+    def add(self, where: slice, corners: Array, derivatives: tuple[Array, ...]) -> None:
+        """The cells at these places, with u and its ``derivatives`` at the inner points of the rule."""
+        u, u_x, u_y = (np.ascontiguousarray(part) for part in derivatives[:3])
+        values, sums = np.ascontiguousarray(self.values[:, where]), np.zeros((4, corners.shape[1]))
+        add_errors(corners, values, u, (u_x, u_y), self.rule.inner, sums, self.largest[where])
+        self.sums[:, where] = sums
+        self._widen(u)
+
+    def add_all(self, threads: int = 1) -> None:
+        """All cells at the inner points of the rule, block by block; ``threads`` share the blocks if they are many."""
+        inner = self.rule.inner
+        blocks = list(self.cells.blocks_of(self.chosen, inner))
+
+        def work(thread: int, threads: int) -> None:
+            with np.errstate(all="ignore"):
+                for where, numbers in blocks[thread::threads]:
+                    corners = self.cells.corners(numbers)
+                    x, y = np.empty((2, inner.s.size, corners.shape[1]))
+                    locate(corners, inner.s, inner.t, x, y)
+                    self.add(where, corners, self.u.evaluate(x, y, order=1))
+
+        share_blocks(work, self.largest.size, threads)
+
+    def add_edges(self) -> None:
+        """All cells at the edge points of the rule."""
+        edge = self.rule.edge
+        if not edge.s.size:
+            return
+        if isinstance(self.cells, BilinearCells) and not self.sampled and self.nodal is not None:
+            for first, last in self.cells.rows.strips:
+                self._add_middles(self.cells.window, self.nodal, first, last)
+            return
+        for where, numbers in self.cells.blocks_of(self.chosen, edge):
+            corners = self.cells.corners(numbers)
+            x, y = np.empty((2, edge.s.size, corners.shape[1]))
+            locate(corners, edge.s, edge.t, x, y)
+            (there,) = self.u.evaluate(x, y)
+            values = np.ascontiguousarray(self.values[:, where])
+            add_values(corners, values, np.ascontiguousarray(there), edge, self.sums[0, where], self.largest[where])
+            self._widen(there)
+
+    def _add_middles(self, window: MeshRows, nodal: Array, first: int, last: int) -> None:
+        """The middles of the edges of the rows ``first`` to ``last - 1`` of cells."""
+        rows, columns = window.rows, window.rows.cells[1]
+        x, y = window.nodes(first, last)
+        of_xi = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))[0]
+        of_eta = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))[0]
+        there = np.ascontiguousarray(nodal[first - rows.begin : last + 1 - rows.begin])
+        where = slice((first - rows.first) * columns, (last - rows.first) * columns)
+        middles = np.ascontiguousarray(of_xi), np.ascontiguousarray(of_eta)
+        add_middles((x, y), there, middles, self.sums[0, where], self.largest[where])
+        self._widen(of_xi)
+        self._widen(of_eta)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The smallest and the largest value of u at the points so far; blocks with NaN have no part in it."""
+        known = [ends for ends in self.ends if not math.isnan(ends[0])]
+        return min((low for low, _ in known), default=math.nan), max((high for _, high in known), default=math.nan)
+
+    def _widen(self, u: Array) -> None:
+        self.ends.append((float(u.min()), float(u.max())))
