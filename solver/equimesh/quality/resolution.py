@@ -48,16 +48,18 @@ _QUARTERS = (
 class Pieces:
     """Bilinear pieces of cells: ``corners`` of shape ``(8, n)``, x and then y, counter-clockwise.
 
-    ``values`` of shape ``(4, n)`` are those of the interpolant at the corners.
+    ``values`` of shape ``(4, n)`` are those of the interpolant at the corners; ``u`` is that of u there if it is known,
+    as on a whole cell, where both are one.
     """
 
     corners: Array
     values: Array
+    u: Array | None = None
 
     @classmethod
     def of(cls, cells: Cells, numbers: IntArray, values: Array) -> Pieces:
         """Whole cells with these ``numbers``, and the ``values`` of u at their corners, of shape ``(4, n)``."""
-        return cls(cells.corners(numbers), values)
+        return cls(cells.corners(numbers), values, values)
 
     @property
     def count(self) -> int:
@@ -84,20 +86,33 @@ class Pieces:
         result = np.empty((3, self.count))
         for start in range(0, self.count, BLOCK_PIECES):
             block = slice(start, start + BLOCK_PIECES)
-            _block_errors(u, self.corners[:, block].copy(), self.values[:, block].copy(), result[:, block])
+            corners, values = (np.ascontiguousarray(part[:, block]) for part in (self.corners, self.values))
+            rim = _rim(u, corners, None if self.u is None else self.u[:, block])
+            result[:, block] = _block_errors(u, corners, values, rim)
         return result
 
 
-def _block_errors(u: Field, corners: Array, values: Array, result: Array) -> None:
+def _rim(u: Field, corners: Array, known: Array | None) -> Array:
+    """u at the points :data:`RIM` of pieces, shape ``(8, n)``; ``known`` is u at their corners."""
+    every = slice(None) if known is None else slice(1, None, 2)
+    x, y = np.empty((2, RIM.s[every].size, corners.shape[1]))
+    locate(corners, RIM.s[every].copy(), RIM.t[every].copy(), x, y)
+    there: Array = np.empty((RIM.s.size, corners.shape[1]))
+    (there[every],) = u.evaluate(x, y)
+    if known is not None:
+        there[::2] = known
+    return there
+
+
+def _block_errors(u: Field, corners: Array, values: Array, rim: Array) -> Array:
     gauss, n = CellPoints.gauss(GAUSS_POINTS), corners.shape[1]
-    count = gauss.s.size
-    x, y = np.empty((2, count + RIM.s.size, n))
-    locate(corners, np.concatenate([gauss.s, RIM.s]), np.concatenate([gauss.t, RIM.t]), x, y)
-    everywhere, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1))
-    sums = np.zeros((4, n))
-    add_errors(corners, values, everywhere[:count], (u_x[:count], u_y[:count]), gauss, sums, np.zeros(n))
-    result[:2] = sums[:2]
-    missed_gradients(corners, values, everywhere[count:], sums[2:], result[2])
+    x, y = np.empty((2, gauss.s.size, n))
+    locate(corners, gauss.s, gauss.t, x, y)
+    there, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1)[:3])
+    sums, missed = np.zeros((4, n)), np.empty(n)
+    add_errors(corners, values, there, (u_x, u_y), gauss, sums, np.zeros(n))
+    missed_gradients(corners, values, rim, sums[2:], missed)
+    return np.stack([sums[0], sums[1], missed])
 
 
 @compiled
@@ -214,7 +229,13 @@ CHECKED = 37
 CHECKED_SHIFT = 11
 """The shift of the sample from row to row."""
 MIN_CHECKED_CELLS = 1100
-"""On at most this many cells the second rule is tried on all."""
+"""On at most this many cells the second rule is tried on all, unless it clearly agrees on some."""
+MIN_SAMPLED_CELLS = 400
+"""On at most this many cells it is tried on all at once."""
+MIN_LARGEST = 64
+"""So many cells with the largest errors of few cells are some of them."""
+CLEAR_SHARE = 0.5
+"""On some of few cells two rules agree clearly when they differ by this share of what is allowed."""
 MAX_KEPT_CELLS = 1 << 18
 """Cells of which the sample is kept, for the next mesh of the size."""
 MAX_ROUNDS = 12
@@ -252,14 +273,14 @@ def resolved_integrals(
     by the first rule. Integrals of at most ``noise`` are rounding, and are not refined.
     """
     totals, count = cells.total(first), cells.count()
-    chosen, weights = _checked(cells, count, first, totals)
-    second = pieces(chosen).errors(u)
-    tried = cells.rows.summed(np.concatenate([first[:, chosen], second]) @ weights)
-    before, after, missed = tried[:2], tried[2:4], MISSED_WEIGHT * float(tried[4])
-    small = (np.maximum(totals, after) <= noise, bool(max(totals[1], after[1], missed) <= noise[1]))
-    agree = (np.abs(after - before) <= MAX_DIFFERENCES * np.maximum(after, before)) | small[0]
-    agree[1] &= missed <= MAX_DIFFERENCES[1] * max(after[1], before[1]) or small[1]
-    if agree.all() or not np.isfinite(totals).all():
+    is_known, agree = bool(np.isfinite(totals).all()), np.ones(2, dtype=np.bool_)
+    if is_known and count > MIN_SAMPLED_CELLS:
+        some = _largest_and_sampled(cells, count, first, totals)
+        share = 1.0 if count > MIN_CHECKED_CELLS else CLEAR_SHARE
+        agree = _agree(pieces, cells, first, u, totals, noise, some, share)
+    if is_known and (count <= MIN_SAMPLED_CELLS or (count <= MIN_CHECKED_CELLS and not agree.all())):
+        agree = _agree(pieces, cells, first, u, totals, noise, _all_of(cells), 1.0)
+    if agree.all():
         return Integrals((float(totals[0]), float(totals[1])), (True, True), count)
     every = pieces(np.arange(cells.numbers.size))
     found = _Refinement(u, np.asarray(noise), cells.rows).of(every, first, count)
@@ -268,16 +289,44 @@ def resolved_integrals(
     return Integrals((float(totals[0]), found.squares[1]), (True, found.resolved[1]), count)
 
 
-def _checked(cells: ChosenCells, count: int, first: Array, totals: Array) -> tuple[IntArray, Array]:
-    """Positions of the cells on which the second rule is tried, and how many cells each stands for.
+def _agree(
+    pieces: Callable[[IntArray], Pieces],
+    cells: ChosenCells,
+    first: Array,
+    u: Field,
+    totals: Array,
+    noise: tuple[float, float],
+    some: tuple[IntArray, Array],
+    share: float,
+) -> BoolArray:
+    """Whether a second rule agrees in values and in gradients, to a ``share`` of what is allowed.
+
+    ``some`` are the positions of the cells on which it is tried, and how many cells each stands for.
+    """
+    chosen, weights = some
+    second = pieces(chosen).errors(u)
+    tried = cells.rows.summed(np.concatenate([first[:, chosen], second]) @ weights)
+    before, after, missed = tried[:2], tried[2:4], MISSED_WEIGHT * float(tried[4])
+    small = (np.maximum(totals, after) <= noise, bool(max(totals[1], after[1], missed) <= noise[1]))
+    allowed = share * MAX_DIFFERENCES
+    agree = (np.abs(after - before) <= allowed * np.maximum(after, before)) | small[0]
+    agree[1] &= missed <= allowed[1] * max(after[1], before[1]) or small[1]
+    return np.asarray(agree)
+
+
+def _all_of(cells: ChosenCells) -> tuple[IntArray, Array]:
+    """All positions; each cell stands for itself."""
+    return np.arange(cells.numbers.size), np.ones(cells.numbers.size)
+
+
+def _largest_and_sampled(cells: ChosenCells, count: int, first: Array, totals: Array) -> tuple[IntArray, Array]:
+    """Positions of the cells with the largest errors and of a sample, and how many cells each stands for.
 
     ``count`` is the number of ``cells`` of the whole mesh.
     """
-    if count <= MIN_CHECKED_CELLS:
-        return np.arange(cells.numbers.size), np.ones(cells.numbers.size)
     sampled = _on_lattice(cells)
     share = (first / np.where(totals > 0.0, totals, 1.0)[:, None]).sum(axis=0)
-    wanted = count // CHECKED
+    wanted = count // CHECKED if count > MIN_CHECKED_CELLS else MIN_LARGEST
     largest = largest_of(share, wanted, cells.rows)
     sampled[largest] = False
     rest = np.flatnonzero(sampled)

@@ -215,7 +215,10 @@ class ErrorTally:
     def add_all(self, threads: int = 1) -> None:
         """All cells at the inner points of the rule, block by block; ``threads`` share the blocks if they are many."""
         inner = self.rule.inner
-        blocks = list(self.cells.blocks_of(self.chosen, inner))
+        blocks: list[tuple[slice, slice | IntArray]] = list(self.cells.blocks_of(self.chosen, inner))
+        if not self.sampled:
+            start = self.cells.own.start
+            blocks = [(slice(k.start - start, k.stop - start), k) for k in self.cells.blocks(inner)]
 
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
