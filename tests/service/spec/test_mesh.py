@@ -3,44 +3,44 @@
 from __future__ import annotations
 
 import io
+import json
 
 import httpx
 import numpy as np
 import pytest
 
 from equimesh_service.store.rows import NewMesh
-from service.conftest import small
+from refusals import AIMED, OF_A_SERVICE, REFUSALS, Refusal, on_step, u
 from service.requests import arrays, solved
-from service.spec.bad_specs import (
-    Refusal,
-    expect_refusal,
-    u,
-)
 
-SPECS: dict[str, Refusal] = {
-    "other mode": (small(mode="fast"), "/mode", "'discretization' or 'tight'"),
-    "text for allow_relaxed": (small(allow_relaxed="no"), "/allow_relaxed", "true or false"),
-    "few points": (small(grid={"n_xi": 3, "n_eta": 8}), "/grid/n_xi", "at least 4"),
-    "negative points": (small(grid={"n_xi": -8, "n_eta": -8}), "/grid/n_xi", "at least 4"),
-    "fractional points": (small(grid={"n_xi": 8.5, "n_eta": 8}), "/grid/n_xi", "whole number"),
-    "text points": (small(grid={"n_xi": "8"}), "/grid/n_xi", "whole number"),
-    "many points": (small(grid={"n_xi": 200, "n_eta": 200}), "/grid", "20000"),
-    "absurd points": (small(grid={"n_xi": 10**30, "n_eta": 8}), "/grid/n_xi", "20000"),
-    "endless points": (
-        '{"monitor": {"kind": "arc_length", "u": {"expression": "x"}}, "grid": {"n_xi": ' + "9" * 9999 + "}}",
-        "/grid/n_xi",
-        "",
-    ),
-    "other boundary": (small(boundary="free"), "/boundary", "trace"),
-    "other initial": (small(initial="cold"), "/initial", "nested"),
-    "other cells": (small(cells="hex"), "/cells", "triangle"),
-    "long label": (small(label="x" * 201), "/label", "200"),
-}
+PARTS = {**REFUSALS, "of a service": OF_A_SERVICE}
 
 
-@pytest.mark.parametrize("name", SPECS)
-def test_bad_spec_is_refused_precisely(http: httpx.Client, name: str) -> None:
-    expect_refusal(http, SPECS[name])
+def expect_refusal(http: httpx.Client, refusal: Refusal) -> None:
+    spec, pointer, message, *column = refusal
+    body = spec if isinstance(spec, str) else json.dumps(spec)
+    answer = http.post("/v1/meshes", content=body, headers={"Content-Type": "application/json"})
+    assert answer.status_code == 422, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    problem = answer.json()
+    assert (problem["type"], problem["status"]) == ("/problems/invalid-input", 422)
+    first = problem["errors"][0]
+    assert first["pointer"] == pointer, first
+    assert message in first["message"], first
+    assert len(first["message"]) < 1000
+    assert not column or [first["position"]["column"]] == column, first
+
+
+@pytest.mark.parametrize(("part", "name"), [(part, name) for part in PARTS for name in PARTS[part]])
+def test_a_bad_spec_is_refused_precisely(http: httpx.Client, part: str, name: str) -> None:
+    expect_refusal(http, PARTS[part][name])
+
+
+@pytest.mark.parametrize("name", ["grid", "boundary", "schwarz.groups"])
+def test_bad_settings_are_refused_after_a_check_of_the_same_monitor(http: httpx.Client, name: str) -> None:
+    """A check that runs in a worker is not repeated, so what is remembered has to have the settings, too."""
+    assert http.post("/v1/meshes", json=on_step()).status_code in {200, 202}
+    expect_refusal(http, REFUSALS["blocks"][name])
 
 
 @pytest.mark.parametrize("constant", ["1", "0*x", "3 + t"])
@@ -57,33 +57,6 @@ def test_all_complaints_come_at_once(http: httpx.Client) -> None:
         json={"monitor": {"kind": "arc_length", "u": {"expression": "x"}, "a": "1"}, "cells": "hex", "n": 1},
     )
     assert [entry["pointer"] for entry in answer.json()["errors"]] == ["/monitor/a", "/cells", "/n"]
-
-
-AIMED = {"monitor": {"u": "tanh(9*(x - y))"}}
-TARGETS: dict[str, Refusal] = {
-    "both": (
-        {**AIMED, "grid": {"n_xi": 9, "n_eta": 9}, "target": {"error": 1}},
-        "/target",
-        "takes the place of the grid",
-    ),
-    "no error": ({**AIMED, "target": {}}, "/target/error", "required"),
-    "error of zero": ({**AIMED, "target": {"error": 0}}, "/target/error", "positive"),
-    "other norm": ({**AIMED, "target": {"error": 1, "norm": "max"}}, "/target/norm", "'l2' or 'h1'"),
-    "few points": ({**AIMED, "target": {"error": 1, "max_points": 9}}, "/target/max_points", "at least 25"),
-    "many points": ({**AIMED, "target": {"error": 1, "max_points": 10**9}}, "/target/max_points", "at most"),
-    "no function": ({"monitor": {"kind": "weight", "rho": "1"}, "target": {"error": 1}}, "/target", "has no u"),
-    "subdomains": ({**AIMED, "schwarz": {}, "target": {"error": 1}}, "/target", "a grid that is known"),
-    "out of reach": (
-        {**AIMED, "target": {"error": 1e-9, "max_points": 900}},
-        "/target/error",
-        "the largest allowed grid, 30 x 30, would give about",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", TARGETS)
-def test_a_target_that_cannot_be_reached_or_used_is_refused(http: httpx.Client, name: str) -> None:
-    expect_refusal(http, TARGETS[name])
 
 
 def test_a_target_takes_the_grid_that_it_needs(http: httpx.Client) -> None:

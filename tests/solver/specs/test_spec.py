@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +13,30 @@ import pytest
 from equimesh import (
     AnnulusSector,
     ArcLength,
+    Blocks,
     Boundary,
+    Classical,
+    Curve,
+    Domain,
     Expression,
     Grid,
     Initial,
     InputError,
+    LinearRobin,
     Mode,
     NodalField,
+    NonlinearRobin,
+    Optimized,
     Problem,
+    Quadrilateral,
+    Rectangle,
     Schwarz,
+    TransmissionCondition,
     solve,
 )
-from equimesh.specs import BuiltSpec, build, load
+from equimesh.specs import BuiltSpec, build, build_domain, build_schwarz, count_points, load
+from equimesh.specs.spec import NOT_WITH_BLOCKS
+from refusals import REFUSALS
 
 U = {"expression": "tanh(5*(x - y))"}
 SPEC: dict[str, Any] = {
@@ -62,28 +75,14 @@ def test_a_document_becomes_the_arguments_of_a_solve() -> None:
     assert np.array_equal(mesh.x, solve(problem, built.schwarz, initial=Initial.UNIFORM).mesh.x)
 
 
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"monitr": {}}, "monitr"),
-        ({"monitor": None}, "monitor"),
-        ({"domain": None}, "domain"),
-        ({"grid": {"n_xi": 3}}, "grid.n_xi"),
-        ({"grid": {"n_eta": 8.5}}, "grid.n_eta"),
-        ({"grid": []}, "grid"),
-        ({"boundary": "fixed"}, "boundary"),
-        ({"initial": None}, "initial"),
-        ({"mode": "fast"}, "mode"),
-        ({"allow_relaxed": "no"}, "allow_relaxed"),
-        ({"cells": "hexagon"}, "cells"),
-        ({"label": 3}, "label"),
-        ({"schwarz": {"overlap": 99}}, "schwarz.overlap"),
-    ],
-)
-def test_a_fault_has_the_path_of_the_document(change: dict[str, Any], field: str) -> None:
+@pytest.mark.parametrize(("part", "name"), [(part, name) for part in REFUSALS for name in REFUSALS[part]])
+def test_what_a_service_refuses_is_refused_with_the_same_path(part: str, name: str) -> None:
+    document, pointer, *_ = REFUSALS[part][name]
     with pytest.raises(InputError) as caught:
-        build({**SPEC, **change})
-    assert caught.value.field == field
+        build(document)
+    path = re.sub(r"\[(\d+)\]", r".\1", caught.value.field)
+    # Of a number in a list, the solver names the list.
+    assert re.sub(r"(\.\d+)+$", "", path) == re.sub(r"(\.\d+)+$", "", pointer[1:].replace("/", "."))
 
 
 def test_a_document_is_an_object_with_a_monitor() -> None:
@@ -119,3 +118,172 @@ def test_a_problem_file_is_loaded_with_the_samples_next_to_it(tmp_path: Path) ->
         load(file)
     with pytest.raises(FileNotFoundError):
         load(tmp_path / "none.json")
+
+
+# Domains and grids of a document.
+
+
+SEAM = {"x": "0", "y": "1 + t"}
+O_GRID: dict[str, Any] = {
+    "bottom": {"x": "sin(2*pi*t)", "y": "cos(2*pi*t)"},
+    "right": SEAM,
+    "top": {"x": "2*sin(2*pi*t)", "y": "2*cos(2*pi*t)"},
+    "left": SEAM,
+    "closed": True,
+}
+SIDES: dict[str, Any] = {
+    "bottom": {"x": "t", "y": "h*sin(pi*t)", "parameters": {"h": 0.2}},
+    "right": {"points": [[1, 0], [1, 1]]},
+    "top": {"points": [[0, 1], [1, 1]]},
+    "left": {"x": "0", "y": "t"},
+}
+
+
+@pytest.mark.parametrize(
+    ("document", "domain"),
+    [
+        ({}, Rectangle()),
+        ({"kind": "rectangle", "x": [0, 2]}, Rectangle(x=(0, 2))),
+        ({"kind": "annulus_sector"}, AnnulusSector()),
+        (
+            {"kind": "annulus_sector", "center": [1, 0], "radii": [1, 3], "angles": [0, 45]},
+            AnnulusSector(center=(1, 0), radii=(1, 3), angles=(0, 45)),
+        ),
+        (
+            {"kind": "quadrilateral", **SIDES},
+            Quadrilateral(
+                bottom=Curve.of_expressions("t", "h*sin(pi*t)", {"h": 0.2}),
+                right=Curve.through([[1, 0], [1, 1]]),
+                top=Curve.through([[0, 1], [1, 1]]),
+                left=Curve.of_expressions("0", "t"),
+            ),
+        ),
+        (
+            {"kind": "quadrilateral", **O_GRID},
+            Quadrilateral(
+                bottom=Curve.of_expressions("sin(2*pi*t)", "cos(2*pi*t)"),
+                right=Curve.of_expressions("0", "1 + t"),
+                top=Curve.of_expressions("2*sin(2*pi*t)", "2*cos(2*pi*t)"),
+                left=Curve.of_expressions("0", "1 + t"),
+                closed=True,
+            ),
+        ),
+    ],
+)
+def test_every_domain_is_built(document: dict[str, Any], domain: Domain) -> None:
+    assert build_domain(document) == domain
+
+
+BLOCKS: dict[str, Any] = {
+    "vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},
+    "blocks": [{"corners": ["a", "b", "c", "d"], "cells": [4, 3]}],
+}
+
+
+def test_blocks_are_counted_before_they_are_made() -> None:
+    domain = build_domain({"kind": "blocks", **BLOCKS, "refine": 2})
+    assert isinstance(domain, Blocks)
+    assert domain.points == count_points({**BLOCKS, "refine": 2}) == 9 * 7
+    with pytest.raises(InputError, match="possible") as caught:
+        count_points({**BLOCKS, "refine": 1e8})
+    assert caught.value.field == "domain.blocks"
+
+
+def test_files_of_meshes_and_of_points_are_beside_a_problem_file(tmp_path: Path) -> None:
+    (tmp_path / "square.json").write_text(json.dumps(BLOCKS))
+    (tmp_path / "c.csv").write_text("x, y\n0, 0\n0.5, -0.2\n1, 0\n")
+    monitor = {"kind": "least_error", "u": "tanh(9*(x - y))"}
+    on_curve = {**BLOCKS, "curves": {"c": {"points": "c.csv"}}, "edges": [{"from": "a", "to": "b", "on": "c"}]}
+    for domain, points in (({"kind": "mesh", "file": "square.json"}, 20), ({"kind": "blocks", **on_curve}, 20)):
+        (tmp_path / "problem.json").write_text(json.dumps({"monitor": monitor, "domain": domain}))
+        built = load(tmp_path / "problem.json")
+        assert built.problem.domain.points == points  # type: ignore[union-attr]
+        with pytest.raises(InputError, match="four sides"):
+            assert built.grid_problem
+    with pytest.raises(InputError, match="there is no mesh file named") as caught:
+        build_domain({"kind": "mesh", "file": "none.msh"})
+    assert caught.value.field == "domain.file"
+
+
+def test_what_goes_with_a_grid_is_refused_on_blocks() -> None:
+    document: dict[str, Any] = {
+        "monitor": {"kind": "least_error", "u": "x*y"},
+        "domain": {"kind": "blocks", **BLOCKS},
+    }
+    for name, value in {
+        "grid": {"n_xi": 8},
+        "target": {"error": 1e-3},
+        "boundary": "orthogonal",
+        "parts": 2,
+    }.items():
+        with pytest.raises(InputError) as caught:
+            build({**document, name: value})
+        assert caught.value.field == name
+        assert caught.value.message == NOT_WITH_BLOCKS[name]
+    with pytest.raises(InputError, match="LeastError"):
+        build({**document, "monitor": {"kind": "curvature", "u": "x*y"}})
+
+
+def test_schwarz_between_blocks() -> None:
+    blocks = {**BLOCKS, "blocks": [{**BLOCKS["blocks"][0], "name": "one"}]}
+    document: dict[str, Any] = {"monitor": {"kind": "least_error", "u": "x*y"}, "domain": {"kind": "blocks", **blocks}}
+    assert build({**document, "schwarz": {}}).schwarz == Schwarz()
+    built = build({**document, "schwarz": {"overlap": 2, "groups": [["one"]]}})
+    assert (built.schwarz, built.grid_schwarz) == (Schwarz(overlap=2, groups=[["one"]]), None)
+    for settings, field in (
+        ({"overlap": 0}, "schwarz.overlap"),
+        ({"subdomains": [2, 1]}, "schwarz.subdomains"),
+        ({"groups": [["two"]]}, "schwarz.groups[0]"),
+        (3, "schwarz"),
+    ):
+        with pytest.raises(InputError) as caught:
+            build({**document, "schwarz": settings})
+        assert caught.value.field == field
+
+
+def test_closed_lines() -> None:
+    assert build_domain({"periodic": "y"}) == Rectangle(periodic="y")
+    assert build_domain({"kind": "annulus_sector", "closed": True}) == AnnulusSector(closed=True)
+
+
+# Schwarz settings of a document.
+
+
+def test_a_document_without_settings_is_of_a_single_domain() -> None:
+    assert build_schwarz({}) is None
+    assert build_schwarz({"schwarz": None, "grid": {"n_xi": 5}}) is None
+    assert build_schwarz({"schwarz": {}}) == Schwarz()
+    assert build_schwarz({"schwarz": {"subdomains": [[24, 40], 1]}}) == Schwarz(subdomains=((24, 40), 1))
+
+
+@pytest.mark.parametrize(
+    ("document", "condition"),
+    [
+        ({"kind": "optimized", "data": "local"}, Optimized(data="local")),  # type: ignore[arg-type]
+        ({"kind": "classical"}, Classical()),
+        ({"kind": "linear_robin"}, LinearRobin()),
+        ({"kind": "linear_robin", "p": 2}, LinearRobin(p=2.0)),
+        ({"kind": "nonlinear_robin", "p": "auto"}, NonlinearRobin()),
+    ],
+)
+def test_every_condition_is_built(document: dict[str, Any], condition: TransmissionCondition) -> None:
+    schwarz = build_schwarz({"schwarz": {"transmission": document, "subdomains": [3, 2], "tolerance": None}})
+    assert schwarz == Schwarz(transmission=condition, subdomains=(3, 2), tolerance=None)
+
+
+def test_settings_are_refused_before_the_grid_is_read() -> None:
+    with pytest.raises(InputError) as caught:
+        build_schwarz({"grid": {"n_xi": 3}, "schwarz": {"line_correction": 12}})
+    assert caught.value.field == "schwarz.line_correction"
+    assert build_schwarz({"grid": {"n_xi": 3}}) is None
+
+
+@pytest.mark.parametrize("kind", ["least_error", "auto", "arc_length"])
+def test_every_monitor_has_settings_of_its_own(kind: str) -> None:
+    document = {"monitor": {"kind": kind, "u": "x"}}
+    given = {"max_exchanges": 3} if kind == "least_error" else {"max_iterations": 3}
+    other = {"max_iterations": 3} if kind == "least_error" else {"max_exchanges": 3}
+    assert build_schwarz({**document, "schwarz": given}) == Schwarz(**given)
+    with pytest.raises(InputError, match="leave it out") as caught:
+        build_schwarz({**document, "schwarz": other})
+    assert caught.value.field == f"schwarz.{next(iter(other))}"
