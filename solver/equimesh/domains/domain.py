@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -100,7 +100,7 @@ class Domain(Protocol):
         ...
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Rectangle:
     """The rectangle of the points between ``x = (x0, x1)`` and ``y = (y0, y1)``; the unit square unless given.
 
@@ -112,6 +112,7 @@ class Rectangle:
 
     x: Interval = UNIT
     y: Interval = UNIT
+    _: KW_ONLY
     periodic: Literal["x", "y", "both"] | None = None
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import KW_ONLY, dataclass, fields, is_dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, TypeGuard
@@ -247,7 +247,7 @@ SLIDING_NODES = "the nodes on the curves of blocks slide for the least error: le
 """Why a boundary condition is refused on blocks."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Problem(Generic[D]):
     """A mesh of ``domain``, by ``monitor``.
 
@@ -266,6 +266,7 @@ class Problem(Generic[D]):
 
     monitor: Monitor
     grid: Grid = None  # type: ignore[assignment] # blocks have none
+    _: KW_ONLY
     boundary: Boundary = Boundary.TRACE
     domain: D = UNIT_SQUARE  # type: ignore[assignment]
 

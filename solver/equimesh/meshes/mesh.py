@@ -20,9 +20,11 @@ from equimesh_coupling.parts import Cells, MeshParts, quads_of, triangles_of
 MIN_POINTS = 4  # in each direction
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Grid:
     """``n_xi`` x ``n_eta`` uniformly spaced **points** on the computational unit square.
+
+    ``Grid(33)`` has 33 in both directions.
 
     A "12 by 12 mesh" of the paper has 12 points a side, hence 11 x 11 cells.
 
@@ -30,9 +32,11 @@ class Grid:
     """
 
     n_xi: int
-    n_eta: int
+    n_eta: int = None  # type: ignore[assignment] # as many as n_xi
 
     def __post_init__(self) -> None:
+        if self.n_eta is None:
+            object.__setattr__(self, "n_eta", self.n_xi)  # type: ignore[unreachable]
         for name in ("n_xi", "n_eta"):
             if getattr(self, name) < MIN_POINTS:
                 raise InputError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -34,7 +34,7 @@ MAX_FAR_SHARE = 1e-6
 """The distance of nodes of a domain with curved sides from their places on it, as a share of its size."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class LeastError:
     """The nodes where the error of interpolating u is least, in place of equal lengths in a metric.
 
@@ -50,6 +50,7 @@ class LeastError:
     """
 
     u: Field
+    _: KW_ONLY
     norm: Literal["l2", "h1"] = "l2"
     distortion: float = 0.5
     smoothness: float = 1.0
@@ -140,7 +141,7 @@ PURPOSES = ("finite_volume",)
 """What a mesh can be for, other than to interpolate u."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Auto:
     """The monitor that :func:`equimesh.solve` chooses: of several, that with the smallest error on a coarse grid.
 
@@ -152,6 +153,7 @@ class Auto:
     """
 
     u: Field
+    _: KW_ONLY
     norm: Literal["l2", "h1"] = "l2"
     cells: Literal["quad", "triangle"] = "quad"
     purpose: Literal["finite_volume"] | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cache
 from typing import Literal, NamedTuple
 
@@ -92,7 +92,7 @@ MAX_CONSTANT_SHARE = 4 * float(np.finfo(np.float64).eps)
 """u counts as constant when its range is at most this share of its size: that is rounding."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ArcLength:
     """The scaled arc-length metric ``M = k grad u grad u^T + I``, ``k = a^2 / (1 + b |grad u|^2)``.
 
@@ -110,6 +110,7 @@ class ArcLength:
     """
 
     u: Field
+    _: KW_ONLY
     a: float = 0.7
     b: float = 0.05
     scaled: bool = True
@@ -216,7 +217,7 @@ MAX_LINEAR_SHARE = 1e-8
 _H1, _ISOTROPIC = 1, 2  # bits of the kernels' ``kind``
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Curvature:
     """The metric of the curvature of u: small cells, thin ones along fronts, where u is far from linear.
 
@@ -233,6 +234,7 @@ class Curvature:
     """
 
     u: Field
+    _: KW_ONLY
     norm: Literal["l2", "h1"] = "l2"
     isotropic: bool = False
     floor: float = 0.01

@@ -90,3 +90,13 @@ def test_refusals_say_what_to_do(given: dict[str, Any], field: str, sentence: st
 def test_dir_shows_what_people_need() -> None:
     assert dir(em) == sorted(em.__all__)
     assert "mesh" in dir(em)
+
+
+def test_first_values_are_taken_by_position() -> None:
+    u = em.Expression("x*y")
+    assert em.Grid(9) == em.Grid(9, 9) == em.Grid(n_xi=9, n_eta=9)
+    assert em.Rectangle((0.0, 2.0), (0.0, 1.0)) == RECTANGLE
+    for kind in (em.Auto, em.LeastError, em.ArcLength, em.Curvature):
+        assert em.Problem(kind(u), em.Grid(9)).monitor.u is u
+        with pytest.raises(TypeError, match="positional"):
+            kind(u, "h1")  # type: ignore[operator]
