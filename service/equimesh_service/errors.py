@@ -24,6 +24,7 @@
     │   └── SchedulerLostError      ... the cluster that ran it cannot be reached; running it again will do
     ├── NotCompiledError            a loop is not compiled on this machine yet
     ├── AttemptLostError            the mesh was canceled or is computed elsewhere; the worker stops
+    ├── KeyTakenError               a request with the same idempotency key was faster; the worker stops
     └── Problem                     an answer with problem details; it stands in
                                     :mod:`equimesh_service.problems.problem`, next to the table of kinds
 """
@@ -119,3 +120,11 @@ class NotCompiledError(ServiceError):
 
 class AttemptLostError(ServiceError):
     """The mesh was canceled, or another worker computes it now: no one needs this attempt any more."""
+
+
+class KeyTakenError(ServiceError):
+    """The idempotency key of a request belongs to the mesh ``mesh_id``, whose request was faster."""
+
+    def __init__(self, mesh_id: str) -> None:
+        super().__init__(f"the idempotency key belongs to the mesh {mesh_id}")
+        self.mesh_id = mesh_id

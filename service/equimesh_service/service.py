@@ -16,9 +16,10 @@ from typing import Any
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
-from equimesh_service.admission.admit import Admission, ServiceAdmission
+from equimesh_service.admission import computation
+from equimesh_service.admission.admit import Admission, AdmittedSpec, ServiceAdmission
 from equimesh_service.admission.callers import Caller, Callers, Quotas
-from equimesh_service.admission.intake import Intake
+from equimesh_service.admission.intake import Body, Intake
 from equimesh_service.admission.unstored import UnstoredMeshes
 from equimesh_service.assembly.problem import PackedProblems
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
@@ -248,6 +249,10 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     admission = ServiceAdmission(
         settings, store, files, side_workers=side_workers, while_waiting=check_threads.while_waiting
     )
+
+    async def admit(body: Body) -> AdmittedSpec:
+        return await check_threads.run(computation.admit, body.content_type, body.content, body.caller, admission)
+
     return Service(
         settings=settings,
         storage=storage,
@@ -262,7 +267,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         admission=admission,
         callers=Callers(store.keys),
         quotas=quotas,
-        intake=Intake(settings, store, admission, dispatcher, wakeups, quotas, problems),
+        intake=Intake(settings, storage, store, dispatcher, wakeups, quotas, problems, metrics, admit),
         unstored=UnstoredMeshes(settings, storage, engine, dispatcher.line),
         lock=lock,
         check_threads=check_threads,

@@ -17,8 +17,8 @@ from equimesh_service.admission.intake import AcceptedMesh, Intake
 from equimesh_service.dispatch.dispatcher import Dispatcher
 from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.errors import WorkerLostError
-from equimesh_service.store.rows import Claim, MeshInput
-from service.conftest import small, until
+from equimesh_service.store.rows import Claim
+from service.conftest import SLOW, small, until
 
 
 def test_who_waits_goes_straight_to_a_worker(http: httpx.Client) -> None:
@@ -37,7 +37,7 @@ def test_a_task_that_fails_after_the_wait_leaves_no_unread_error() -> None:
         asyncio.get_running_loop().set_exception_handler(lambda _, context: said.append(context))
         none: Any = None
         settings: Any = SimpleNamespace(max_wait=30.0, poll=0.01)
-        waiting = Intake(settings, none, none, none, Wakeups(dict.fromkeys, 1.0), none, none)
+        waiting = Intake(settings, none, none, none, Wakeups(dict.fromkeys, 1.0), none, none, none, none)
         task: Future[Any] = Future()
         assert await waiting.wait_for_ending(AcceptedMesh("a", task), 0.02) is None
         task.set_exception(WorkerLostError("it died"))
@@ -73,34 +73,35 @@ def test_callers_beyond_the_workers_all_go_straight_to_one(http: httpx.Client, m
         assert all(callers.map(straight, range(40)))
 
 
-def test_a_mesh_that_takes_longer_is_in_the_store_while_it_runs(
-    http: httpx.Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def ended(number: int) -> list[str]:
-        posted = http.post("/v1/meshes?reuse=false", json=small(label=str(number)), headers={"Prefer": "wait=30"})
-        events = http.get(f"{posted.headers['location']}/events", headers={"Accept": "text/event-stream"}).text
-        return [line.removeprefix("event: ") for line in events.splitlines() if line.startswith("event: ")]
-
-    for most in (60.0, 0.0):  # no draft is entered, and each is at once
-        monkeypatch.setattr(intake, "MAX_DRAFT_SECONDS", most)
-        assert [kind for kind in ended(1) if kind != "progress"] == ["status", "status", "done"]
+def test_a_mesh_that_takes_longer_is_in_the_store_while_it_runs(http: httpx.Client) -> None:
+    posted = http.post("/v1/meshes", json=SLOW, headers={"Prefer": "wait=1"})
+    assert (posted.status_code, posted.json()["status"]) == (202, "running")
+    mesh = http.get(posted.headers["location"]).json()
+    assert mesh["started_at"] == mesh["created_at"]  # its worker had it before the store
+    assert http.post(mesh["links"]["cancel"]).json()["status"] == "canceled"
 
 
-def test_a_draft_whose_worker_is_lost_enters_the_queue(http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(intake, "MAX_DRAFT_SECONDS", 60.0)
-    begin = Dispatcher.begin
+def test_a_mesh_that_is_entered_while_it_runs_is_computed_once(http: httpx.Client) -> None:
+    more = {"tolerance": None, "max_iterations": 2}
+    spec = {**SLOW, "label": "entered", "schwarz": {**SLOW["schwarz"], **more}}
+    posted = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=60"})
+    mesh = http.get(f"{posted.headers['location']}?wait=60").json()
+    events = http.get(mesh["links"]["events"], headers={"Accept": "application/json"}).json()["items"]
+    kinds = [event["event"] for event in events]
+    assert "progress" in kinds
+    assert [kind for kind in kinds if kind != "progress"] == ["status", "status", "done"]
+    assert (mesh["attempts"], mesh["started_at"]) == (1, mesh["created_at"])
 
-    def lost(self: Dispatcher, claim: Claim, mesh_input: MeshInput) -> Future[Any]:
-        if mesh_input.draft is None:
-            return begin(self, claim, mesh_input)
-        with monkeypatch.context() as never_ends:
-            submit = self._engine.submit
-            never_ends.setattr(self._engine, "submit", lambda *_, **__: submit(time.sleep, 3600.0))
-            ended = begin(self, claim, mesh_input)
+
+def test_a_request_whose_worker_is_lost_enters_the_queue(http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    begin = Dispatcher.begin_request
+
+    def lost(self: Dispatcher, claim: Claim, _: Any, *__: Any) -> Future[Any]:
+        ended = begin(self, claim, time.sleep, 3600.0)
         self.cancel(claim.mesh_id)
         return ended
 
-    monkeypatch.setattr(Dispatcher, "begin", lost)
+    monkeypatch.setattr(Dispatcher, "begin_request", lost)
     mesh = http.post("/v1/meshes?reuse=false", json=small(label="lost"), headers={"Prefer": "wait=60"}).json()
     assert (mesh["status"], mesh["attempts"]) == ("succeeded", 1)
     assert mesh["started_at"] > mesh["created_at"]  # through the queue

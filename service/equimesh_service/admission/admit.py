@@ -14,7 +14,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 from equimesh import specs
 from equimesh.specs.spec import BuiltSpec
@@ -26,8 +26,8 @@ from equimesh_schema.sources import UPLOAD
 from equimesh_service.admission.callers import Caller, quota_problem
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.bodies import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
-from equimesh_service.assembly.problem import Samples, check, check_schwarz, packed_check, translate_errors
-from equimesh_service.assembly.samples import MESH, Arrays, Upload, convert_mesh
+from equimesh_service.assembly.problem import Samples, check, check_schwarz, translate_errors
+from equimesh_service.assembly.samples import MAX_LIGHT_BYTES, MESH, Arrays, Upload, convert_mesh
 from equimesh_service.dispatch.worker_line import SideWorkers
 from equimesh_service.errors import EngineError, MemoryLimitError, QuotaError, TimeLimitError
 from equimesh_service.files.port import Files
@@ -35,7 +35,7 @@ from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import MESH_PLACE, CheckedSpec, read_spec
-from equimesh_service.store.rows import NewSamples, SamplesRow
+from equimesh_service.store.rows import Claim, NewMesh, NewSamples, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 
@@ -143,8 +143,6 @@ _MAX_REMEMBERED = 1000
 BYTES_OF_POINT = 66
 _VERSION = version("equimesh")
 Result = TypeVar("Result")
-_Checked: TypeAlias = tuple[BuiltSpec | None, bytes | None]
-"""A problem that was built in this process, or one that a side worker has packed."""
 
 
 @dataclass(frozen=True)
@@ -154,10 +152,17 @@ class AdmittedSpec:
     spec: Mapping[str, Any]
     samples: Mapping[str, str]
     digest: str  # equal for specs of the same points
-    built: BuiltSpec | None = None  # the problem of a spec that was checked in this process
-    packed: bytes | None = None  # that of a spec that was checked in a side worker
+    built: BuiltSpec | None = None  # its problem, in the process that has checked it
+    packed: bytes | None = None  # the same, on its way to the worker that solves it
     upload: NewSamples | None = None  # samples that are not stored yet
     nodes: int | None = None  # of a mesh of blocks: its points
+    uploads: int = 0  # the files that came with the request
+
+    @property
+    def problem(self) -> BuiltSpec:
+        """Its problem, in a worker, which checks every spec by building it."""
+        assert self.built is not None
+        return self.built
 
     @property
     def is_in_parts(self) -> bool:
@@ -174,6 +179,20 @@ class AdmittedSpec:
     def points_fingerprint(self) -> str:
         """Equal for meshes of the same release with the same points."""
         return sha256(f"{self.digest} {_VERSION}".encode()).hexdigest()
+
+    def new_mesh(self, claim: Claim, format: str | None) -> NewMesh:
+        """The row of its mesh, with the id, key, request and trace of a claim."""
+        return NewMesh(
+            id=claim.mesh_id,
+            spec=self.spec,
+            samples=tuple(self.samples),
+            format=format,
+            key_id=claim.key_id,
+            request_id=claim.request_id,
+            trace=claim.trace,
+            fingerprint=self.points_fingerprint,
+            nodes=self.nodes,
+        )
 
     def fingerprint(self, format: str | None) -> str:
         """Equal for equal requests, also in different releases: a retry may reach a newer one."""
@@ -229,13 +248,13 @@ class Admission:
         }
         rows |= {} if mesh_row is None else {mesh_row.id: mesh_row}
         nodes = self._count_nodes(spec, rows) if spec.has_blocks else None
-        built, new, packed = None, None, short.packed
+        built, new = short.built, None
         if upload is not None:
-            (built, packed), new, row = self._receive(short, rows, upload, place, caller)
+            built, new, row = self._receive(short, rows, upload, place, caller)
             rows[row.id] = row
             spec = spec.with_samples(UPLOAD, row.id)
-        elif packed is None:
-            built, packed = self._check(spec, rows, files)
+        elif built is None:
+            built = self._check(spec, rows, files)
         for name, path in files.items():
             row = self._keep(path, short.summaries[name], caller, durable=False)[0]
             rows[row.id] = row
@@ -243,7 +262,7 @@ class Admission:
         if upload is not None or files:
             self._remember(spec.monitor_digest)
         hashes = {row.id: row.sha256 for row in rows.values()}
-        return AdmittedSpec(spec.canonical, hashes, spec.points_digest, built, packed, new, nodes)
+        return AdmittedSpec(spec.canonical, hashes, spec.points_digest, built=built, upload=new, nodes=nodes)
 
     def _mesh_row(self, spec: CheckedSpec, mesh: Upload | None, caller: Caller) -> SamplesRow | None:
         """The row of the mesh that came with a spec, which is stored now; raises a 422 problem for one without it."""
@@ -291,17 +310,9 @@ class Admission:
             summary = self.work(pointer, convert_mesh, source, upload.filename, path, self.settings.max_points)
             return self._keep(path, summary, caller, durable=not pointer)
 
-    def keep_upload(self, admitted: AdmittedSpec, caller: Caller) -> None:
-        """Store the samples of an admitted spec, unless they are stored; the mesh that comes with them is durable."""
-        if admitted.upload is None:
-            return
-        with self.files.unfinished(".npz") as path:
-            path.write_bytes(admitted.upload.archive)
-            self._keep(path, admitted.upload.row.summary, caller, durable=False)
-
     def _receive(
         self, short: ShortSpec, rows: Mapping[str, SamplesRow], upload: Upload, pointer: str, caller: Caller
-    ) -> tuple[_Checked, NewSamples | None, SamplesRow]:
+    ) -> tuple[BuiltSpec | None, NewSamples | None, SamplesRow]:
         """Check a spec with its upload. Nothing is stored for a refused spec.
 
         Light samples of a plain spec are not stored yet; others are stored after the check. So are those of a spec that
@@ -310,10 +321,10 @@ class Admission:
         spec, files = short.spec, short.files
         if upload.is_light and spec.is_plain and spec.spec.target is None and not files and not rows:
             arrays = self._read_light(upload, pointer, alone=False)
-            if "points" not in arrays:
+            if "points" not in arrays and sum(array.nbytes for array in arrays.values()) <= MAX_LIGHT_BYTES:
                 built = check(spec.canonical, {UPLOAD: arrays})
                 new = intake.pack(arrays, self.store.clock())
-                return (built, None), new, new.row
+                return built, new, new.row
         with self._convert(upload, pointer, alone=False) as (path, summary):
             checked = self._check(spec, rows, {**files, UPLOAD: path})
             return checked, None, self._keep(path, summary, caller, durable=False)[0]
@@ -358,13 +369,13 @@ class Admission:
         if used + size > most:
             raise quota_problem(QuotaError("key_max_bytes", used, most))
 
-    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> _Checked:
-        """Check the monitor on the domain; the problem of the spec, unless it is known to be valid.
+    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> BuiltSpec | None:
+        """Check the monitor on the domain; the problem of the spec, None where the monitor is known to fit.
 
         ``sent`` are the files of samples that came with the request.
         """
         with self._found(rows) as paths:
-            return check(spec.canonical, {**paths, **sent}), None
+            return check(spec.canonical, {**paths, **sent})
 
     @contextmanager
     def _found(self, rows: Mapping[str, SamplesRow]) -> Iterator[dict[str, Samples]]:
@@ -461,17 +472,17 @@ class ServiceAdmission(Admission):
     while_waiting: Callable[[str], AbstractContextManager[None]]
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
-    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> _Checked:
+    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> BuiltSpec | None:
         """As :meth:`Admission._check`; a slow check runs in a side worker, once for each monitor and domain."""
         if spec.is_quick:
-            return check(spec.canonical, {}), None
+            return check(spec.canonical, {})
         if not sent and spec.monitor_digest in self.known:
-            return None, None
+            return None
         with self._found(rows) as paths:
-            packed = self.work("", packed_check, spec.canonical, {**paths, **sent})
+            built = self.work("", check, spec.canonical, {**paths, **sent})
         if not sent:
             self._remember(spec.monitor_digest)
-        return None, packed
+        return built
 
     def _remember(self, monitor_digest: str) -> None:
         self.known[monitor_digest] = None

@@ -197,9 +197,9 @@ class Quotas:
             raise Problem("rate-limited", detail, headers={**_rate(most, 0, wait), "Retry-After": str(wait)})
         return _rate(most, most - minute.total, minute.seconds_to_drop(now))
 
-    def mesh_quota(self, caller: Caller) -> Quota | None:
-        """The limits of this caller for :meth:`MeshesStore.add`; None without a key."""
-        if not caller.key_id:
+    def mesh_quota(self, key_id: str) -> Quota | None:
+        """The limits of a key for :meth:`MeshesStore.add`; None without a key."""
+        if not key_id:
             return None
         return Quota(queued=self._settings.key_max_queued, points=self._settings.key_max_points)
 

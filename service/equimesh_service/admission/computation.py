@@ -1,10 +1,9 @@
-"""The computation of one mesh that is not kept: a worker makes the bytes of its answer from the body of its request."""
+"""What a worker makes of the body of a request: a mesh that is kept, or the bytes of an answer of which nothing is."""
 
 from __future__ import annotations
 
 import json
 import logging
-import pickle
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -21,24 +20,44 @@ from equimesh.io.write import mesh_bytes
 from equimesh.specs.spec import BuiltSpec
 from equimesh_service.admission.admit import Admission, AdmittedSpec
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.intake import check_format
+from equimesh_service.admission.formats import check_format
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.bodies import MAX_SHORT_BYTES, ShortSpec
 from equimesh_service.assembly.problem import check, translate_errors
 from equimesh_service.assembly.samples import Upload
-from equimesh_service.errors import TimeLimitError
+from equimesh_service.errors import (
+    AttemptLostError,
+    KeyReusedError,
+    KeyTakenError,
+    QuotaError,
+    SamplesGoneError,
+    TimeLimitError,
+)
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.problems.storage import storage_faults
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec
-from equimesh_service.store.rows import Ending, SamplesRow
+from equimesh_service.store.keys import Quota
+from equimesh_service.store.rows import (
+    FAILED,
+    Claim,
+    Ending,
+    FinishedMesh,
+    Lease,
+    MeshInput,
+    NewEntry,
+    NoMesh,
+    Outcome,
+    SamplesRow,
+)
 from equimesh_service.telemetry import log_context
 from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.wire.body import take_apart
 from equimesh_service.worker.drawing import Frames, document_of_solution, draw_solution
-from equimesh_service.worker.job import DRAWING, Storage
+from equimesh_service.worker.job import DRAWING, Storage, attempt, log_context_of
+from equimesh_service.worker.solve import Attempt, Work, solve_work
 from equimesh_service.worker.summary import AnySolution, problem_of
 
 _log = logging.getLogger(__name__)
@@ -66,15 +85,11 @@ class Computation:
 
 @dataclass(frozen=True, kw_only=True)
 class ComputationResult:
-    """The bytes of an answer, the JSON of the certificate, and how the solve ended.
-
-    ``uploads`` are the files that came with the request.
-    """
+    """The bytes of an answer, the JSON of the certificate, and how the solve ended."""
 
     content: bytes
     certificate: str
     ending: Ending
-    uploads: int
 
 
 def compute(task: Computation) -> ComputationResult:
@@ -101,7 +116,7 @@ def _compute(task: Computation) -> ComputationResult:
     admitted = admission.receive(document, upload, task.caller, mesh)
     if task.format not in (None, DRAWING):
         check_format(task.format, admitted.spec)
-    spec = admitted.built or pickle.loads(admitted.packed or b"")
+    spec = admitted.problem
     stopwatch.lap("check")
     frames = None
     if task.frames and spec.grid_schwarz is not None:
@@ -141,9 +156,116 @@ def _compute(task: Computation) -> ComputationResult:
             points=solution.mesh.x.size,
             solve_seconds=seconds,
             laps=stopwatch.laps,
+            uploads=(upload is not None) + (mesh is not None),
         ),
-        uploads=(upload is not None) + (mesh is not None),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """The task of a worker: a request for a mesh that is kept, as it came, and the ``claim`` of the mesh to be.
+
+    ``format`` is that of the requested file. With ``reuse`` a finished mesh of the same spec may answer it. ``key`` is
+    its idempotency key, ``quota`` has the limits of its API key. A mesh that is not finished soon is entered into the
+    store under the ``lease``.
+    """
+
+    content_type: str
+    body: bytes
+    format: str | None
+    caller: Caller
+    settings: Settings
+    storage: Storage
+    claim: Claim
+    key: str | None
+    reuse: bool
+    quota: Quota | None
+    lease: Lease
+
+
+# A mesh that takes longer is entered into the store, where it can be listed, canceled and retried.
+MAX_SHORT_SECONDS = 0.05
+
+
+def answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
+    """Admit a request and compute its mesh; None when the attempt was lost meanwhile.
+
+    :class:`~equimesh_service.store.rows.NoMesh` has the reason of a refusal. It has the admitted spec where an earlier
+    mesh may be the answer, and where a cluster computes the mesh in parts.
+    """
+    claim = request.claim
+    with log_context.enter(log_context_of(claim)), attempt(claim):
+        try:
+            with storage_faults():
+                return _answer(request)
+        except AttemptLostError:
+            return None
+        except KeyTakenError as error:
+            return NoMesh(earlier=error.mesh_id)
+        except (KeyReusedError, QuotaError, SamplesGoneError) as error:
+            return NoMesh(error=error)
+        except Problem:
+            raise
+        except Exception as error:
+            _log.error("mesh %s: the solve broke", claim.mesh_id, exc_info=error)  # only the worker knows where
+            raise
+
+
+def _answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
+    began, stopwatch = time.perf_counter(), Stopwatch()
+    store, files = request.storage.store(), request.storage.files()
+    try:
+        admitted = admit(request.content_type, request.body, request.caller, Admission(request.settings, store, files))
+        if request.format is not None:
+            check_format(request.format, admitted.spec)
+    except Problem as problem:
+        if problem.name == "unavailable":
+            raise
+        return NoMesh(error=problem)
+    stopwatch.lap("check")
+    claim, caller, spec = request.claim, request.caller, admitted.problem
+    new = admitted.new_mesh(claim, request.format)
+    may_reuse = request.reuse and request.settings.reuse and store.meshes.has_equal(new)
+    if may_reuse or admitted.is_in_parts or store.meshes.has_key(caller.key_id, request.key):
+        return NoMesh(admitted=replace(admitted, built=None))
+    if request.quota is not None:
+        store.quotas.check(caller.key_id, new.points, request.quota)
+    _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
+    entry = NewEntry(
+        new=new, samples=admitted.upload, key=request.key, fingerprint=admitted.fingerprint(request.format)
+    )
+    at_work = Attempt(store, claim, entry, request.lease, request.quota)
+    if time.perf_counter() - began > MAX_SHORT_SECONDS:
+        at_work.enter()
+    work = Work(mesh_input=MeshInput(spec=new.spec, samples=admitted.samples, format=request.format), spec=spec)
+    threads = request.settings.worker_threads
+    try:
+        end = solve_work(work, at_work, files, stopwatch, threads=threads, hands_over=True)
+    except Problem as problem:
+        if problem.name == "unavailable":
+            raise
+        end = _failed(problem, at_work, time.perf_counter() - began)
+    return _with_uploads(end, admitted.uploads)
+
+
+def admit(content_type: str, body: bytes, caller: Caller, admission: Admission) -> AdmittedSpec:
+    """The admitted spec of a request, with its problem; raises its problems."""
+    document, upload, mesh = take_apart(content_type, body)
+    admitted = admission.receive(document, upload, caller, mesh)
+    return replace(admitted, uploads=(upload is not None) + (mesh is not None))
+
+
+def _failed(problem: Problem, at_work: Attempt, seconds: float) -> FinishedMesh:
+    """The end of a mesh whose solve the solver has refused."""
+    ending = Ending(status=FAILED, reason=problem.name)
+    outcome = Outcome(error=problem.body())
+    return FinishedMesh(outcome=outcome, contents={}, ending=ending, seconds=seconds, entry=at_work.entry)
+
+
+def _with_uploads(end: FinishedMesh | Ending | None, uploads: int) -> FinishedMesh | Ending | None:
+    if isinstance(end, FinishedMesh):
+        return replace(end, ending=replace(end.ending, uploads=uploads))
+    return None if end is None else replace(end, uploads=uploads)
 
 
 def _text(document: Mapping[str, Any]) -> bytes:
@@ -192,12 +314,10 @@ class _Admission(Admission):
             raise problem_at("/parts", message)
         return super()._admit(replace(short, spec=short.spec.whole()), upload, caller, mesh)
 
-    def _check(
-        self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]
-    ) -> tuple[BuiltSpec, None]:
+    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> BuiltSpec:
         own = {name: _arrays(content) for name, content in self.sent.items()}
         with self._found({name: row for name, row in rows.items() if name not in own}) as stored:
-            return check(spec.canonical, {**stored, **own, **sent}), None
+            return check(spec.canonical, {**stored, **own, **sent})
 
     def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:  # noqa: ARG002
         content = path.read_bytes()

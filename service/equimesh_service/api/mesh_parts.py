@@ -8,7 +8,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from equimesh_schema.answers import FileOfParts, GridSize, PartRecord, Parts
-from equimesh_service.admission.intake import check_part
+from equimesh_service.admission.formats import check_part
 from equimesh_service.api.results import check_done, parts_of
 from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, problems
 from equimesh_service.files.port import StoredFile

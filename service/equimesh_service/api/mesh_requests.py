@@ -3,11 +3,11 @@
 from typing import Annotated, Any
 
 from fastapi import Header, Query, Request
-from starlette.concurrency import run_in_threadpool
 
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.admit import AdmittedSpec
 from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.intake import Body
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.telemetry import stopwatch
@@ -156,26 +156,20 @@ async def read_raw(request: Request, service: Service, place: bodies.BodyPlace) 
     return await bodies.read_body(request, service.settings.max_body, place)
 
 
-async def read_request(request: Request, service: Service, place: bodies.BodyPlace) -> bodies.MeshParts:
-    """The parts of a request for a mesh; those of a long one are found in a thread."""
-    data, kind = await read_raw(request, service, place), request.headers.get("content-type", "")
-    if bodies.is_quick(kind, data):
-        return bodies.take_apart(kind, data)
-    return await run_in_threadpool(bodies.take_apart, kind, data)  # it takes seconds for a long body of line ends
+async def receive_body(request: Request, service: Service, caller: Caller, place: bodies.BodyPlace) -> Body:
+    """A request for a mesh that is kept, as it came; raises a 429 problem for a key without room for it."""
+    content = await read_raw(request, service, place)
+    stopwatch.lap("receive")
+    await service.quotas.check_bytes(caller, len(content))  # before the files are stored
+    return Body(content_type=request.headers["content-type"], content=content, caller=caller)
 
 
 async def receive_mesh(request: Request, service: Service, caller: Caller) -> AdmittedSpec:
     """Read and admit a request for a mesh, with the samples that came with it."""
     with service.bodies.place(caller.key_id) as place:
-        document, upload, mesh = await read_request(request, service, place)
-        stopwatch.lap("receive")
-        sent = [one for one in (upload, mesh) if one is not None]
-        # Before the files are stored.
-        await service.quotas.check_bytes(caller, len(document) + sum(len(one.data) for one in sent))
-        admitted = await service.check(service.admission.receive, document, upload, caller, mesh)
-    if admitted.is_in_parts:
-        await service.quotas.check_bytes(caller, admitted.expected_bytes)
-    for _ in sent:
+        body = await receive_body(request, service, caller, place)
+        admitted = await service.intake.admit(body)
+    for _ in range(admitted.uploads):
         service.metrics.count_upload()
     stopwatch.lap("check")
     return admitted

@@ -16,8 +16,9 @@ from starlette.responses import Response
 
 from equimesh_schema.mesh import WITHOUT_NUL, MeshSpec
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, known_format
-from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_mesh
+from equimesh_service.admission.formats import known_format
+from equimesh_service.admission.intake import AcceptedMesh, MeshRequest
+from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_body
 from equimesh_service.api.resources import MeshList, MeshResource, UnstoredMesh, mesh_resource
 from equimesh_service.api.results import MEDIA_TYPES, MESH_CONTENT, check_done, mesh_bytes, mesh_file
 from equimesh_service.api.routing import (
@@ -35,7 +36,6 @@ from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, Ending, MeshRow
 from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire.headers import choose_explicit_offer, parse_wait
-from equimesh_service.worker.job import file_name
 
 
 @dataclass(frozen=True)
@@ -66,24 +66,23 @@ class Waiting:
         service: Service,
         caller: Caller,
         accepted: AcceptedMesh,
-        cells: str,
         headers: dict[str, str],
         describe: Callable[[MeshRow], Awaitable[BaseModel]],
     ) -> Response:
         """Wait for the mesh, and answer with its file or with the resource that ``describe`` makes of its row."""
         if self.wanted is not None:
             headers["Preference-Applied"] = f"wait={self.seconds}"
-        began, name = time.monotonic(), self.format
-        ending = await service.intake.wait_for_ending(accepted, self.seconds)
+        until, name = time.monotonic() + self.seconds - accepted.waited, self.format
+        ending = await service.intake.wait_for_ending(accepted, until - time.monotonic())
         if ending is not None:
             stopwatch.include(ending.laps)
             stopwatch.lap("hand-over")
-        if ending is not None and name is not None and (file := ending.file(file_name(name, cells))):
+        if ending is not None and name is not None and (file := ending.requested):
             content = ending.content
             return await mesh_bytes(
                 request, service, accepted.mesh_id, name, file, headers=headers, status=201, content=content
             )
-        row = await service.wait_for_end(accepted.mesh_id, self.seconds - (time.monotonic() - began), caller)
+        row = await service.wait_for_end(accepted.mesh_id, until - time.monotonic(), caller)
         if row.reused_from is not None:
             headers["Equimesh-Reused"] = row.reused_from
         if row.finished and name is not None:
@@ -167,16 +166,17 @@ async def create(
     if not store:
         check_unstored(waiting.format, key)
         return await answer_unstored(request, service, caller, waiting.format, waiting.wanted)
-    admitted = await receive_mesh(request, service, caller)
 
     async def describe(row: MeshRow) -> MeshResource:
         return mesh_resource(row, service.settings.root)
 
     with service.quotas.count_wait(caller, waiting.seconds):
-        mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, reuse=reuse)
-        accepted = await service.intake.accept(admitted, caller, mesh_request)
+        with service.bodies.place(caller.key_id) as place:
+            body = await receive_body(request, service, caller, place)
+            mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, reuse=reuse)
+            accepted = await service.intake.take(body, mesh_request)
         headers = {"Location": f"{service.settings.root}/v1/meshes/{accepted.mesh_id}"}
-        return await waiting.answer(request, service, caller, accepted, admitted.spec["cells"], headers, describe)
+        return await waiting.answer(request, service, caller, accepted, headers, describe)
 
 
 class _Page(BaseModel):

@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
 from equimesh.io.write import FORMATS
-from equimesh_service.admission.intake import check_head, check_whole, known_format
+from equimesh_service.admission.formats import check_head, check_whole, known_format
 from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Complaint, Problem

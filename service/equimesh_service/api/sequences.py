@@ -130,7 +130,7 @@ async def create(
     with service.quotas.count_wait(caller, waiting.seconds):
         mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=step)
         accepted = await service.intake.accept(admitted, caller, mesh_request)
-        return await _answer(waiting, request, service, caller, accepted, admitted.spec["cells"])
+        return await _answer(waiting, request, service, caller, accepted)
 
 
 class _Page(BaseModel):
@@ -208,9 +208,8 @@ async def step(
         with refusals():
             again = await run_in_threadpool(service.store.meshes.find_repeated, caller.key_id, key, fingerprint)
         if again is not None:
-            mesh = await service.mesh(again, caller)
             with service.quotas.count_wait(caller, waiting.seconds):
-                return await _answer(waiting, request, service, caller, AcceptedMesh(again), mesh.cells)
+                return await _answer(waiting, request, service, caller, AcceptedMesh(again))
         await service.quotas.check_bytes(caller, len(data))
         mesh = await service.mesh(sequence.mesh_id, caller)
         points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
@@ -239,7 +238,7 @@ async def step(
         )
         mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=new)
         accepted = await service.intake.accept(made.admitted, caller, mesh_request)
-        return await _answer(waiting, request, service, caller, accepted, made.admitted.spec["cells"])
+        return await _answer(waiting, request, service, caller, accepted)
 
 
 @router.delete(
@@ -307,7 +306,7 @@ async def _start(service: Service, caller: Caller, sequence_id: str, step: int) 
 
 
 async def _answer(
-    waiting: Waiting, request: Request, service: Service, caller: Caller, accepted: AcceptedMesh, cells: str
+    waiting: Waiting, request: Request, service: Service, caller: Caller, accepted: AcceptedMesh
 ) -> Response:
     """The answer with the mesh, its file or its state, and the sequence that it belongs to."""
     found = await run_in_threadpool(service.store.sequences.step_of, accepted.mesh_id)
@@ -321,4 +320,4 @@ async def _answer(
         return sequence_resource(sequence, number, row, root, await _velocity(service, row))
 
     headers = {"Location": location, "Equimesh-Step": str(number)}
-    return await waiting.answer(request, service, caller, accepted, cells, headers, describe)
+    return await waiting.answer(request, service, caller, accepted, headers, describe)

@@ -8,7 +8,7 @@ from starlette.responses import Response
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.computation import ComputationResult
-from equimesh_service.admission.intake import check_whole
+from equimesh_service.admission.formats import check_whole
 from equimesh_service.api.mesh_requests import MESH_BODY, read_raw
 from equimesh_service.api.routing import KEY_PROBLEMS, ServiceDependency, Writer, problems
 from equimesh_service.problems.problem import Problem
@@ -116,7 +116,7 @@ async def _computed(
             frames=frames,
             leaves=leaves,
         )
-    for _ in range(0 if computed is None else computed.uploads):
+    for _ in range(0 if computed is None else computed.ending.uploads):
         service.metrics.count_upload()
     return computed
 

@@ -21,6 +21,7 @@ from equimesh.io.npz import STEP
 from equimesh.io.reading.bounds import open_zip
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.specs.spec import BuiltSpec
 from equimesh.transfers.mesh_values import MAX_COMPONENTS, MeshValues
 from equimesh_schema.sequences import FieldSettings, FieldSource, FieldSpec, Location, NodesSource, StepSpec, Transfer
 from equimesh_schema.sources import (
@@ -28,7 +29,7 @@ from equimesh_schema.sources import (
     ExpressionSource,
     SamplesSource,
 )
-from equimesh_service.assembly.problem import packed_check, translate_errors
+from equimesh_service.assembly.problem import check, translate_errors
 from equimesh_service.assembly.samples import Upload, canonical_arrays, write
 from equimesh_service.problems.problem import Problem, complaint_of, input_problem, problem_at, repointed
 from equimesh_service.spec.document import MAX_PLAIN_VALUES, escape_token, parse, sent_pointer
@@ -114,14 +115,14 @@ class SpecLimits:
 class ShortSpec:
     """A spec, and the samples that were taken out of it: they are in files in ``folder``.
 
-    ``summaries`` has their summaries by the names that the spec has for them. ``packed`` is the problem, where the
+    ``summaries`` has their summaries by the names that the spec has for them. ``built`` is the problem, where the
     monitor is known to fit its domain.
     """
 
     spec: CheckedSpec
     folder: Path = Path()
     summaries: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    packed: bytes | None = None
+    built: BuiltSpec | None = None
 
     @property
     def files(self) -> dict[str, Path]:
@@ -142,14 +143,14 @@ def shorten(text: Path, folder: Path, limits: SpecLimits) -> ShortSpec:
 
 def _shorten(spec: CheckedSpec, folder: Path, limits: SpecLimits) -> ShortSpec:
     limits.check(spec.sources)
-    packed = None if spec.stored else packed_check(spec.canonical, {})
+    built = None if spec.stored else check(spec.canonical, {})
     document, summaries = {**spec.canonical}, {}
     for pointer, source in spec.sources.items():
         if isinstance(source, SamplesSource):
             name = f"inline-{secrets.token_hex(8)}"  # no other spec can name it
             summaries[name] = _write(source, pointer, _file(folder, name))
             document = _replaced(document, pointer.split("/")[1:], {"samples": name})
-    return ShortSpec(read_spec(document), folder, summaries, packed)
+    return ShortSpec(read_spec(document), folder, summaries, built)
 
 
 def _file(folder: Path, name: str) -> Path:

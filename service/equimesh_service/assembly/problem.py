@@ -1,6 +1,5 @@
 """From a spec to the objects of the solver; input errors become problems with a pointer into the spec."""
 
-import pickle
 import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -50,11 +49,6 @@ def check(spec: Spec, samples: Mapping[str, Samples]) -> specs.BuiltSpec:
         with translate_errors():
             require_reachable(built.target, monitor=problem.monitor, domain=problem.domain, boundary=problem.boundary)
     return built
-
-
-def packed_check(spec: Spec, samples: Mapping[str, Samples]) -> bytes:
-    """The problem of :func:`check` as bytes, which reach the process that solves it: its samples are interpolated."""
-    return pickle.dumps(check(spec, samples))
 
 
 class PackedProblems:

@@ -26,14 +26,12 @@ from equimesh_service.problems.storage import storage_problem
 from equimesh_service.store.rows import (
     FAILED,
     Claim,
-    Draft,
     Ending,
     FinishedMesh,
     Lease,
     MeshInput,
+    NoMesh,
     Outcome,
-    RefusedDraft,
-    RepeatedDraft,
 )
 from equimesh_service.store.store import Store
 from equimesh_service.store.writer import Writer, store_finished
@@ -77,7 +75,8 @@ class Dispatcher:
     status may have changed.
 
     A mesh whose request waits can skip the queue: reserve a worker in the :attr:`line`, put the mesh into the store as
-    claimed by :attr:`lease`, and :meth:`begin` it, or release the worker. A draft is begun before it is in the store.
+    claimed by :attr:`lease`, and :meth:`begin` it, or release the worker. A request is begun before its mesh is in the
+    store (:meth:`begin_request`): its worker enters the mesh as claimed by the lease, if it is not finished soon.
     """
 
     def __init__(
@@ -106,7 +105,7 @@ class Dispatcher:
         self._storing: set[Claim] = set()  # claims that workers have finished, and that are not in the store yet
         self._woken = False  # since the current check of the queue began
         self._strays: set[Claim] = set()  # claims of this service that no worker has
-        self._drafts: set[str] = set()  # the meshes that workers have and the store does not know yet
+        self._new: set[str] = set()  # the meshes that workers have and the store may not know yet
         self._gone: set[Claim] = set()  # claims that workers have and this service has lost
         self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
         self._last_round = time.monotonic()
@@ -128,16 +127,24 @@ class Dispatcher:
     def begin(self, claim: Claim, mesh_input: MeshInput) -> Future[Any]:
         """Give a claimed mesh to the reserved worker; the future ends when the mesh is in the store."""
         with self._lock:
-            if mesh_input.draft is not None:
-                self._drafts.add(claim.mesh_id)
-            _, ended = self._submit(claim, mesh_input)
+            _, ended = self._submit(claim, *self._run(claim, mesh_input))
             self.line.use()
             return ended
 
-    def note_entered(self, mesh_id: str) -> None:
-        """Note that a draft is in the store now."""
+    def begin_request(self, claim: Claim, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Let the reserved worker compute a mesh which is not in the store; the future is that of :meth:`begin`.
+
+        ``function`` may also return :class:`NoMesh`, which the future then has.
+        """
         with self._lock:
-            self._drafts.discard(mesh_id)
+            self._new.add(claim.mesh_id)
+            try:
+                _, ended = self._submit(claim, function, arguments)
+            except BaseException:
+                self._new.discard(claim.mesh_id)
+                raise
+            self.line.use()
+            return ended
 
     def cancel(self, mesh_id: str) -> None:
         """Stop the work on a mesh that was canceled or deleted in the store."""
@@ -224,7 +231,7 @@ class Dispatcher:
             self.line.use()
             if claim is None:
                 return False
-            task, _ = self._submit(claim, None)
+            task, _ = self._submit(claim, *self._run(claim, None))
             self.line.call_next()  # now that the claim has its worker
         row = self._store.meshes.get(claim.mesh_id)
         if row is None or row.finished:
@@ -236,33 +243,37 @@ class Dispatcher:
         with self._lock:
             return list(self._running.items())
 
-    def _submit(self, claim: Claim, mesh_input: MeshInput | None) -> tuple[Future[Any], Future[Any]]:
+    def _submit(
+        self, claim: Claim, function: Callable[..., Any], arguments: tuple[Any, ...]
+    ) -> tuple[Future[Any], Future[Any]]:
         """Give a claim to a worker; returns the future of the worker and the future of the mesh."""
-        self._metrics.count_attempt(claim.waited)
-        with log_context.enter(log_context_of(claim)):
-            _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
-        function, arguments = self._run(claim, mesh_input)
+        if claim.mesh_id not in self._new:
+            self._metrics.count_attempt(claim.waited)
+            with log_context.enter(log_context_of(claim)):
+                _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
         task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
         self._running[claim] = task
         ended = Future[Any]()
-        draft = None if mesh_input is None else mesh_input.draft
-        task.add_done_callback(partial(self._end, claim, draft, ended))
+        task.add_done_callback(partial(self._end, claim, ended))
         return task, ended
 
-    def _end(self, claim: Claim, draft: Draft | None, ended: Future[Any], task: Future[Any]) -> None:
+    def _end(self, claim: Claim, ended: Future[Any], task: Future[Any]) -> None:
         finished = None if task.cancelled() or task.exception() is not None else task.result()
+        with self._lock:
+            if claim.mesh_id in self._new and not isinstance(finished, NoMesh):
+                self._metrics.count_attempt(claim.waited)
         if isinstance(finished, FinishedMesh):
             with self._lock:
                 self._storing.add(claim)
             self._free_worker(claim)  # which solves the next mesh meanwhile
             if not self.line.queue_is_empty:
                 self._wake.set()
-            self._write(claim, draft, finished, ended)
+            self._write(claim, finished, ended)
             return
-        if _is_over(task):
+        if isinstance(finished, Ending | NoMesh):
             self._free_worker(claim)  # at once, in this thread: the worker has already written its result
-            if isinstance(task.result(), Ending):
-                self._metrics.count_end(task.result())
+            if isinstance(finished, Ending):
+                self._metrics.count_end(finished)
             if not self.line.queue_is_empty:
                 self._wake.set()
         else:
@@ -271,10 +282,10 @@ class Dispatcher:
         _pass_on(task, ended)
         self._notify(claim.mesh_id)
 
-    def _write(self, claim: Claim, draft: Draft | None, finished: FinishedMesh, ended: Future[Any]) -> None:
+    def _write(self, claim: Claim, finished: FinishedMesh, ended: Future[Any]) -> None:
         """Put a finished mesh into the store, with others that wait for it."""
         try:
-            stored = self._writer.commit(partial(store_finished, self._store, claim, draft, finished))
+            stored = self._writer.commit(partial(store_finished, self._store, claim, finished))
         except EngineError as error:  # the service stops, and the mesh is back in the queue
             ended.set_exception(error)
             return
@@ -292,9 +303,9 @@ class Dispatcher:
             mesh_id = stored.result()
             if mesh_id == claim.mesh_id:
                 self._metrics.count_end(ending)
-            ended.set_result(ending if mesh_id == claim.mesh_id else mesh_id and RepeatedDraft(mesh_id))
+            ended.set_result(ending if mesh_id == claim.mesh_id else mesh_id and NoMesh(earlier=mesh_id))
         elif isinstance(error, KeyReusedError | SamplesGoneError):
-            ended.set_result(RefusedDraft(error))
+            ended.set_result(NoMesh(error=error))
         else:
             ended.set_exception(storage_problem(error) or error)
             self._ended.put((claim, ended))
@@ -309,7 +320,7 @@ class Dispatcher:
         """Free the worker of a claim."""
         with self._lock:
             self._running.pop(claim, None)
-            self._drafts.discard(claim.mesh_id)
+            self._new.discard(claim.mesh_id)
             self.line.call_next()
 
     def _settle(self) -> None:
@@ -389,21 +400,14 @@ class Dispatcher:
 
     def _cancel_gone(self) -> None:
         """Cancel the tasks of meshes that another service has canceled or taken over."""
-        # Before the store is read, which knows all of these.
-        running = {claim: task for claim, task in self._tasks() if claim.mesh_id not in self._drafts}
-        gone = running.keys() - self._store.queue.find_held(self._owner)
+        running = dict(self._tasks())  # before the store is read, which knows all of these but the new ones
+        held = self._store.queue.find_held(self._owner)
+        with self._lock:
+            self._new.difference_update(claim.mesh_id for claim in held)
+            gone = {claim for claim in running.keys() - held if claim.mesh_id not in self._new}
         for claim in gone & self._gone:  # at two checks in a row, so its worker has not just finished it
             self._engine.cancel(running[claim])
         self._gone = gone
-
-
-def _is_over(task: Future[Any]) -> bool:
-    """Whether a worker has finished its mesh in the store, or a draft that is no mesh."""
-    return (
-        not task.cancelled()
-        and task.exception() is None
-        and isinstance(task.result(), Ending | RepeatedDraft | RefusedDraft)
-    )
 
 
 def _pass_on(task: Future[Any], ended: Future[Any]) -> None:

@@ -11,17 +11,19 @@ from sqlalchemy.exc import IntegrityError
 
 from equimesh_service.errors import KeyReusedError, StepTakenError
 from equimesh_service.files.port import Publish, publish_nothing
-from equimesh_service.store.database import Database
+from equimesh_service.store.database import Database, lock
 from equimesh_service.store.keys import Quota, take
 from equimesh_service.store.mesh_rows import (
     delete_ended,
     delete_meshes,
     insert_artifacts,
+    insert_finished,
     insert_reused,
     insert_waiting,
     lock_meshes,
     removal_lookup,
     remove_unused,
+    use_samples,
 )
 from equimesh_service.store.rows import (
     CANCELED,
@@ -33,11 +35,14 @@ from equimesh_service.store.rows import (
     Lease,
     MeshInput,
     MeshRow,
+    NewEntry,
     NewMesh,
     NewStep,
+    Outcome,
     Position,
     SequenceRow,
 )
+from equimesh_service.store.samples import insert_samples
 from equimesh_service.store.schema import (
     artifacts,
     events,
@@ -200,6 +205,9 @@ _EQUAL = (
     .order_by(meshes.c.number)
     .limit(1)
 )
+_KNOWN_KEY = select(idempotency.c.mesh_id).where(
+    idempotency.c.key_id == bindparam("key_id"), idempotency.c.key == bindparam("key")
+)
 _EQUAL_LOCKED = _EQUAL.with_for_update(read=True, key_share=True)
 
 
@@ -248,6 +256,39 @@ class MeshesStore:
         if step is not None and added == new.id:
             remove_unused(self._database, held, step.discard)
         return added
+
+    def add_finished(
+        self, entry: NewEntry, outcome: Outcome, *, seconds: float, publish_samples: Publish = publish_nothing
+    ) -> str:
+        """Insert a mesh that was finished after ``seconds`` of work, with its samples and files, and return its id.
+
+        For a repeated key, return the id of the earlier mesh. Raises :class:`KeyReusedError` and
+        :class:`~equimesh_service.errors.SamplesGoneError` as :meth:`add`.
+        """
+        new, sent, now = entry.new, entry.samples, self._clock()
+        files = [file.sha256 for file in outcome.files]
+
+        def put(connection: Connection) -> bool:
+            # The mesh first, then samples and files, as in all transactions: so no two wait for each other.
+            insert_finished(connection, new, outcome, now, seconds)
+            lock(connection, files if sent is None else [sent.row.sha256, *files])
+            if sent is not None:
+                insert_samples(connection, sent.row, publish_samples, key_id=new.key_id, now=now)
+            use_samples(connection, new, now)
+            insert_artifacts(connection, new.id, outcome.files)
+            outcome.publish(removal_lookup(connection))
+            return True
+
+        added = self._once(new, entry.key, entry.fingerprint, put)
+        assert added is not None
+        return added
+
+    def has_key(self, key_id: str, key: str | None) -> bool:
+        """Whether an earlier request had this idempotency key."""
+        if key is None:
+            return False
+        with self._read() as connection:
+            return connection.execute(_KNOWN_KEY, {"key_id": key_id, "key": key}).first() is not None
 
     def find_repeated(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
         """The mesh of an earlier request with this idempotency key; raises :class:`KeyReusedError`."""

@@ -1,4 +1,4 @@
-"""SQL of the queue and of drafts: the claims of meshes, and their ends.
+"""SQL of the queue: the claims of meshes, and their ends.
 
 A mesh goes ``queued -> running -> succeeded | failed | canceled``; when its worker is lost, it is ``queued`` again.
 Every change of a mesh is one transaction that also adds an event, so the events are complete.
@@ -11,20 +11,14 @@ from dataclasses import replace
 from typing import Any
 
 from sqlalchemy import Connection, Select, bindparam, func, insert, or_, select, update
-from sqlalchemy.exc import IntegrityError
 from sqlalchemy.sql.dml import ReturningUpdate
 
-from equimesh_service.files.port import Publish
-from equimesh_service.store.database import Database, lock
-from equimesh_service.store.keys import DEFAULT_SHARE, Quota, take
+from equimesh_service.store.database import Database
+from equimesh_service.store.keys import DEFAULT_SHARE
 from equimesh_service.store.mesh_rows import (
     insert_artifacts,
-    insert_finished,
-    insert_waiting,
     removal_lookup,
-    use_samples,
 )
-from equimesh_service.store.meshes import MeshesStore
 from equimesh_service.store.rows import (
     CANCELED,
     FAILED,
@@ -32,14 +26,11 @@ from equimesh_service.store.rows import (
     RUNNING,
     STATUSES,
     Claim,
-    Draft,
     KeysInQueue,
-    Lease,
     Outcome,
     QueueCounts,
 )
-from equimesh_service.store.samples import insert_samples
-from equimesh_service.store.schema import events, idempotency, keys, meshes
+from equimesh_service.store.schema import events, keys, meshes
 
 # Statements are built once, since building them takes longer than executing them. A change takes the mesh, and the new
 # values of further columns by their names.
@@ -244,93 +235,3 @@ def _claim(row: Any) -> Claim:
 
 def _of(claim: Claim) -> dict[str, Any]:
     return {"mesh": claim.mesh_id, "try": claim.attempt}
-
-
-# Built once, since building statements takes longer than executing them.
-_EXISTS = select(meshes.c.id).where(meshes.c.id == bindparam("mesh"))
-_ADD_KEY = insert(idempotency)
-
-
-class DraftStore:
-    """Drafts, on their two ways into the store."""
-
-    def __init__(
-        self, database: Database, meshes_store: MeshesStore, queue: QueueStore, clock: Callable[[], float]
-    ) -> None:
-        self._database, self._meshes, self._queue, self._clock = database, meshes_store, queue, clock
-
-    def exists(self, mesh_id: str) -> bool:
-        """Whether the mesh of a draft is in the store."""
-        with self._database.read() as connection:
-            return connection.execute(_EXISTS, {"mesh": mesh_id}).first() is not None
-
-    def enter(self, draft: Draft, lease: Lease, quota: Quota | None) -> str:
-        """Store a draft whose samples are stored, as running; nothing happens when it is there already.
-
-        Returns its id, or the id of the earlier mesh with the same idempotency key. Raises as
-        :meth:`~equimesh_service.store.meshes.MeshesStore.add`.
-        """
-        new = draft.new
-        known = self._meshes.find_repeated(new.key_id, draft.key, draft.fingerprint)
-        if known is not None:
-            return known
-        try:
-            with self._database.write() as connection:
-                if connection.execute(_EXISTS, {"mesh": new.id}).first() is None:
-                    if quota is not None:
-                        take(connection, new.key_id, new.points, quota)
-                    insert_waiting(connection, new, lease, self._clock())
-                    _insert_key(connection, draft)
-        except IntegrityError:  # its worker, or a request with the same key, was faster
-            return self._meshes.find_repeated(new.key_id, draft.key, draft.fingerprint) or new.id
-        return new.id
-
-    def finish(
-        self,
-        draft: Draft,
-        claim: Claim,
-        outcome: Outcome,
-        *,
-        seconds: float,
-        publish_samples: Publish,
-        entered: bool = False,
-    ) -> str | None:
-        """Store a draft that was finished after ``seconds`` of work, or end the mesh that was entered meanwhile.
-
-        Returns its id, or the id of the earlier mesh with the same idempotency key, or None when the claim is no longer
-        valid. A draft that is known to be ``entered`` and is not there was deleted. Raises
-        :class:`~equimesh_service.errors.KeyReusedError` and :class:`~equimesh_service.errors.SamplesGoneError`.
-        """
-        new = draft.new
-        try:
-            with self._database.write() as connection:
-                if not entered and connection.execute(_EXISTS, {"mesh": new.id}).first() is None:
-                    self._insert(connection, draft, outcome, seconds, publish_samples)
-                    return new.id
-        except IntegrityError:  # the service, or a request with the same key, was faster
-            known = self._meshes.find_repeated(new.key_id, draft.key, draft.fingerprint)
-            if known not in (None, new.id):
-                return known
-        return new.id if self._queue.finish(claim, outcome) else None
-
-    def _insert(
-        self, connection: Connection, draft: Draft, outcome: Outcome, seconds: float, publish_samples: Publish
-    ) -> None:
-        now, files = self._clock(), [file.sha256 for file in outcome.files]
-        new, sent = draft.new, draft.samples
-        # The mesh first, then samples and files, as in all transactions: so no two wait for each other.
-        insert_finished(connection, new, outcome, now, seconds)
-        lock(connection, files if sent is None else [sent.row.sha256, *files])
-        if sent is not None:
-            insert_samples(connection, sent.row, publish_samples, key_id=new.key_id, now=now)
-        use_samples(connection, new, now)
-        insert_artifacts(connection, new.id, outcome.files)
-        _insert_key(connection, draft)
-        outcome.publish(removal_lookup(connection))
-
-
-def _insert_key(connection: Connection, draft: Draft) -> None:
-    if draft.key is not None:
-        new = draft.new
-        row = {"key_id": new.key_id, "key": draft.key, "fingerprint": draft.fingerprint, "mesh_id": new.id}
-        connection.execute(_ADD_KEY, row)

@@ -152,15 +152,13 @@ class NewSamples:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Draft:
-    """A mesh that a worker computes before it is in the store, with the samples that came with its request.
+class NewEntry:
+    """All that enters the store with a new mesh: its row, the samples that came with its request, and its key.
 
-    ``key`` is the idempotency key of the request and ``fingerprint`` its fingerprint. ``built`` is the problem that the
-    spec describes, as the worker needs it.
+    ``key`` is the idempotency key of the request and ``fingerprint`` its fingerprint. The samples are a small file.
     """
 
     new: NewMesh
-    built: Any
     samples: NewSamples | None = None
     key: str | None = None
     fingerprint: str = ""
@@ -218,7 +216,6 @@ class MeshInput:
     start: str | None = None  # the SHA-256 of the npz file of the mesh that it starts from, as the step of a sequence
     fields: str | None = None  # that of the fields at the nodes of the start, which are transferred to the new mesh
     settings: Mapping[str, Any] | None = None  # of a step: how the mesh moves, and what is known of the start
-    draft: Draft | None = None  # of a mesh that is not in the store yet
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -275,48 +272,43 @@ class SequenceRow:
 class Ending:
     """The end of a mesh: its status, the name of the problem of a failed one, and its cost where that is known.
 
-    ``content`` are the bytes of the requested file, where they are few. ``laps`` are the seconds of the parts of the
-    work.
+    ``requested`` is the file of the requested format, and ``content`` has its bytes, where they are few. ``laps`` are
+    the seconds of the parts of the work. ``uploads`` is the number of files that came with its request.
     """
 
     status: str
     reason: str = ""
     points: int = 0
     solve_seconds: float | None = None
-    files: tuple[Artifact, ...] = ()
+    requested: Artifact | None = None
     content: bytes | None = None
     laps: Mapping[str, float] = field(default_factory=dict)
-
-    def file(self, name: str) -> Artifact | None:
-        """The file of this name of a successful mesh; None where the worker wrote no such file."""
-        found = (file for file in self.files if file.name == name)
-        return next(found, None) if self.status == SUCCEEDED else None
+    uploads: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedMesh:
     """A mesh that a worker has finished after ``seconds`` of work. The service stores it.
 
-    ``contents`` are the bytes of its files by their SHA-256. ``ending`` is its end once it is stored. ``entered``
-    tells whether a draft was in the store when the worker last looked.
+    ``contents`` are the bytes of its files by their SHA-256. ``ending`` is its end once it is stored. ``entry`` is that
+    of a mesh which is not in the store yet.
     """
 
     outcome: Outcome
     contents: Mapping[str, bytes]
     ending: Ending
     seconds: float
-    entered: bool
+    entry: NewEntry | None = None
 
 
-@dataclass(frozen=True)
-class RepeatedDraft:
-    """The end of a draft whose idempotency key belongs to another mesh."""
+@dataclass(frozen=True, kw_only=True)
+class NoMesh:
+    """The end of a request of which a worker has made no mesh.
 
-    mesh_id: str
+    It is refused with an ``error``, or its idempotency key belongs to the mesh ``earlier``, or its ``admitted`` spec
+    needs no worker now.
+    """
 
-
-@dataclass(frozen=True)
-class RefusedDraft:
-    """The end of a draft that the store refused."""
-
-    error: Exception
+    error: Exception | None = None
+    earlier: str = ""
+    admitted: Any = None

@@ -4,10 +4,11 @@ from collections.abc import Callable
 
 from sqlalchemy import ColumnElement, Connection, Select, bindparam, delete, select
 
-from equimesh_service.files.port import Publish, publish_nothing
+from equimesh_service.files.port import Publish, Removed, publish_nothing
+from equimesh_service.store.blobs import insert_blob
 from equimesh_service.store.database import Database, insert_new, lock
 from equimesh_service.store.mesh_rows import note_removals, removal_lookup, remove_unused
-from equimesh_service.store.rows import QUEUED, RUNNING, SamplesRow
+from equimesh_service.store.rows import QUEUED, RUNNING, NewSamples, SamplesRow
 from equimesh_service.store.schema import mesh_samples, meshes, retired, samples, samples_keys
 
 # Statements are built once, since building them takes longer than executing them.
@@ -34,6 +35,14 @@ class SamplesStore:
         """
         with self._database.write(durable=durable) as connection:
             return insert_samples(connection, row, publish, key_id=key_id, now=self._clock())
+
+    def keep(self, sent: NewSamples, key_id: str = "") -> None:
+        """Store samples that are a small file with its bytes; the mesh that comes with them is durable."""
+
+        def publish(_: Removed) -> None:
+            insert_blob(self._database, sent.row.sha256, sent.archive)
+
+        self.add(sent.row, publish, key_id=key_id, durable=False)
 
     def get(self, samples_id: str, key_id: str | None = None) -> SamplesRow | None:
         """The samples with this id; None also when the key has not sent them."""

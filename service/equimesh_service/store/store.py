@@ -8,7 +8,7 @@ from equimesh_service.store import database
 from equimesh_service.store.database import Database, describe_skew, skew
 from equimesh_service.store.keys import KeyStore, QuotaStore
 from equimesh_service.store.meshes import MeshesStore, SequencesStore
-from equimesh_service.store.queue import DraftStore, QueueStore
+from equimesh_service.store.queue import QueueStore
 from equimesh_service.store.retention import RetentionStore
 from equimesh_service.store.samples import SamplesStore
 from equimesh_service.store.schema import samples
@@ -25,7 +25,6 @@ class Store:
         self.clock = clock = clock or self.database.clock
         self.meshes = MeshesStore(self.database, clock)
         self.queue = QueueStore(self.database, clock)
-        self.drafts = DraftStore(self.database, self.meshes, self.queue, clock)
         self.samples = SamplesStore(self.database, clock)
         self.sequences = SequencesStore(self.database, clock)
         self.retention = RetentionStore(self.database, clock)

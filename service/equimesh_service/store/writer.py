@@ -13,10 +13,10 @@ from typing import Any, Generic, TypeVar
 from sqlalchemy.exc import SQLAlchemyError
 
 from equimesh_service.errors import EngineError
-from equimesh_service.files.port import Publish, Removed, publish_nothing
+from equimesh_service.files.port import Publish, Removed
 from equimesh_service.store.blobs import insert_blob
 from equimesh_service.store.database import Database
-from equimesh_service.store.rows import Claim, Draft, FinishedMesh
+from equimesh_service.store.rows import Claim, FinishedMesh
 from equimesh_service.store.store import Store
 
 Result = TypeVar("Result")
@@ -116,20 +116,17 @@ class Writer:
             tell()
 
 
-def store_finished(store: Store, claim: Claim, draft: Draft | None, finished: FinishedMesh) -> str | None:
+def store_finished(store: Store, claim: Claim, finished: FinishedMesh) -> str | None:
     """Put a finished mesh into the store with the bytes of its files, as one change.
 
-    Returns its id, None when the claim is no longer valid, and otherwise as
-    :meth:`~equimesh_service.store.queue.DraftStore.finish`.
+    Returns its id, None when the claim is no longer valid, and for a new mesh as
+    :meth:`~equimesh_service.store.meshes.MeshesStore.add_finished`.
     """
-    outcome = replace(finished.outcome, publish=_inserting(store, finished.contents))
-    if draft is None:
+    entry, outcome = finished.entry, replace(finished.outcome, publish=_inserting(store, finished.contents))
+    if entry is None:
         return claim.mesh_id if store.queue.finish(claim, outcome) else None
-    sent = draft.samples
-    publish = publish_nothing if sent is None else _inserting(store, {sent.row.sha256: sent.archive})
-    return store.drafts.finish(
-        draft, claim, outcome, seconds=finished.seconds, publish_samples=publish, entered=finished.entered
-    )
+    sent = {} if entry.samples is None else {entry.samples.row.sha256: entry.samples.archive}
+    return store.meshes.add_finished(entry, outcome, seconds=finished.seconds, publish_samples=_inserting(store, sent))
 
 
 def _inserting(store: Store, contents: Mapping[str, bytes]) -> Publish:

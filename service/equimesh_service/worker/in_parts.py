@@ -215,8 +215,8 @@ def solve_in_parts(job: Job, spec: BuiltSpec, store: Store, requested: str | Non
     seconds = time.perf_counter() - began
     _log.info("mesh %s %s in parts, after %.3f s", job.claim.mesh_id, outcome.status, seconds)
     reason = "" if outcome.error is None else str(outcome.error["type"]).rpartition("/")[2]
-    points, files = spec.grid_problem.grid.points, tuple(outcome.files)
-    return Ending(status=outcome.status, reason=reason, points=points, solve_seconds=seconds, files=files)
+    points = spec.grid_problem.grid.points
+    return Ending(status=outcome.status, reason=reason, points=points, solve_seconds=seconds)
 
 
 def _compute(job: Job, spec: BuiltSpec, reporter: Reporter, formats: set[str]) -> Outcome:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from equimesh_service.files.address import FilesAddress
-from equimesh_service.files.port import Files
 from equimesh_service.store.blobs import BlobFiles
 from equimesh_service.store.rows import Claim, MeshInput
 from equimesh_service.store.store import Store
@@ -28,7 +27,7 @@ class Storage:
         """The database, opened once in each process."""
         return _open_store(self.database_url)
 
-    def files(self) -> Files:
+    def files(self) -> BlobFiles:
         """The files."""
         return BlobFiles(self.store().database, self.address.open())
 

@@ -13,13 +13,15 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import equimesh
 from equimesh.errors import InputError
+from equimesh.io.formats import Cells
 from equimesh.io.npz import load_npz
-from equimesh.io.write import write_mesh
+from equimesh.io.write import mesh_bytes, write_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.solving.status import SolveArguments
 from equimesh.specs import build_field
@@ -27,22 +29,22 @@ from equimesh.specs.spec import BuiltSpec
 from equimesh_service.assembly.bodies import StepField, read_fields
 from equimesh_service.assembly.problem import SamplesOf, build, translate_errors
 from equimesh_service.assembly.samples import field_of
-from equimesh_service.errors import AttemptLostError, KeyReusedError, SamplesGoneError
-from equimesh_service.files.port import Files, Publish, Removed, StoredFile, publish_nothing
+from equimesh_service.errors import AttemptLostError, KeyTakenError
+from equimesh_service.files.port import Files, Removed, StoredFile, publish_nothing
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
-from equimesh_service.store.blobs import MAX_ROW_BYTES
+from equimesh_service.store.blobs import MAX_ROW_BYTES, BlobFiles, insert_blob
+from equimesh_service.store.keys import Quota
 from equimesh_service.store.rows import (
     SUCCEEDED,
     Artifact,
     Claim,
     Ending,
     FinishedMesh,
+    Lease,
     MeshInput,
-    NewSamples,
+    NewEntry,
     Outcome,
-    RefusedDraft,
-    RepeatedDraft,
 )
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
@@ -54,31 +56,46 @@ from equimesh_service.worker.summary import AnySolution, problem_of, summary_of
 
 
 class Output:
-    """Files that are written but not yet published; with ``in_threads`` each in a thread of its own."""
+    """Files that are made but not yet published: in memory, or with ``in_threads`` on disk, each in a thread."""
 
-    def __init__(self, files: Files, stack: ExitStack, *, in_threads: bool) -> None:
+    def __init__(self, files: BlobFiles, stack: ExitStack, *, in_threads: bool) -> None:
         self._files = files
         self._stack = stack
         self._in_threads = in_threads
         self._names: list[str] = []
-        self._sealed: list[tuple[Path, Callable[[], StoredFile]]] = []
+        self._sealed: list[Callable[[], _Sealed]] = []
 
     def json(self, name: str, value: Any) -> None:
-        """Write a JSON document."""
-        self.write(name, ".json", lambda path: path.write_text(json.dumps(value, allow_nan=False)))
+        """Add a JSON document."""
+        self._add(name, partial(self._keep, ".json", json.dumps(value, allow_nan=False).encode()))
 
-    def write(self, name: str, suffix: str, write: Callable[[Path], object]) -> None:
-        """Write a file by ``write``."""
+    def mesh(self, name: str, data: equimesh.MeshData, *, format: str, cells: Cells = "quad") -> None:
+        """Add the file of a mesh."""
+        suffix = f".{format}"
+        if not self._in_threads:
+            self._add(name, partial(self._keep, suffix, mesh_bytes(data, format=format, cells=cells)))
+            return
         path = self._stack.enter_context(self._files.unfinished(suffix))
 
-        def seal() -> StoredFile:
-            write(path)
-            return self._files.seal(path)
+        def seal() -> _Sealed:
+            write_mesh(path, data, format=format, cells=cells)
+            return _Sealed(self._files.seal(path), path)
 
+        self._add(name, self._begin(seal))
+
+    def _add(self, name: str, sealed: Callable[[], _Sealed]) -> None:
         self._names.append(name)
-        self._sealed.append((path, self._begin(seal) if self._in_threads else _run_now(seal)))
+        self._sealed.append(sealed if self._in_threads else _run_now(sealed))
 
-    def _begin(self, seal: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
+    def _keep(self, suffix: str, content: bytes) -> _Sealed:
+        """A small file as its bytes, a larger one on disk."""
+        if len(content) <= MAX_ROW_BYTES:
+            return _Sealed(StoredFile(sha256(content).hexdigest(), len(content)), content)
+        path = self._stack.enter_context(self._files.unfinished(suffix))
+        path.write_bytes(content)
+        return _Sealed(self._files.seal(path), path)
+
+    def _begin(self, seal: Callable[[], _Sealed]) -> Callable[[], _Sealed]:
         # The thread is joined before its file is removed, also on failure.
         thread = self._stack.enter_context(ThreadPoolExecutor(1))
         try:
@@ -87,24 +104,40 @@ class Output:
             return _run_now(seal)
 
     def artifacts(self) -> list[Artifact]:
-        """All files, once they are written."""
-        files = [sealed() for _, sealed in self._sealed]
+        """All files, once they are made."""
+        files = [sealed().file for sealed in self._sealed]
         return [Artifact(name, file.sha256, file.size) for name, file in zip(self._names, files, strict=True)]
 
     def small_contents(self) -> dict[str, bytes]:
         """The bytes of all small files, by their SHA-256."""
-        files = [(path, sealed()) for path, sealed in self._sealed]
-        return {file.sha256: path.read_bytes() for path, file in files if file.size <= MAX_ROW_BYTES}
+        made = [sealed() for sealed in self._sealed]
+        return {one.file.sha256: one.content for one in made if one.file.size <= MAX_ROW_BYTES}
 
     def publish(self, removed: Removed) -> None:
         """Publish all files."""
-        for path, sealed in self._sealed:
-            self._files.publish(path, sealed(), removed)
+        for sealed in self._sealed:
+            made = sealed()
+            if isinstance(made.place, bytes):
+                insert_blob(self._files.database, made.file.sha256, made.place)
+            else:
+                self._files.publish(made.place, made.file, removed)
 
 
-def _run_now(seal: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
-    file = seal()
-    return lambda: file
+@dataclass(frozen=True)
+class _Sealed:
+    """A file that is made, in memory or on disk."""
+
+    file: StoredFile
+    place: bytes | Path
+
+    @property
+    def content(self) -> bytes:
+        return self.place if isinstance(self.place, bytes) else self.place.read_bytes()
+
+
+def _run_now(seal: Callable[[], _Sealed]) -> Callable[[], _Sealed]:
+    made = seal()
+    return lambda: made
 
 
 # The names of the displacement in files: the first that is not the name of a field.
@@ -220,11 +253,10 @@ _log = logging.getLogger(__name__)
 MIN_POINTS_FOR_THREADS = 100_000
 
 
-def solve_mesh(job: Job) -> FinishedMesh | Ending | RepeatedDraft | RefusedDraft | None:
+def solve_mesh(job: Job) -> FinishedMesh | Ending | None:
     """Compute the mesh of ``job``; returns its end, or None when the attempt was lost meanwhile.
 
-    A :class:`FinishedMesh` is not in the store yet: the service stores it. A draft may belong to an earlier mesh of the
-    same idempotency key, or be refused by the store.
+    A :class:`FinishedMesh` is not in the store yet: the service stores it.
     """
     with log_context.enter(log_context_of(job.claim)), attempt(job.claim):
         try:
@@ -232,8 +264,6 @@ def solve_mesh(job: Job) -> FinishedMesh | Ending | RepeatedDraft | RefusedDraft
                 return _solve(job)
         except AttemptLostError:
             return None
-        except (KeyReusedError, SamplesGoneError) as error:
-            return RefusedDraft(error)
         except Problem:
             raise
         except Exception as error:
@@ -253,32 +283,92 @@ def samples_of(mesh_input: MeshInput, files: Files, stack: ExitStack) -> Samples
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Work:
+class Work:
     """The work of an attempt: the problem of a spec, the settings of its solve, and the start of a step."""
 
     mesh_input: MeshInput
     spec: BuiltSpec
-    start: StepStart | None
+    start: StepStart | None = None
 
 
-def _solve(job: Job) -> FinishedMesh | Ending | RepeatedDraft | None:
-    began, stopwatch = time.perf_counter(), Stopwatch()
+@dataclass
+class Attempt:
+    """The mesh of an attempt in the store.
+
+    One with an ``entry`` is not there. It is entered, as claimed by the ``lease``, at the first report of progress: so
+    a mesh of a few milliseconds enters the store once, finished.
+    """
+
+    store: Store
+    claim: Claim
+    entry: NewEntry | None = None
+    lease: Lease | None = None
+    quota: Quota | None = None
+
+    def enter(self) -> None:
+        """Put the mesh into the store, as running.
+
+        Raises :class:`KeyTakenError` where its idempotency key belongs to another mesh, and as
+        :meth:`~equimesh_service.store.meshes.MeshesStore.add`.
+        """
+        if self.entry is None:
+            return
+        entry, new = self.entry, self.entry.new
+        if entry.samples is not None:
+            self.store.samples.keep(entry.samples, new.key_id)
+        mesh_id = self.store.meshes.add(
+            new, key=entry.key, fingerprint=entry.fingerprint, quota=self.quota, lease=self.lease
+        )
+        if mesh_id != new.id:
+            raise KeyTakenError(mesh_id)
+        self.entry = None
+
+    def report(self, progress: Mapping[str, Any]) -> bool:
+        """Store the progress; False when the attempt is lost."""
+        self.enter()
+        return self.store.queue.progress(self.claim, progress)
+
+    def keep(self, outcome: Outcome, seconds: float) -> bool:
+        """Put the outcome into the store with its files; False when the attempt was lost meanwhile."""
+        if self.entry is None:
+            return self.store.queue.finish(self.claim, outcome)
+        sent = self.entry.samples
+        if sent is not None:
+            self.store.samples.keep(sent, self.entry.new.key_id)
+        # Nothing was promised for a new mesh before, so its only commit waits for the disk.
+        mesh_id = self.store.meshes.add_finished(replace(self.entry, samples=None), outcome, seconds=seconds)
+        if mesh_id != self.claim.mesh_id:
+            raise KeyTakenError(mesh_id)
+        return True
+
+
+def _solve(job: Job) -> FinishedMesh | Ending | None:
+    stopwatch = Stopwatch()
     store, files = job.storage.store(), job.storage.files()
     work = _build(job, store, files)
     stopwatch.lap("build")
     if work.spec.parts is not None:
         return solve_in_parts(job, work.spec, store, work.mesh_input.format)
-    presence = _Presence(store, job.claim, work.mesh_input.draft is None)
-    reporter = Reporter(work.spec.grid_schwarz, presence.report)
+    return solve_work(work, Attempt(store, job.claim), files, stopwatch, threads=job.threads, hands_over=job.hands_over)
+
+
+def solve_work(
+    work: Work, attempt: Attempt, files: BlobFiles, stopwatch: Stopwatch, *, threads: int, hands_over: bool
+) -> FinishedMesh | Ending | None:
+    """Solve, measure and make the files; the end of the mesh, None when the attempt was lost meanwhile.
+
+    Where it ``hands_over``, small files go back to the service, which puts the mesh into the store.
+    """
+    reporter, began = Reporter(work.spec.grid_schwarz, attempt.report), time.perf_counter()
     with tracing.span("solve"):
-        solution, step = _compute(work, job.threads, reporter)
+        solution, step = _compute(work, threads, reporter)
     solved = time.perf_counter()
     stopwatch.lap("solve")
     reporter.writing()
     with tracing.span("write"), ExitStack() as stack:
         output = Output(files, stack, in_threads=solution.mesh.x.size >= MIN_POINTS_FOR_THREADS)
         result = _write(work, (solution, step), output, (reporter, stopwatch))
-        artifacts = output.artifacts()
+        artifacts, contents = output.artifacts(), output.small_contents()
         result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
         failure = None if solution.status.succeeded else problem_of(solution)
         outcome = Outcome(
@@ -288,100 +378,49 @@ def _solve(job: Job) -> FinishedMesh | Ending | RepeatedDraft | None:
             partial=failure is not None and not solution.mesh.is_folded,
             publish=output.publish,
         )
-        contents = output.small_contents()
+        requested = _requested(work, outcome)
         ending = Ending(
             status=outcome.status,
             reason="" if failure is None else failure.name,
             points=solution.mesh.x.size,
             solve_seconds=solved - began,
-            files=tuple(artifacts),
-            content=_requested(job, artifacts, contents, work.spec.cells),
+            requested=requested,
+            content=None if requested is None else contents.get(requested.sha256),
             laps=stopwatch.laps,
         )
         stopwatch.lap("file")
-        _log.info("mesh %s %s, solved in %.3f s", job.claim.mesh_id, outcome.status, solved - began)
-        if job.hands_over and len(contents) == len({file.sha256 for file in artifacts}) and _brings_little(job):
-            return FinishedMesh(
-                outcome=replace(outcome, publish=publish_nothing),
-                contents=contents,
-                ending=ending,
-                seconds=time.perf_counter() - began,
-                entered=presence.known,
-            )
-        kept = _keep(job, outcome, files, seconds=time.perf_counter() - began, entered=presence.known)
+        mesh_id, seconds = attempt.claim.mesh_id, time.perf_counter() - began
+        _log.info("mesh %s %s, solved in %.3f s", mesh_id, outcome.status, solved - began)
+        if hands_over and len(contents) == len({file.sha256 for file in artifacts}):
+            handed = replace(outcome, publish=publish_nothing)
+            return FinishedMesh(outcome=handed, contents=contents, ending=ending, seconds=seconds, entry=attempt.entry)
+        is_kept = attempt.keep(outcome, seconds)
         stopwatch.lap("commit")
-    if kept is None:
+    return ending if is_kept else None
+
+
+def _requested(work: Work, outcome: Outcome) -> Artifact | None:
+    """The file that a request for a successful mesh waits for."""
+    if work.mesh_input.format is None or outcome.status != SUCCEEDED:
         return None
-    if kept != job.claim.mesh_id:
-        return RepeatedDraft(kept)
-    return ending
+    name = file_name(work.mesh_input.format, work.spec.cells)
+    return next((file for file in outcome.files if file.name == name), None)
 
 
-def _requested(job: Job, artifacts: list[Artifact], contents: Mapping[str, bytes], cells: str) -> bytes | None:
-    """The bytes of the file that a request waits for; None for a large one, which it reads piece by piece."""
-    requested = None if job.mesh_input is None else job.mesh_input.format
-    if requested is None:
-        return None
-    name = file_name(requested, cells)
-    return next((contents.get(file.sha256) for file in artifacts if file.name == name), None)
-
-
-def _brings_little(job: Job) -> bool:
-    """Whether the samples that came with a draft are a small file, too."""
-    draft = None if job.mesh_input is None else job.mesh_input.draft
-    return draft is None or draft.samples is None or len(draft.samples.archive) <= MAX_ROW_BYTES
-
-
-def _keep(job: Job, outcome: Outcome, files: Files, *, seconds: float, entered: bool) -> str | None:
-    """Put the outcome into the store; the id of the mesh there, None when the attempt was lost meanwhile."""
-    draft = None if job.mesh_input is None else job.mesh_input.draft
-    if draft is None:
-        return job.claim.mesh_id if job.storage.store().queue.finish(job.claim, outcome) else None
-    with ExitStack() as stack:
-        publish = publish_nothing if draft.samples is None else _seal_samples(draft.samples, files, stack)
-        # Nothing was promised for a draft before, so its only commit waits for the disk.
-        drafts = job.storage.store().drafts
-        return drafts.finish(draft, job.claim, outcome, seconds=seconds, publish_samples=publish, entered=entered)
-
-
-def _seal_samples(samples: NewSamples, files: Files, stack: ExitStack) -> Publish:
-    """Write the file of samples; returns the function that publishes it."""
-    path = stack.enter_context(files.unfinished(".npz"))
-    path.write_bytes(samples.archive)
-    return partial(files.publish, path, files.seal(path))
-
-
-def _build(job: Job, store: Store, files: Files) -> _Work:
+def _build(job: Job, store: Store, files: Files) -> Work:
     """Read the input of a mesh and build its problem; raises :class:`AttemptLostError` for a mesh that is gone."""
     mesh_input = job.mesh_input or store.meshes.get_input(job.claim.mesh_id)
     if mesh_input is None:
         raise AttemptLostError
-    if mesh_input.draft is not None:
-        return _Work(mesh_input=mesh_input, spec=mesh_input.draft.built, start=None)
     if job.packed is not None:
         spec: BuiltSpec = pickle.loads(job.packed)
     else:
         with ExitStack() as samples:
             spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
-    return _Work(mesh_input=mesh_input, spec=spec, start=StepStart.of(mesh_input, spec, files))
+    return Work(mesh_input=mesh_input, spec=spec, start=StepStart.of(mesh_input, spec, files))
 
 
-@dataclass
-class _Presence:
-    """Whether the mesh of an attempt is ``known`` to be in the store, which a draft is only after a while."""
-
-    store: Store
-    claim: Claim
-    known: bool
-
-    def report(self, progress: Mapping[str, Any]) -> bool:
-        """Store the progress; False when the attempt is lost. A draft that was never in the store is not lost."""
-        # Looked at before the progress is stored: a draft may be entered at any moment.
-        self.known = self.known or self.store.drafts.exists(self.claim.mesh_id)
-        return self.store.queue.progress(self.claim, progress) if self.known else True
-
-
-def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[AnySolution, AnySequenceStep | None]:
+def _compute(work: Work, threads: int, reporter: Reporter) -> tuple[AnySolution, AnySequenceStep | None]:
     """The solution, and the step that it is; None for a mesh that is no step, and for one that failed."""
     spec = work.spec
     with translate_errors():
@@ -392,7 +431,7 @@ def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[AnySolution
 
 
 def _write(
-    work: _Work,
+    work: Work,
     computed: tuple[AnySolution, AnySequenceStep | None],
     output: Output,
     watching: tuple[Reporter, Stopwatch],
@@ -407,11 +446,10 @@ def _write(
         if work.start is not None and step is not None:
             data = work.start.arrived(data, step)
         stopwatch.lap("quality")
-        output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
+        output.mesh(MESH, data, format="npz")
         cells = work.spec.cells
         if requested is not None and (requested, cells) != ("npz", "quad"):
-            write = partial(write_mesh, data=data, format=requested, cells=cells)
-            output.write(file_name(requested, cells), f".{requested}", write)
+            output.mesh(file_name(requested, cells), data, format=requested, cells=cells)
         stopwatch.lap("file")
         reporter.measuring()
         quality = solution.quality.summary()

@@ -53,7 +53,7 @@ def test_samples_of_the_request_leave_no_file(tmp_path: Path) -> None:
     computed = compute(task(tmp_path, spec, body=body, content_type="application/x-npz"))
     with np.load(io.BytesIO(computed.content)) as drawing:
         assert drawing["u"][-1, -1] == pytest.approx(2.0)
-    assert (computed.uploads, files(tmp_path)) == (1, [])
+    assert (computed.ending.uploads, files(tmp_path)) == (1, [])
 
 
 def test_a_task_crosses_to_a_cluster(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_service.admission.intake import check_format, check_part, known_format
+from equimesh_service.admission.formats import check_format, check_part, known_format
 from equimesh_service.problems.problem import Problem
 
 WHOLE, PARTED = {"parts": None, "cells": "quad"}, {"parts": "auto", "cells": "quad"}

@@ -63,7 +63,7 @@ def engine() -> OneWorker:
 
 
 BODY = json.dumps(small()).encode()
-ANSWER = ComputationResult(content=b"answer", certificate="{}", ending=Ending(status="succeeded"), uploads=0)
+ANSWER = ComputationResult(content=b"answer", certificate="{}", ending=Ending(status="succeeded"))
 
 
 def opened(folder: Path, engine: OneWorker) -> UnstoredMeshes:

@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError, SchedulerLostError, WorkerLostError
 from equimesh_service.problems.problem import Problem
-from equimesh_service.store.rows import Claim, Draft, Ending, FinishedMesh, KeysInQueue, MeshInput, NewMesh, Outcome
+from equimesh_service.store.rows import Claim, Ending, FinishedMesh, KeysInQueue, MeshInput, NewMesh, Outcome
 from equimesh_service.store.store import Store
 from service.conftest import until
 from service.store.stores import add_backlog, status
@@ -187,16 +186,17 @@ def test_a_lost_scheduler_is_no_loss_of_the_mesh(dispatcher: Dispatcher, store: 
     assert reasons == [None, *(Rules().max_attempts + 2) * ["the scheduler of the cluster was lost"]]
 
 
-def test_a_draft_is_not_gone_before_it_is_entered(store: Store, engine: Patient) -> None:
+def test_a_new_mesh_is_not_gone_before_it_is_in_the_store(store: Store, engine: Patient) -> None:
     dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(), lambda _: None)  # no thread runs
     dispatcher.line.queue_is_empty = True
     assert dispatcher.line.reserve()
-    draft = Draft(new=NewMesh(id="a", spec=SPEC), built=None)
-    task = dispatcher.begin(Claim("a", 1), replace(MESH_INPUT, draft=draft))
+    task = dispatcher.begin_request(Claim("a", 1), print)
     for _ in range(3):
         dispatcher._cancel_gone()
     assert engine.canceled == []
-    dispatcher.note_entered("a")  # from now on it is a mesh like every other, and this one is not in the store
+    store.meshes.add(NewMesh(id="a", spec=SPEC), lease=dispatcher.lease)  # as its worker does
+    dispatcher._cancel_gone()
+    assert store.queue.cancel("a")  # from now on it is a mesh like every other
     for _ in range(2):
         dispatcher._cancel_gone()
     assert len(engine.canceled) == 1
@@ -368,9 +368,7 @@ def test_a_task_that_is_no_mesh_has_its_worker_until_it_ends(dispatcher: Dispatc
     until(line.reserve)
 
 
-FINISHED = FinishedMesh(
-    outcome=Outcome(result={}), contents={}, ending=Ending(status="succeeded"), seconds=1.0, entered=False
-)
+FINISHED = FinishedMesh(outcome=Outcome(result={}), contents={}, ending=Ending(status="succeeded"), seconds=1.0)
 
 
 def _begin(dispatcher: Dispatcher, store: Store) -> Future[Any]:

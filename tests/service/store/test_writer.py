@@ -19,9 +19,9 @@ from equimesh_service.problems.storage import storage_problem
 from equimesh_service.store.rows import (
     Artifact,
     Claim,
-    Draft,
     Ending,
     FinishedMesh,
+    NewEntry,
     NewMesh,
     NewSamples,
     Outcome,
@@ -37,7 +37,6 @@ FINISHED = FinishedMesh(
     contents=CONTENTS,
     ending=Ending(status="succeeded"),
     seconds=1.0,
-    entered=False,
 )
 
 
@@ -57,8 +56,8 @@ def commits(store: Store) -> list[Connection]:
     return seen
 
 
-def draft(mesh_id: str, key: str | None = None, fingerprint: str = "f") -> Draft:
-    return Draft(new=NewMesh(id=mesh_id, spec=SPEC), built=None, key=key, fingerprint=fingerprint)
+def entry(mesh_id: str, key: str | None = None, fingerprint: str = "f") -> NewEntry:
+    return NewEntry(new=NewMesh(id=mesh_id, spec=SPEC), key=key, fingerprint=fingerprint)
 
 
 def together(writer: Writer, changes: list[Callable[[], Any]]) -> list[Future[Any]]:
@@ -79,21 +78,21 @@ def together(writer: Writer, changes: list[Callable[[], Any]]) -> list[Future[An
     return futures
 
 
-def finish(store: Store, made: Draft) -> Callable[[], str | None]:
-    return lambda: store_finished(store, Claim(made.new.id, 1), made, FINISHED)
+def finish(store: Store, made: NewEntry) -> Callable[[], str | None]:
+    return lambda: store_finished(store, Claim(made.new.id, 1), replace(FINISHED, entry=made))
 
 
 def test_what_waits_is_committed_at_once(store: Store, writer: Writer, commits: list[Connection]) -> None:
-    futures = together(writer, [finish(store, draft(f"m-{number}")) for number in range(16)])
+    futures = together(writer, [finish(store, entry(f"m-{number}")) for number in range(16)])
     assert [future.result() for future in futures] == [f"m-{number}" for number in range(16)]
     assert len(commits) == 1
     assert {status(store, f"m-{number}") for number in range(16)} == {"succeeded"}
 
 
 def test_more_than_one_group_are_several(store: Store, writer: Writer, commits: list[Connection]) -> None:
-    changes = [finish(store, draft(f"m-{number}")) for number in range(MAX_WAITING)]
+    changes = [finish(store, entry(f"m-{number}")) for number in range(MAX_WAITING)]
     together(writer, changes)
-    more = [writer.commit(finish(store, draft(f"n-{number}"))) for number in range(2 * MAX_WAITING)]
+    more = [writer.commit(finish(store, entry(f"n-{number}"))) for number in range(2 * MAX_WAITING)]
     assert [future.result(60.0) for future in more] == [f"n-{number}" for number in range(2 * MAX_WAITING)]
     assert len(store.meshes.page(limit=1000)) == 3 * MAX_WAITING
     assert len(commits) >= 3
@@ -101,7 +100,7 @@ def test_more_than_one_group_are_several(store: Store, writer: Writer, commits: 
 
 def test_the_bytes_of_files_and_samples_come_with_the_mesh(store: Store, writer: Writer) -> None:
     sent = NewSamples(SamplesRow("s-1", "5" * 64, 3, {}, 1.0), b"npz")
-    made = Draft(new=NewMesh(id="a", spec=SPEC, samples=("s-1",)), built=None, samples=sent)
+    made = NewEntry(new=NewMesh(id="a", spec=SPEC, samples=("s-1",)), samples=sent)
     assert writer.commit(finish(store, made)).result(30.0) == "a"
     with store.database.read() as connection:
         rows = connection.execute(text("SELECT sha256, content FROM blobs ORDER BY sha256")).all()
@@ -109,7 +108,7 @@ def test_the_bytes_of_files_and_samples_come_with_the_mesh(store: Store, writer:
 
 
 def test_a_refused_change_is_undone_alone(store: Store, writer: Writer, commits: list[Connection]) -> None:
-    made = [draft("a", "key", "f"), draft("b", "key", "other"), draft("c", "key", "f"), draft("d")]
+    made = [entry("a", "key", "f"), entry("b", "key", "other"), entry("c", "key", "f"), entry("d")]
     a, b, c, d = together(writer, [finish(store, one) for one in made])
     assert (a.result(), c.result(), d.result()) == ("a", "a", "d")
     assert isinstance(b.exception(), KeyReusedError)
@@ -122,7 +121,7 @@ def test_where_the_group_fails_each_is_made_alone(store: Store, writer: Writer) 
         with store.database.write() as connection:
             connection.execute(text("INSERT INTO nowhere VALUES (1)"))
 
-    a, b, c = together(writer, [finish(store, draft("a")), broken, finish(store, draft("c"))])
+    a, b, c = together(writer, [finish(store, entry("a")), broken, finish(store, entry("c"))])
     assert (a.result(), c.result()) == ("a", "c")
     assert isinstance(b.exception(), SQLAlchemyError)
     assert sorted(row.id for row in store.meshes.page()) == ["a", "c"]
@@ -131,14 +130,14 @@ def test_where_the_group_fails_each_is_made_alone(store: Store, writer: Writer) 
 def test_a_mesh_of_the_queue_ends_once(store: Store, writer: Writer) -> None:
     add(store, "a")
     claim = claimed(store)
-    one, two = together(writer, [lambda: store_finished(store, claim, None, FINISHED)] * 2)
+    one, two = together(writer, [lambda: store_finished(store, claim, FINISHED)] * 2)
     assert (one.result(), two.result()) == ("a", None)
     assert [event.kind for event in store.meshes.events("a")].count("done") == 1
 
 
 def test_a_closed_writer_has_committed_what_waited_and_takes_no_more(store: Store) -> None:
     writer = Writer(store.database)
-    futures = [writer.commit(finish(store, draft(f"m-{number}"))) for number in range(8)]
+    futures = [writer.commit(finish(store, entry(f"m-{number}"))) for number in range(8)]
     writer.close()
     assert [future.done() for future in futures] == [True] * 8
     with pytest.raises(EngineError, match="stopping"):
@@ -156,10 +155,12 @@ def test_on_a_full_disk_each_mesh_is_stored_whole_or_refused(store: Store, addre
     writer = Writer(small_disk.database)
 
     def large(number: int) -> Callable[[], str | None]:
-        name, made = f"{number:064}", draft(f"m-{number}")
+        name, made = f"{number:064}", entry(f"m-{number}")
         files = [Artifact("mesh", name, 200_000)]
-        finished = replace(FINISHED, outcome=Outcome(result={}, files=files), contents={name: bytes(200_000)})
-        return lambda: store_finished(small_disk, Claim(made.new.id, 1), made, finished)
+        finished = replace(
+            FINISHED, entry=made, outcome=Outcome(result={}, files=files), contents={name: bytes(200_000)}
+        )
+        return lambda: store_finished(small_disk, Claim(made.new.id, 1), finished)
 
     futures = together(writer, [large(number) for number in range(8)])
     writer.close()
@@ -177,16 +178,16 @@ def test_on_a_full_disk_each_mesh_is_stored_whole_or_refused(store: Store, addre
 # Prints what is committed, and dies in the middle of a group.
 DYING = """
 import os, signal, sys, threading
-from service.store.test_writer import draft, finish, together
+from service.store.test_writer import entry, finish, together
 from equimesh_service.store.store import Store
 from equimesh_service.store.writer import Writer
 
 store = Store(sys.argv[1])
 writer = Writer(store.database)
-for future in together(writer, [finish(store, draft(f"m-{number}")) for number in range(5)]):
+for future in together(writer, [finish(store, entry(f"m-{number}")) for number in range(5)]):
     print(future.result(), flush=True)
 die = lambda: os.kill(os.getpid(), signal.SIGKILL)
-together(writer, [finish(store, draft("n-0")), finish(store, draft("n-1")), die, finish(store, draft("n-2"))])
+together(writer, [finish(store, entry("n-0")), finish(store, entry("n-1")), die, finish(store, entry("n-2"))])
 """
 
 
@@ -201,4 +202,4 @@ def test_a_process_that_is_killed_in_a_group_has_what_it_told_and_nothing_of_the
     told = done.stdout.split()
     assert told == [f"m-{number}" for number in range(5)]
     assert sorted(row.id for row in store.meshes.page()) == told
-    assert Writer(store.database).commit(finish(store, draft("n-0"))).result(30.0) == "n-0"
+    assert Writer(store.database).commit(finish(store, entry("n-0"))).result(30.0) == "n-0"

@@ -1,46 +1,70 @@
-"""The progress of a draft, which the service may put into the store between two looks of its worker."""
+"""The mesh of an attempt in the store: entered at the first report of progress, and not before."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import SimpleNamespace
-from typing import Any
+from pathlib import Path
 
-from equimesh_service.store.rows import Claim
-from equimesh_service.worker.solve import _Presence
+import pytest
 
-
-class _Arriving:
-    """A store into which a draft is entered right after the first look, whatever that look is."""
-
-    def __init__(self) -> None:
-        self.is_there = False
-        self.drafts = SimpleNamespace(exists=lambda _: self._look())
-        self.queue = SimpleNamespace(progress=self._progress)
-
-    def _look(self) -> bool:
-        seen, self.is_there = self.is_there, True
-        return seen
-
-    def _progress(self, _claim: Claim, _data: Mapping[str, Any]) -> bool:
-        return self._look()
+from equimesh_service.errors import KeyTakenError
+from equimesh_service.store.rows import Artifact, Claim, Lease, NewEntry, NewMesh, Outcome
+from equimesh_service.store.store import Store
+from equimesh_service.worker.solve import Attempt
+from service.store.stores import SPEC, add, claimed, status
 
 
-def presence(store: Any, *, known: bool) -> _Presence:
-    return _Presence(store, Claim("a", 1), known)
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    store = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}")
+    store.prepare()
+    return store
 
 
-def test_a_draft_that_is_entered_between_two_looks_is_not_lost() -> None:
-    attempt = presence(_Arriving(), known=False)
-    assert [attempt.report({}), attempt.known] == [True, False]
-    assert [attempt.report({}), attempt.known] == [True, True]
+def new(store: Store, mesh_id: str = "a", key: str | None = None) -> Attempt:
+    entry = NewEntry(new=NewMesh(id=mesh_id, spec=SPEC), key=key, fingerprint="f")
+    return Attempt(store, Claim(mesh_id, 1), entry, Lease(owner="me", seconds=10.0))
 
 
-def test_an_attempt_whose_mesh_was_in_the_store_is_lost_when_it_is_gone() -> None:
-    store = _Arriving()
-    store.is_there = True
-    attempt = presence(store, known=False)
-    assert attempt.report({})
-    store.is_there = False
+def test_a_new_mesh_enters_with_its_first_progress(store: Store) -> None:
+    attempt = new(store)
+    assert store.meshes.get("a") is None
+    assert attempt.report({"stage": "start"})
+    assert (status(store, "a"), attempt.entry) == ("running", None)
+    assert attempt.report({"stage": "writing"})
+    assert attempt.keep(Outcome(result={}), 1.0)
+    assert status(store, "a") == "succeeded"
+    assert [event.kind for event in store.meshes.events("a")] == ["status", "status", "progress", "progress", "done"]
+
+
+def test_without_progress_it_enters_finished(store: Store) -> None:
+    assert new(store).keep(Outcome(result={}, files=[Artifact("mesh", "0" * 64, 1)]), 1.0)
+    assert [event.kind for event in store.meshes.events("a")] == ["status", "status", "done"]
+
+
+def test_an_entered_mesh_that_is_canceled_or_deleted_is_lost(store: Store) -> None:
+    attempt = new(store)
+    attempt.report({})
+    assert store.queue.cancel("a")
     assert not attempt.report({})
-    assert not presence(_Arriving(), known=True).report({})  # of a mesh that is no draft
+    store.meshes.delete("a", lambda _: None)
+    assert not attempt.report({})  # and it does not come back
+    assert not attempt.keep(Outcome(result={}), 1.0)
+    assert store.meshes.get("a") is None
+
+
+@pytest.mark.parametrize("finished", [False, True])
+def test_a_key_that_another_mesh_has_ends_the_attempt(store: Store, finished: bool) -> None:
+    new(store, "first", key="x").report({})
+    attempt = new(store, "second", key="x")
+    with pytest.raises(KeyTakenError) as caught:
+        _ = attempt.keep(Outcome(result={}), 1.0) if finished else attempt.report({})
+    assert caught.value.mesh_id == "first"
+    assert store.meshes.get("second") is None
+
+
+def test_a_mesh_of_the_queue_is_there_from_the_beginning(store: Store) -> None:
+    add(store, "a")
+    attempt = Attempt(store, claimed(store))
+    assert attempt.report({})
+    assert attempt.keep(Outcome(result={}), 1.0)
+    assert not attempt.report({})
