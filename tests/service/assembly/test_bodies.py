@@ -54,7 +54,7 @@ def test_samples_are_in_files_and_the_rest_is_as_it_was(tmp_path: Path) -> None:
     assert second["rho"] == {"expression": "2", "parameters": {}, "t": 0.0}
     assert short.spec.canonical["label"] == "long"
     assert [short.summaries[name]["kind"] for name in short.files] == ["grid", "scattered"]
-    assert short.packed is not None
+    assert short.built is not None
 
 
 def test_a_target_gets_the_limit_of_the_service(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_a_target_gets_the_limit_of_the_service(tmp_path: Path) -> None:
 def test_with_stored_samples_the_service_has_to_check_it(tmp_path: Path) -> None:
     monitor = {"kind": "tensor", "m11": GRID, "m12": "0", "m22": STORED}
     short = shortened(tmp_path, small(monitor=monitor))
-    assert short.packed is None
+    assert short.built is None
     assert short.spec.canonical["monitor"]["m22"] == STORED
 
 
