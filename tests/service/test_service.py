@@ -93,15 +93,20 @@ def test_a_mesh_that_is_entered_while_it_runs_is_computed_once(http: httpx.Clien
     assert (mesh["attempts"], mesh["started_at"]) == (1, mesh["created_at"])
 
 
-def test_a_request_whose_worker_is_lost_enters_the_queue(http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("is_lost", [True, False], ids=["lost", "stuck"])
+def test_a_request_whose_worker_is_lost_or_stuck_enters_the_queue(
+    http: httpx.Client, monkeypatch: pytest.MonkeyPatch, is_lost: bool
+) -> None:
     begin = Dispatcher.begin_request
 
     def lost(self: Dispatcher, claim: Claim, _: Any, *__: Any) -> Future[Any]:
         ended = begin(self, claim, time.sleep, 3600.0)
-        self.cancel(claim.mesh_id)
+        if is_lost:
+            self.cancel(claim.mesh_id)
         return ended
 
     monkeypatch.setattr(Dispatcher, "begin_request", lost)
-    mesh = http.post("/v1/meshes?reuse=false", json=small(label="lost"), headers={"Prefer": "wait=60"}).json()
+    posted = http.post("/v1/meshes?reuse=false", json=small(label="lost"), headers={"Prefer": "wait=1"})
+    mesh = http.get(f"{posted.headers['location']}?wait=60").json()
     assert (mesh["status"], mesh["attempts"]) == ("succeeded", 1)
     assert mesh["started_at"] > mesh["created_at"]  # through the queue

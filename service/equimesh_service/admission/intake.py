@@ -34,6 +34,9 @@ from equimesh_service.worker.job import Storage
 MAX_LINE_SECONDS = 1.0
 # The time between two looks whether a worker has put a mesh into the store.
 _LOOK_SECONDS = 0.05
+# The time that a worker has for this after the wait of the request. It may be stuck, or check the request for long,
+# which a side worker then does.
+_MAX_ENTRY_SECONDS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,9 +138,7 @@ class Intake:
             raise
         began = time.monotonic()
         await self._wait_for(ended, claim.mesh_id, min(request.seconds, self.settings.max_wait))
-        while not ended.done() and not await self._is_stored(claim.mesh_id):
-            await asyncio.sleep(min(self.settings.poll, _LOOK_SECONDS))  # its worker still checks the request
-        if not ended.done():
+        if await self._is_entered(ended, claim.mesh_id):
             return AcceptedMesh(claim.mesh_id, ended, time.monotonic() - began)
         if ended.cancelled() or ended.exception() is not None or ended.result() is None:
             is_stored = await self._is_stored(claim.mesh_id)
@@ -146,6 +147,17 @@ class Intake:
             return await self._conclude(end, caller, request)
         self._count_uploads(end.uploads)
         return AcceptedMesh(claim.mesh_id, ended)
+
+    async def _is_entered(self, ended: Future[Any], mesh_id: str) -> bool:
+        """Whether a worker that still has a mesh has put it into the store; one that does not is stopped."""
+        until = time.monotonic() + _MAX_ENTRY_SECONDS
+        while not ended.done():
+            if await self._is_stored(mesh_id):
+                return True
+            if time.monotonic() > until:
+                self.dispatcher.cancel(mesh_id)
+            await asyncio.sleep(_LOOK_SECONDS)
+        return False
 
     async def _conclude(self, end: NoMesh, caller: Caller, request: MeshRequest) -> AcceptedMesh:
         """The mesh of a request of which its worker has made none; raises the problem of a refusal."""
