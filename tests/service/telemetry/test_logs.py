@@ -27,7 +27,7 @@ def test_a_request_is_followed_into_the_worker(observed: Observed) -> None:
     mesh = answer.headers["location"].rpartition("/")[2]
     until(lambda: observed.lines(logger="equimesh_service.access", request_id="night-7"))
     loggers = {line["logger"] for line in observed.lines(request_id="night-7", mesh_id=mesh)}
-    assert loggers == {f"equimesh_service.{name}" for name in ("access", "dispatch.dispatcher", "worker.solve")}
+    assert loggers == {f"equimesh_service.{name}" for name in ("access", "admission.computation", "worker.solve")}
     (line,) = observed.lines(logger="equimesh_service.access", request_id="night-7")
     assert (line["method"], line["route"], line["status"]) == ("POST", "/v1/meshes", 201)
     assert (line["bytes"], line["level"], line["mesh_id"]) == (len(answer.content), "info", mesh)
