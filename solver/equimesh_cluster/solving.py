@@ -16,6 +16,7 @@ from equimesh.inputs import choice
 from equimesh.least_error.descent import Descent
 from equimesh.meshes.mesh import Grid
 from equimesh.meshes.nested import nested_grids
+from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.channel import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode, Step
@@ -267,6 +268,12 @@ def solve(
     )
     if schwarz is None:
         require_metric(problem)
+    elif isinstance(problem.monitor, LeastError):
+        raise InputError(
+            "subdomains of a grid descend on the error on one machine: take equimesh.solve, or a domain in blocks and"
+            " equimesh_cluster.solve_blocks",
+            field="monitor",
+        )
     own = isinstance(client, str)
     connected = connect(client) if isinstance(client, str) else client
     try:

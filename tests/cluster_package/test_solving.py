@@ -163,6 +163,8 @@ def test_arguments_that_cannot_be_used_are_refused(client: Client) -> None:
         solve(PROBLEM, client, mode="loose")  # type: ignore[arg-type]
     with pytest.raises(em.InputError, match="least_error has no metric, and is not solved in parts"):
         solve(em.Problem(monitor=em.LeastError(u=RING.u), grid=SMALL.grid), client)
+    with pytest.raises(em.InputError, match="subdomains of a grid descend on the error on one machine"):
+        solve(em.Problem(monitor=em.LeastError(u=RING.u), grid=SMALL.grid), client, schwarz=em.Schwarz())
     with pytest.raises(em.InputError, match="parts = 7: all parts run at the same time"):
         solve(LARGE, client, parts=7)
     with pytest.raises(em.InputError, match=r"parts = 4: .* can be cut into at most 1: take 1 to 1 parts"):

@@ -8,7 +8,7 @@ import time
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -163,7 +163,6 @@ def document_of(
     ``result`` has the record of the solve, the certificate and the quality, as a mesh in the store has them; ``error``
     is the problem of a failed solve.
     """
-    before: Literal["uniform", "initial"] = "initial" if isinstance(mesh, QuadMesh) else "uniform"
     return {
         "spec": dict(spec),
         "status": SUCCEEDED if error is None else FAILED,
@@ -172,7 +171,7 @@ def document_of(
         "quality": result["quality"],
         "convergence": convergence,
         "error": error,
-        "sentences": sentences_of(result["certificate"], norm_of(spec), error, before=before),
+        "sentences": sentences_of(result["certificate"], norm_of(spec), error, before=mesh.compared_with),
         "subdomains": None if decomposition is None else _spans(decomposition),
         "ordering": None if decomposition is None else spec["schwarz"]["ordering"],
         "frames": None,

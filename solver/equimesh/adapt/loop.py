@@ -101,7 +101,9 @@ class Rounds:
 
     def copied(self, mesh: M) -> M:
         """The mesh with arrays of its own."""
-        return mesh.moved(mesh.points.copy()) if isinstance(mesh, QuadMesh) else Mesh(mesh.x.copy(), mesh.y.copy())
+        copied: Any = mesh.moved(mesh.points.copy())
+        found: M = copied
+        return found
 
     def known(self, mesh: M, values: Array) -> RoundAndNextMesh[M]:
         """The record of nodal values, and the way to the next mesh."""

@@ -363,6 +363,6 @@ def _joins(data: MeshData) -> tuple[Join, ...]:
 
 def _merged(data: MeshData) -> MeshData:
     """The data without second copies of nodes at one place: to solvers these would be a slit."""
-    if isinstance(data.mesh, QuadMesh) or not at_one_place(data.mesh.points, data.ties).any():
+    if not at_one_place(data.mesh.points, data.ties).any():
         return data
     return data.joined

@@ -183,6 +183,11 @@ class BlockNest:
         """Whether the blocks are too small for coarser meshes. Smooth displacements are in their place then."""
         return not self.is_nested and is_paved(self.domain.mesh)
 
+    @property
+    def finest_cells(self) -> int:
+        """Cells of the domain."""
+        return len(self.domain.mesh.cells)
+
     @cached_property
     def is_regular(self) -> bool:
         """Whether sides are straight, and lines run on to them: nodes inside have four cells, others at most two."""

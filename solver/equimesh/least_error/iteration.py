@@ -357,14 +357,10 @@ class LeastErrorSolve:
 
     def _most_steps(self, level: Level) -> int:
         """Steps on a level at most; exchanges where subdomains descend."""
-        if self._is_paved:
+        if self.nest.is_paved:
             return paved_steps(level.points, self.more_steps)
         steps = round(level.steps * self.more_steps)
         return self.subdomains.settings.exchanges(steps) if self.subdomains and level.is_finest else steps
-
-    @property
-    def _is_paved(self) -> bool:
-        return isinstance(self.nest, BlockNest) and self.nest.is_paved
 
     def _moves(
         self, objective: Objective, level: Level, origin: Start, start: Array
@@ -375,10 +371,9 @@ class LeastErrorSolve:
             straight = StraightLines(objective, nest.grid(nest.levels[level.number]).shape)
             for lines, now in descend(straight, straight.lines(start), steps, least):
                 yield straight.mesh(lines), now
-        elif self._is_paved and isinstance(nest, BlockNest):
-            yield from descend_paved(
-                objective, nest.chart(nest.levels[0]), nest.initial(nest.levels[0]), start, least, self.more_steps
-            )
+        elif nest.is_paved:
+            chart: Any = nest.chart(level)  # of curves, as only blocks are paved
+            yield from descend_paved(objective, chart, nest.initial(level), start, least, self.more_steps)
         elif self.subdomains is not None and level.is_finest:
             if self.subdomains.channel.number == LEADER:
                 self.subdomains.lead(self.weights, nest.first_mesh(origin, level), start)
@@ -386,13 +381,6 @@ class LeastErrorSolve:
             yield from self.subdomains.descend(objective, owner, start, steps, least, self.threads)
         else:
             yield from descend(objective, start, steps, least)
-
-    @property
-    def _finest_cells(self) -> int:
-        """Cells of the finest mesh."""
-        if isinstance(self.domain, Blocks):
-            return len(self.domain.mesh.cells)
-        return int(self.nest.levels[-1].grid.cells)
 
     def _norm(self, level: Level) -> Norm:
         """The norm of the error that the descent on a level lowers."""
@@ -412,5 +400,5 @@ class LeastErrorSolve:
         rule = Rule(norm=norm, cells=kind, points=points)
         chart, start = self.nest.chart(level), self.nest.first_mesh(origin, level)
         objective = Objective(self.monitor.u, chart, cells, start, weights, rule, self.threads)
-        objective.bound_cut_off(self.nest.initial(level), self._finest_cells / cells.count)
+        objective.bound_cut_off(self.nest.initial(level), self.nest.finest_cells / cells.count)
         return objective

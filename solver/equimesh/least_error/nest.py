@@ -141,6 +141,16 @@ class Nest(Protocol[AnyLevel, AnyMesh, AnyStart]):
         turns inwards, and the sides of blocks are straight. Other domains have larger weights, and more steps."""
         ...
 
+    @property
+    def is_paved(self) -> bool:
+        """Whether blocks are too small for coarser meshes, in whose place smooth displacements are."""
+        ...
+
+    @property
+    def finest_cells(self) -> int:
+        """Cells of the finest mesh."""
+        ...
+
     def chart(self, level: AnyLevel) -> Chart:
         """What the unknowns of a mesh are."""
         ...

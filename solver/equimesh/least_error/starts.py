@@ -329,6 +329,16 @@ class GridNest:
         """True: lines of a grid run from side to side."""
         return True
 
+    @property
+    def is_paved(self) -> bool:
+        """False: every grid has coarser ones."""
+        return False
+
+    @property
+    def finest_cells(self) -> int:
+        """Cells of the grid."""
+        return self.finest.cells
+
     @cached_property
     def closed(self) -> Closed:
         """Whether lines along xi, and those along eta, are closed."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -143,6 +144,10 @@ def smallest_of_cells(points: Array, cells: IntArray) -> float:
 SIDES = ("left", "right", "bottom", "top")
 
 
+ComparedWith: TypeAlias = Literal["uniform", "initial"]
+"""The mesh with which others are compared: the uniform one of a grid, or the one that blocks begin with."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh(Coupled):
     """Node coordinates ``x`` and ``y`` of shape ``(n_xi, n_eta)``, the first index running along xi.
@@ -152,6 +157,8 @@ class Mesh(Coupled):
 
     x: Array
     y: Array
+    compared_with: ClassVar[ComparedWith] = "uniform"
+    """The name of the mesh with which others on the same domain are compared."""
 
     def __post_init__(self) -> None:
         if self.x.shape != self.y.shape or self.x.ndim != 2:
@@ -170,6 +177,11 @@ class Mesh(Coupled):
         x, y = x.copy(), y.copy()
         x[0], x[-1], y[:, 0], y[:, -1] = 0.0, 1.0, 0.0, 1.0
         return cls(x, y)
+
+    def moved(self, points: Array) -> Mesh:
+        """The same mesh with its nodes at other ``points``, shape ``(n_xi * n_eta, 2)``."""
+        x, y = (np.ascontiguousarray(q).reshape(self.x.shape) for q in points.T)
+        return Mesh(x, y)
 
     @property
     def grid(self) -> Grid:

@@ -18,12 +18,14 @@ SEAMS = (("left", "right"), ("bottom", "top"))
 """The sides that are the two copies of a seam, of closed xi-lines and of closed eta-lines."""
 
 
-def joined(mesh: Mesh, ties: IntArray) -> QuadMesh:
+def joined(mesh: Mesh | QuadMesh, ties: IntArray) -> QuadMesh:
     """The mesh without the second copies of nodes that lie where the first ones do, as around a ring.
 
     ``ties``, shape ``(k, 2)``, are the copies and their originals. Such a seam is no side any more. Copies that lie a
-    period apart stay, with their sides, as the ``ties`` of the mesh.
+    period apart stay, with their sides, as the ``ties`` of the mesh. A mesh of blocks has none, and is returned itself.
     """
+    if isinstance(mesh, QuadMesh):
+        return mesh
     points = mesh.points
     same = at_one_place(points, ties)
     stands = np.arange(len(points))
@@ -106,9 +108,9 @@ class MeshData:
 
         A mesh of blocks has none, and stays as it is.
         """
-        if isinstance(self.mesh, QuadMesh):
-            return self
         mesh = joined(self.mesh, self.ties)
+        if mesh is self.mesh:
+            return self
 
         def at_nodes(values: Array) -> Array:
             found = np.empty((*mesh.node_shape, *values.shape[2:]))

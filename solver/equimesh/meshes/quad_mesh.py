@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.meshes.cell_edges import Join, joins_of
-from equimesh.meshes.mesh import Mesh, largest_difference, smallest_of_cells
+from equimesh.meshes.mesh import ComparedWith, Mesh, largest_difference, smallest_of_cells
 from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.coupled import Coupled
@@ -73,6 +74,9 @@ class QuadMesh(Coupled):
                 message = f"{len(self.block_names)} names for {len(self.blocks)} blocks: one name for each block"
                 raise InputError(message, field="block_names")
             object.__setattr__(self, "block_names", names)
+
+    compared_with: ClassVar[ComparedWith] = "initial"
+    """The name of the mesh with which others on the same domain are compared."""
 
     @property
     def periodic(self) -> tuple[Join, ...]:

@@ -80,7 +80,7 @@ def draw_comparison(comparison: UniformComparison, path: str | Path) -> None:
     meshes = (comparison.uniform, comparison.adapted)
     x, y = comparison.uniform.mesh.x, comparison.uniform.mesh.y
     width, height = float(np.ptp(x)), float(np.ptp(y))
-    first = "initial" if isinstance(comparison.uniform.mesh, QuadMesh) else "uniform"
+    first = comparison.uniform.mesh.compared_with
     stacked = width > STACKED_FROM * height
     rows, columns = (2, 1) if stacked else (1, 2)
     side = min((WIDTH / columns - GAP) * height / width, MAX_SIDE)

@@ -61,8 +61,8 @@ def descents(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> Itera
         last: Descent | None = None
         for record in solve.steps(start, coarse=coarse):
             last = record
-        mesh = coarse.record.mesh if last is None and coarse is not None else None if last is None else last.mesh
-        if isinstance(mesh, QuadMesh) and not mesh.is_folded_on(threads):
+        mesh: Any = coarse.record.mesh if last is None and coarse is not None else None if last is None else last.mesh
+        if mesh is not None and not mesh.is_folded_on(threads):
             yield name, mesh
 
 

@@ -183,7 +183,7 @@ class SequenceStep(Generic[M]):
         )
 
     def __repr__(self) -> str:
-        size = self.solution.problem.points if isinstance(self.mesh, QuadMesh) else self.mesh.grid
+        size = " x ".join(map(str, self.mesh.node_shape))
         return f"<SequenceStep {self.number}: {size} points, {self.status}>"
 
     @property
@@ -322,10 +322,10 @@ class Sequence(Generic[M]):
         self.number += 1
         return step
 
-    def _on_grid(self, grid: Grid) -> Mesh | QuadMesh:
-        """The reference mesh before, on the grid of the step."""
-        before = self._reference
-        return before if isinstance(before, QuadMesh) or grid == before.grid else prolong(before, grid)
+    def _on_grid(self, grid: Grid | None) -> Any:
+        """The reference mesh before, on the grid of the step; blocks have none."""
+        before: Any = self._reference
+        return before if grid is None or grid == before.grid else prolong(before, grid)
 
     def _pursue(self, problem: Problem[Any], before: Mesh | QuadMesh) -> StepSolution:
         """The solution of a step."""
@@ -404,7 +404,9 @@ def require_untouched(points: Array, before: Array) -> None:
         )
 
 
-def _is_same(one: AnyMesh, other: AnyMesh) -> bool:
-    if isinstance(one, QuadMesh) or isinstance(other, QuadMesh):
+def _is_same(one: Any, other: Any) -> bool:
+    """Whether two meshes of one kind have the same nodes."""
+    if one is other or type(one) is not type(other):
         return one is other
-    return one is other or (one.grid == other.grid and one.distance(other) == 0.0)
+    is_alike = one.node_shape == other.node_shape and one.cell_shape == other.cell_shape
+    return is_alike and bool(one.distance(other) == 0.0)

@@ -171,9 +171,8 @@ def _placed(problem: Problem[Any], mesh: Mesh | QuadMesh) -> dict[str, Any]:
 def _initial(problem: Problem[Any]) -> dict[str, Any]:
     """The mesh with which others are compared, and its note."""
     initial = problem.initial
-    if isinstance(initial, QuadMesh):
-        return {"mesh": initial, "reference": initial, "note": NO_BETTER.format("initial")}
-    return {"mesh": initial, "reference": Mesh.uniform(problem.grid), "note": NO_BETTER.format("uniform")}
+    reference = initial if problem.grid is None else Mesh.uniform(problem.grid)
+    return {"mesh": initial, "reference": reference, "note": NO_BETTER.format(initial.compared_with)}
 
 
 def end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) -> DescentEnd:

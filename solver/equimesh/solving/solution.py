@@ -263,9 +263,9 @@ class Solution(Generic[D, M]):
         return {one.name: getattr(self, one.name) for one in fields(self)}
 
     def __repr__(self) -> str:
-        if isinstance(self.mesh, QuadMesh):
-            return f"<Solution: {self.problem.points} points, {self.status}>"
-        return f"<Solution: {self.problem.grid} points, {self.status}, {len(self.iterations)} iterations>"
+        size, grid = " x ".join(map(str, self.mesh.node_shape)), self.problem.grid
+        steps = "" if grid is None else f", {len(self.iterations)} iterations"
+        return f"<Solution: {size} points, {self.status}{steps}>"
 
     @property
     def message(self) -> str:
@@ -344,7 +344,7 @@ class Solution(Generic[D, M]):
 
         Copies that are a period apart stay, as its ``ties``. Of blocks it is the mesh itself.
         """
-        return self.mesh if isinstance(self.mesh, QuadMesh) else joined(self.mesh, self.ties)
+        return joined(self.mesh, self.ties)
 
     @cached_property
     def faces(self) -> Faces:
@@ -421,7 +421,7 @@ class Solution(Generic[D, M]):
             target=self.target,
             comparison=self.comparison,
             estimate=self.estimate,
-            compared_with="initial" if isinstance(self.mesh, QuadMesh) else "uniform",
+            compared_with=self.mesh.compared_with,
             understood=understood(self.problem),
         )
 

@@ -61,6 +61,19 @@ def test_every_setting_is_reachable_and_taken(page: Page) -> None:
     }
 
 
+def test_subdomains_of_least_error_have_steps_and_exchanges(page: Page) -> None:
+    panel(page, "monitor").get_by_label("Kind", exact=True).select_option("least_error")
+    box = panel(page, "schwarz")
+    box.get_by_label("Divide into subdomains").check()
+    set_number(box, "For least error: steps in one exchange", 4)
+    box.get_by_label("For least error: most exchanges", exact=True).select_option("number")
+    answer = answered(page, lambda: set_number(box, "For least error: most exchanges, a number", 3))
+    assert answer.status == 200, answer.text()
+    assert spec_of(page)["schwarz"] == {"local_steps": 4, "max_exchanges": 3}
+    box.get_by_label("For least error: most exchanges", exact=True).select_option("")
+    assert spec_of(page)["schwarz"] == {"local_steps": 4}
+
+
 def test_a_tolerance_may_be_a_word_or_nothing(page: Page) -> None:
     box = panel(page, "schwarz")
     box.get_by_label("Divide into subdomains").check()

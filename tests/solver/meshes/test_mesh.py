@@ -64,3 +64,11 @@ def test_coordinates_need_one_shape() -> None:
     for x, y in ((np.zeros((4, 5)), np.zeros((5, 4))), (np.zeros(4), np.zeros(4))):
         with pytest.raises(em.InputError, match="one common shape"):
             em.Mesh(x, y)
+
+
+def test_a_mesh_with_its_nodes_elsewhere_has_arrays_of_its_own() -> None:
+    mesh = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
+    moved = mesh.moved(mesh.points + 1.0)
+    assert np.array_equal(moved.x, mesh.x + 1.0)
+    assert np.array_equal(moved.y, mesh.y + 1.0)
+    assert not np.shares_memory(moved.x, mesh.x)

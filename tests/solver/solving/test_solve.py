@@ -9,6 +9,8 @@ import pytest
 
 import equimesh as em
 from cases import problem
+from equimesh.solving.solve import Best, Equidistribute, MinimiseError, Round, method_of
+from equimesh.testing.geometries import l_shape
 from solver.schwarz.runs import PAPER, assert_same
 
 
@@ -65,3 +67,23 @@ def test_a_solve_may_start_from_a_mesh() -> None:
     for wrong in (em.solve(PAPER).reference, em.Mesh(start.x[::-1].copy(), start.y)):
         with pytest.raises(em.InputError, match="the mesh to start from"):
             em.solve(now, initial=wrong)
+
+
+def test_the_method_follows_from_the_monitor_and_has_its_own_settings() -> None:
+    u, grid, settings = em.Expression("tanh(9*x)"), em.Grid(n_xi=9, n_eta=9), em.Schwarz(subdomains=(2, 1))
+    mesh = em.Mesh.uniform(grid)
+    nodal = em.NodalSolution(u=em.NodalField(mesh=mesh, values=mesh.x))
+    tight = {"mode": "tight", "allow_relaxed": False}
+    equidistribute = Equidistribute(schwarz=settings, mode=em.Mode.TIGHT, allow_relaxed=False)
+    for monitor, expected in (
+        (em.ArcLength(u=u), equidistribute),
+        (em.Auto(u=u), Best(equidistribute=equidistribute)),
+        (em.LeastError(u=u), MinimiseError(schwarz=settings)),
+    ):
+        assert method_of(em.Problem(monitor=monitor, grid=grid), settings, **tight) == expected
+    assert method_of(em.Problem(monitor=nodal, grid=grid), **tight) == Round()
+    on_blocks = em.Problem(monitor=em.Auto(u=u), domain=l_shape(100))
+    assert method_of(on_blocks, em.Schwarz()) == Best(minimise=MinimiseError(schwarz=em.Schwarz()))
+    with pytest.raises(em.InputError, match="leave the Schwarz settings out") as caught:
+        method_of(em.Problem(monitor=nodal, grid=grid), settings)
+    assert caught.value.field == "schwarz"

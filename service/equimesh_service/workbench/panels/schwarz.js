@@ -34,7 +34,7 @@ export function create(section, app) {
   });
   const settings = element("div", {},
     pairFields(app, ["subdomains along xi", "along eta"], ["schwarz", "subdomains"], [2, 1], { min: 1, step: 1 }),
-    numberField(app, "Overlap in points, for least error in layers of cells", ["schwarz", "overlap"], { fallback: 4, min: 1, step: 1 }),
+    numberField(app, "Overlap in points", ["schwarz", "overlap"], { fallback: 4, min: 1, step: 1, help: "For least error in layers of cells." }),
     transmission(app),
     more(app));
   section.append(isOn, faultLine(app, (pointer) => /^\/schwarz(\/subdomains|\/transmission)?$/.test(pointer)), settings);
@@ -107,5 +107,13 @@ function more(app) {
     }),
     numberField(app, "Most iterations", ["schwarz", "max_iterations"], { fallback: 100, min: 1, step: 1 }),
     numberField(app, "For least error: steps in one exchange", ["schwarz", "local_steps"], { fallback: 8, min: 1, max: 1000, step: 1 }),
+    wordOrNumberField(app, "For least error: most exchanges", ["schwarz", "max_exchanges"], {
+      words: [["", "as many as the steps of the whole grid take"]],
+      fallback: null,
+      number: 4,
+      min: 1,
+      max: 1000,
+      step: 1,
+    }),
     flagField(app, "Compare with the single domain", ["schwarz", "compare_single_domain"], { help: "Also solves without subdomains, and shows the error against that." }));
 }
