@@ -2,28 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.unrolled import Unrolled
 from equimesh.transfers.overlaps import (
     MAX_CORNERS,
     Overlaps,
+    centroids_of,
     clip_cell,
     clip_half_plane,
+    corners_from,
+    longer,
     moments,
     neighbours_on,
     starts_on_grid,
 )
 from solver.fields.bent_meshes import smooth_mesh
+from solver.meshes.quad_cases import bent, corner, disc, ring, strip, turned
 from solver.transfers.cases import adapted, fronts
 
-PAIRS = ((smooth_mesh(9), smooth_mesh(12, depth=-0.05)), fronts(), (smooth_mesh(33), smooth_mesh(4)))
+HALF_RING = em.AnnulusSector(angles=(0, 180))
 
 
-@pytest.mark.parametrize(("old", "new"), PAIRS)
-def test_the_parts_fill_every_old_and_every_new_cell(old: em.Mesh, new: em.Mesh) -> None:
-    overlaps = Overlaps.of(old, new)
+def bent_grids() -> tuple[em.Mesh, em.Mesh]:
+    return smooth_mesh(9), smooth_mesh(12, depth=-0.05)
+
+
+def few_new_cells() -> tuple[em.Mesh, em.Mesh]:
+    return smooth_mesh(33), smooth_mesh(4)
+
+
+def half_rings() -> tuple[em.Mesh, em.Mesh]:
+    return adapted("tanh(20*(x + y/2 - 0.75))", 17, HALF_RING), adapted("tanh(9*x)", 24, HALF_RING)
+
+
+def corners() -> tuple[QuadMesh, QuadMesh]:
+    return corner(5), bent(corner(6), 0.03)
+
+
+def discs() -> tuple[QuadMesh, QuadMesh]:
+    return bent(disc(4), 0.03), disc(4)
+
+
+def strips() -> tuple[QuadMesh, QuadMesh]:
+    return strip(7), strip(5, 0.2, 0.03)
+
+
+def rings() -> tuple[QuadMesh, QuadMesh]:
+    return ring(4), turned(ring(4), 0.15)
+
+
+@pytest.mark.parametrize("pair", [bent_grids, fronts, few_new_cells, corners, discs, strips])
+def test_the_parts_fill_every_old_and_every_new_cell(pair: Callable[[], Any]) -> None:
+    overlaps = Overlaps.of(*pair())
     found = np.bincount(overlaps.cell, overlaps.area, minlength=overlaps.old.area.size)
     assert np.abs(overlaps.covered / overlaps.new.area - 1.0).max() < 1e-12
     assert np.abs(found / overlaps.old.area - 1.0).max() < 1e-12
@@ -43,18 +80,20 @@ def test_a_mesh_meets_itself_in_its_cells_alone() -> None:
     assert np.abs(overlaps.integrals(values, (nothing, nothing)) / overlaps.new.area - values).max() < 1e-12
 
 
-def test_cells_beyond_a_curved_side_are_seen() -> None:
-    ring = em.AnnulusSector(angles=(0, 180))
-    old, new = adapted("tanh(20*(x + y/2 - 0.75))", 17, ring), adapted("tanh(9*x)", 24, ring)
-    overlaps, nothing = Overlaps.of(old, new), np.zeros(256)
+@pytest.mark.parametrize("pair", [half_rings, rings])
+def test_cells_beyond_a_curved_side_are_seen(pair: Callable[[], Any]) -> None:
+    old, new = pair()
+    overlaps, nothing = Overlaps.of(old, new), np.zeros(len(old.cells))
     assert overlaps.beyond.max() > 0.01
     assert np.abs(overlaps.integrals(nothing + 3.0, (nothing, nothing)) / overlaps.new.area - 3.0).max() < 1e-12
 
 
-def test_more_parts_than_expected_find_room() -> None:
-    overlaps = Overlaps.of(smooth_mesh(65), smooth_mesh(4))
-    assert overlaps.cell.size == overlaps.area.size > 12 * 9
-    assert overlaps.area.sum() == pytest.approx(1.0, abs=1e-12)
+@pytest.mark.parametrize(("old", "new", "area"), [(smooth_mesh(65), smooth_mesh(4), 1.0), (corner(24), corner(1), 3.0)])
+def test_more_parts_than_expected_find_room(old: Any, new: Any, area: float) -> None:
+    overlaps = Overlaps.of(old, new)
+    assert overlaps.cell.size == overlaps.area.size > 12 * len(new.cells)
+    assert overlaps.area.sum() == pytest.approx(area, abs=1e-12)
+    assert np.array_equal(longer(np.array([1, 2]), 5)[:2], [1, 2])
 
 
 def test_neighbours_and_starts_on_a_grid() -> None:
@@ -64,6 +103,37 @@ def test_neighbours_and_starts_on_a_grid() -> None:
     assert found[[0, 5, 19]].tolist() == [[4, -1, 1, -1], [9, 1, 6, 4], [-1, 15, -1, 18]]
     nodes = mesh.x.reshape(-1), mesh.y.reshape(-1)
     assert starts_on_grid((mesh.x, mesh.y), nodes, mesh.cells).tolist() == list(range(20))
+
+
+def test_a_grid_has_the_same_parts() -> None:
+    grids = smooth_mesh(9), smooth_mesh(12, depth=-0.05)
+    quads = [QuadMesh(points=grid.points, cells=grid.cells, sides=grid.sides) for grid in grids]
+    one, other = Overlaps.of(*grids), Overlaps.of(*quads)
+    found = []
+    for a, b in ((one, one.area), (other, other.area)):
+        assert np.abs(np.bincount(a.cell, b) - one.old.area).max() < 1e-15
+        numbers = np.repeat(np.arange(len(a.first) - 1), np.diff(a.first))
+        found.append({pair for pair, area in zip(zip(numbers, a.cell, strict=True), b, strict=True) if area > 1e-12})
+    assert found[0] == found[1]
+
+
+def test_a_cell_out_of_reach_has_the_nearest_old_one() -> None:
+    old = corner(3)
+    away = old.moved(old.points + np.array([9.0, 0.0]))
+    overlaps = Overlaps.of(old, away)
+    assert (overlaps.covered == 0.0).all()
+    values = np.arange(len(old.cells), dtype=float)
+    means = overlaps.integrals(values, (0 * values, 0 * values)) / overlaps.new.area
+    assert set(old.points[old.cells[means.round().astype(int)]].max(axis=(1, 2))) == {2.0}
+
+
+def test_centroids_and_corners_of_copies() -> None:
+    mesh, quad = strip(4), np.empty((4, 2))
+    x, y = centroids_of(Unrolled.of(mesh))
+    assert (x[:16].min(), x.min(), x.max()) == (0.125, -0.875, 1.875)
+    assert y.max() == 0.875
+    least, most = corners_from((mesh.x.copy(), mesh.y.copy()), mesh.cells[5], 0.25, 0.0, quad)
+    assert (least, most, quad[2].tolist()) == ((0.0, 0.25), (0.25, 0.5), [0.25, 0.5])
 
 
 # The common part of two convex cells.
