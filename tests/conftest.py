@@ -18,7 +18,7 @@ import pytest
 
 import leftovers
 from programs import PROGRAMS, missing_program, must_be_here
-from scheduler import FileScheduling
+from scheduler import SHARED, FileScheduling
 
 # Before anything loads NumPy: threads of linear algebra spin while they wait, which costs some tests half their time,
 # and several processes run at once. Services give their workers one thread, too.
@@ -84,12 +84,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--everything", action="store_true", help="also run what is marked `everything`: whole products")
 
 
-# Files whose tests wait more than they work: begun first, so that no single one is waited for at the end.
-LONG = ("test_durability", "test_replicas", "test_deployment", "test_faults", "test_backup", "test_base_install")
+# Files that take long, most of them by waiting: begun first, so that no single one is waited for at the end.
+LONG = (
+    *("test_durability", "test_replicas", "test_deployment", "test_faults", "test_backup", "test_base_install"),
+    *("test_consumers", "test_benchmarks", "test_structure"),
+)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: not item.path.stem.startswith(LONG))
+    # After those the folders of which a process takes many files at once.
+    items.sort(key=lambda item: (not item.path.stem.startswith(LONG), item.nodeid.split("/")[1] not in SHARED))
     if not config.getoption("--everything"):
         _leave_out(config, items, [item for item in items if item.get_closest_marker("everything")])
     missing = {item: name for item in items if (name := missing_program(item)) and not must_be_here(name)}
