@@ -160,3 +160,21 @@ def test_a_singular_corner_is_seen_by_the_descent_as_by_a_finer_rule() -> None:
     solution = em.solve(problem(nodes=2500, u=em.Expression("(x**2 + y**2)**(1/3)"), smoothness=0.1))
     assert solution.interpolation is not None
     assert solution.descent[-1]["gain"] < 1.2 * solution.interpolation.gain_l2
+
+
+def test_the_solution_has_the_monitor_that_was_chosen_and_its_cells() -> None:
+    asked = em.Problem(monitor=em.Auto(u=FRONT, cells="triangle"), domain=l_shape(400))
+    solution = em.solve(asked, threads=1)
+    monitor = solution.problem.monitor
+    assert isinstance(monitor, em.LeastError)
+    chosen = next(one for one in solution.comparison if one.chosen)
+    assert (monitor.distortion, monitor.smoothness) == (chosen.settings["distortion"], chosen.settings["smoothness"])
+    assert monitor.cells == "triangle"
+
+
+def test_a_uniform_start_is_the_initial_mesh_alone() -> None:
+    solution = em.solve(problem(nodes=400), initial="uniform", threads=1)  # type: ignore[arg-type]
+    assert {record["start"] for record in solution.descent} == {"initial"}
+    both = em.solve(problem(nodes=400), threads=1)
+    assert {record["start"] for record in both.descent} == {"initial", "rectilinear"}
+    assert solution.newton_steps == sum(record["level"] == solution.descent[-1]["level"] for record in solution.descent)
