@@ -20,8 +20,7 @@ from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, SubdomainW
 from equimesh.schwarz.merged_mesh import Holding, LineSweep
 from equimesh.sweeps import kernels
 from equimesh.sweeps.line_sums import cell_metrics
-from equimesh.sweeps.stopping import error_left
-from equimesh.sweeps.sweep import WHOLE, Frame, SideNodes, Sides, Sweep, memory_needed
+from equimesh.sweeps.sweep import WHOLE, Frame, SideNodes, Sides, Sweep, error_left, memory_needed
 
 # Sums of squared metric lengths along the pieces of the lines of a mesh, between some of its cross lines.
 

@@ -22,7 +22,7 @@ from equimesh.single_domain.continuation import NONE, Relaxation
 from equimesh.sweeps.deviation import deviation
 from equimesh.sweeps.kernels import Nodes
 from equimesh.sweeps.one_strip import is_one_strip, sweeps_of
-from equimesh.sweeps.stopping import (
+from equimesh.sweeps.sweep import (
     DONE,
     GO_ON,
     HALVE,
@@ -30,12 +30,14 @@ from equimesh.sweeps.stopping import (
     MIN_MOVE_SHARE,
     RESIDUAL,
     SMALLEST,
+    WHOLE,
+    Frame,
     Rules,
+    Sweep,
     Swept,
     judge,
     nothing_known,
 )
-from equimesh.sweeps.sweep import WHOLE, Frame, Sweep
 
 # The records of the steps of a single-domain solve, and its modes.
 

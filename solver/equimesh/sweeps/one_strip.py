@@ -39,19 +39,21 @@ from equimesh.sweeps.kernels import (
     xi_corrections,
 )
 from equimesh.sweeps.line_sums import cell_memory, centres, line_levels
-from equimesh.sweeps.stopping import (
+from equimesh.sweeps.sweep import (
     GO_ON,
     HALVE,
     LOST,
+    MAX_NODES_AT_ONCE,
     MIN_JACOBIAN_SHARE,
     MIN_MOVE_SHARE,
     RESIDUAL,
     SMALLEST,
     Rules,
+    Sides,
     Swept,
     judge,
+    memory_needed,
 )
-from equimesh.sweeps.sweep import MAX_NODES_AT_ONCE, Sides, memory_needed
 
 # Sweeps of one call, at most: each of them keeps its mesh until the call ends.
 MAX_SWEEPS_AT_ONCE = 8
@@ -303,7 +305,7 @@ def sweep_on(
     """At most as many sweeps of ``nodes`` as there are ``records``, shape ``(sweeps, 4)``: the verdict, and how many.
 
     ``meshes`` of shape ``(sweeps, 2, n_xi, n_eta)`` receives the nodes after each sweep. The memory of ``nodes`` and
-    ``out`` is exchanged in each sweep; the ``known`` numbers are those of :mod:`equimesh.sweeps.stopping`. A sweep that
+    ``out`` is exchanged in each sweep; the ``known`` numbers are those of :mod:`equimesh.sweeps.sweep`. A sweep that
     gives no valid mesh is not counted.
     """
     patches, values = u

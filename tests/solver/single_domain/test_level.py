@@ -8,7 +8,7 @@ import equimesh as em
 from cases import FUNCTIONS, problem
 from equimesh.single_domain import iteration
 from equimesh.single_domain.level import TIGHT_DEVIATION
-from equimesh.sweeps.stopping import ALGEBRAIC_SHARE
+from equimesh.sweeps.sweep import ALGEBRAIC_SHARE
 from solver.sweeps.windows import distance
 
 
