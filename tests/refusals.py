@@ -206,6 +206,30 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
         "the key in Python": (small(monitor={"u": X, "purpose": "finite_volume"}), "/monitor/purpose", "no such key"),
         "no angle": (monitor("curvature", u=X, orthogonality=0), "/monitor/orthogonality", "over 0 and at most 90"),
         "text for rectilinear": (monitor("least_error", u=X, rectilinear="x"), "/monitor/rectilinear", "true or false"),
+        "no degree": (monitor("least_error", u=X, degree=5), "/monitor/degree", "a whole number from 1 to 4"),
+        "half a degree": (monitor("least_error", u=X, degree=1.5), "/monitor/degree", "whole number"),
+        "degree 3 on triangles": (
+            {**monitor("least_error", u=X, degree=3), "cells": "triangle"},
+            "/monitor/degree",
+            "on triangles elements have degree 1 or 2",
+        ),
+        "degree of a metric": (monitor("curvature", u=X, degree=2), "/monitor/degree", "a metric knows no elements"),
+        "degree of both": (
+            small(monitor={**both(ARC, ARC)["monitor"], "degree": 2}),
+            "/monitor/degree",
+            "a metric knows no elements",
+        ),
+        "degree inside": (both(ARC, {"u": X, "degree": 2}), "/monitor/monitors/1/degree", "a metric knows no elements"),
+        "degree of finite volumes": (
+            small(monitor={"u": X, "for": "finite_volume", "degree": 2}),
+            "/monitor/degree",
+            "has no elements",
+        ),
+        "degree on subdomains": (
+            {**small(monitor={"u": X, "degree": 2}), "schwarz": {}},
+            "/monitor/degree",
+            "equidistribute a metric",
+        ),
         "smooth least error": (monitor("least_error", u=X, smoothing=0.1), "/monitor/smoothing", "averages a metric"),
         "a tolerance of a descent": (
             {**monitor("least_error", u=X), "schwarz": {"tolerance": 1e-6}},

@@ -179,7 +179,8 @@ class SolverGain(Answer, Mapping[str, float]):
 class DegreeGain(Answer):
     """How many times smaller the interpolation error of elements of one degree is than on the uniform mesh.
 
-    On blocks it is compared with the initial mesh. The gains are estimates from some of the cells, but for degree 1.
+    On blocks it is compared with the initial mesh. The gains are estimates from some of the cells, but for the degree
+    of the mesh.
     """
 
     degree: int
@@ -226,12 +227,15 @@ class Certificate(Answer):
     """Whether the gains are known; false where a layer of u lies inside a cell: they are null."""
     interpolation_gain: InterpolationGain | None
     """The error on another mesh over that on this one; null without a u."""
+    degree: int = 1
+    """The degree of the elements that interpolate u: that of the request, for which the mesh is made."""
     gains_by_degree: tuple[DegreeGain, ...] = ()
     """The same for elements of degree 1, 2 and 3, on triangles 1 and 2; empty without a u, and of a failed mesh."""
     solver_gain: SolverGain | None = None
     """The error of a solver on the other mesh over that on this one.
 
-    It is measured for meshes of least error and of auto; null for others, without a u, and in large blocks.
+    It is measured for meshes of least error and of auto for degree 1; null for others, without a u, and in large
+    blocks.
     """
     target: Aim | None = None
     """The requested error and what was reached; null where a grid was given."""
@@ -274,7 +278,8 @@ class Certificate(Answer):
             rest = f"; that of interpolating u is {compared(l2)[0]}"
             return f"A solver's error is {self._than_there(solver)}{rest}."
         of_gradient = f"; that of its gradient is {compared(h1)[0]}" if is_known(h1) else ""
-        return f"The error of interpolating u is {self._than_there(l2)}{of_gradient}."
+        by = f" by elements of degree {self.degree}" if self.degree > 1 else ""
+        return f"The error of interpolating u{by} is {self._than_there(l2)}{of_gradient}."
 
     def _than_there(self, gain: float) -> str:
         here, word = compared(gain)

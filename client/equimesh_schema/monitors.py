@@ -16,6 +16,14 @@ NO_SMOOTHING = (
 OF_ARC_LENGTH = (
     "this belongs to the arc length, which is no longer the kind of a monitor that names none: add kind arc_length"
 )
+NO_DEGREE = (
+    "a metric knows no elements: the degree is that of the element whose measured error is made small; leave it out, or"
+    " take the kind least_error or auto"
+)
+NO_DEGREE_OF_ROUND = (
+    "a round recovers u from values at the corners of cells, for elements of degree 1; leave the degree out, or take"
+    " the kind least_error with the values as u"
+)
 NO_U = {"u": "the norm is that of the error of interpolating u: give u, an expression or samples"}
 Norm: TypeAlias = Literal["l2", "h1"]
 ErrorNorm: TypeAlias = Annotated[
@@ -39,6 +47,17 @@ Orthogonality: TypeAlias = Annotated[
     described(
         "Largest angle of non-orthogonality, between the normal of a face and the line of its two cell centres, in "
         "degrees, over 0 and at most 90. null for no bound."
+    ),
+]
+
+
+Degree: TypeAlias = Annotated[
+    int,
+    LATER,
+    Shown("Degree of the elements", minimum=1, maximum=4),
+    described(
+        "The degree of the elements that interpolate u: 1 (bilinear) to 4, on triangles 1 or 2. A mesh for one degree "
+        "can be worse than the uniform one for another."
     ),
 ]
 
@@ -78,6 +97,7 @@ class Auto(MonitorDocument):
     ] = None
     """finite_volume chooses by the error of a code with cell-centred unknowns; null by the error of interpolating u."""
     orthogonality: Orthogonality = None
+    degree: Degree = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +117,7 @@ class LeastError(MonitorDocument):
     rectilinear: Annotated[bool, LATER] = False
     """Keep lines straight: x depends on xi alone, y on eta alone."""
     orthogonality: Orthogonality = None
+    degree: Degree = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +126,7 @@ class NodalSolution(MonitorDocument):
 
     USE = "You solve for u: from its values at the nodes of one mesh to the next mesh."
     TITLE = "Values at nodes"
-    REFUSED: ClassVar = {"smoothing": NO_SMOOTHING}
+    REFUSED: ClassVar = {"smoothing": NO_SMOOTHING, "degree": NO_DEGREE_OF_ROUND}
     MISSING: ClassVar = {"u": "a round follows from values at the nodes of a mesh: give u"}
     kind: Literal["nodal_solution"] = "nodal_solution"
     u: Function = None
@@ -115,7 +136,14 @@ class NodalSolution(MonitorDocument):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArcLength(MonitorDocument):
+class MetricDocument(MonitorDocument):
+    """What all monitors have whose metric is equidistributed."""
+
+    REFUSED: ClassVar = {"degree": NO_DEGREE}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArcLength(MetricDocument):
     """The scaled arc length of Haynes and Howse: M = k grad u grad u^T + I."""
 
     USE = "Fronts and layers: small cells where u is steep, after Haynes and Howse."
@@ -142,7 +170,7 @@ class ArcLengthMember(ArcLength):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Curvature(MonitorDocument):
+class Curvature(MetricDocument):
     """Huang's optimal metric tensors for the interpolation of u, made of its second derivatives."""
 
     USE = "A metric made for a small interpolation error of u (norm l2) or of its gradient (h1)."
@@ -156,7 +184,7 @@ class Curvature(MonitorDocument):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Weight(MonitorDocument):
+class Weight(MetricDocument):
     """The metric rho I."""
 
     USE = "You know the sizes of cells: they are as small as rho > 0 is large, and not stretched."
@@ -176,7 +204,7 @@ class Weight(MonitorDocument):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tensor(MonitorDocument):
+class Tensor(MetricDocument):
     """The metric m11 dx^2 + 2 m12 dx dy + m22 dy^2."""
 
     USE = "You know sizes and directions, for instance from an error estimate: a positive definite metric."
@@ -199,7 +227,7 @@ Member: TypeAlias = Annotated[PlainMonitor | Mapping[str, Any], MEMBERS]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Intersection(MonitorDocument):
+class Intersection(MetricDocument):
     """Several monitors: each length is at least that of every monitor. Interpolation is measured for the first u."""
 
     USE = "Several of the others at once: cells as small as each of them requires."

@@ -134,6 +134,8 @@ def _least_errors(u: equimesh.Field) -> Iterator[equimesh.LeastError]:
     yield equimesh.LeastError(u=u, norm="h1")
     yield equimesh.LeastError(u=u, cells="triangle")
     yield equimesh.LeastError(u=u, norm="h1", cells="triangle")
+    yield equimesh.LeastError(u=u, degree=2)
+    yield equimesh.LeastError(u=u, norm="h1", degree=2)
 
 
 def make_archive(path: Path | None = None, *, level: str | None = None) -> tuple[Path, int]:

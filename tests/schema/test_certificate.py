@@ -112,6 +112,7 @@ def test_json_of_a_certificate_is_that_it_was_read_from() -> None:
         "compared_with": "uniform",
         "understood": {},
         "gains_by_degree": [],
+        "degree": 1,
     }
 
 
@@ -123,6 +124,8 @@ def test_the_gains_of_each_degree_are_told() -> None:
     assert "degree 1: 17 in L2, 4.9 in H1; degree 2: 0.46 in L2, not known in H1" in str(certificate)
     assert certificate.to_json()["gains_by_degree"] == gains
     assert "by degree" not in str(Certificate.from_json(CERTIFICATE))
+    of_degree = Certificate.from_json({**CERTIFICATE, "degree": 2})
+    assert of_degree.headline.startswith("The error of interpolating u by elements of degree 2 is 5.4 times smaller")
 
 
 def test_what_is_absent_or_no_number_is_not_known_and_null_again() -> None:

@@ -68,6 +68,8 @@ MAX_VALUE_POINTS = 9 * 9
 """Points of meshes on which the error of u leads a descent for its gradient: it finds fronts more surely."""
 MORE_SLOPE_POINTS = 1
 """Gauss points a direction in addition for errors of the gradient, which are small at the points of a lean rule."""
+MORE_POINTS = {1: 0, 2: 1, 3: 1, 4: 2}
+"""Gauss points a direction in addition for elements of each degree."""
 FINER_POINTS = 4
 """Gauss points a direction of the rule that checks that of a mesh, and replaces it where the two differ."""
 MAX_RULE_CHANGE = 0.1
@@ -388,6 +390,7 @@ class LeastErrorSolve:
 
     def _objective(self, level: Level, origin: Start, norm: Norm, gauss_points: int | None = None) -> Objective:
         points = (gauss_points or level.gauss_points) + (MORE_SLOPE_POINTS if norm == "h1" else 0)
+        points += MORE_POINTS[self.monitor.degree]
         # Cells that move far are cut the other way, which a descent on triangles does not see.
         kind = self.monitor.cells if level.is_finest else "quad"
         cells = self.nest.cells(level, are_cut=kind == "triangle")
@@ -397,7 +400,7 @@ class LeastErrorSolve:
         if self.smallest_angle is not None:
             limit = 1.0 / math.tan(math.radians(self.smallest_angle + MARGIN_DEGREES))
             weights = replace(weights, obliqueness=self.obliqueness, largest_cotangent=limit)
-        rule = Rule(norm=norm, cells=kind, points=points)
+        rule = Rule(norm=norm, cells=kind, points=points, degree=self.monitor.degree)
         chart, start = self.nest.chart(level), self.nest.first_mesh(origin, level)
         objective = Objective(self.monitor.u, chart, cells, start, weights, rule, self.threads)
         objective.bound_cut_off(self.nest.initial(level), self.nest.finest_cells / cells.count)

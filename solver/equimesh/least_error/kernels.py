@@ -18,7 +18,7 @@ import numpy as np
 
 from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.elements import CellKind, Element, quadrilateral, triangle
+from equimesh.quality.elements import Basis, CellKind, Element, basis, quadrilateral, triangle
 from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 
 SHARES = 5
@@ -353,21 +353,36 @@ Norm: TypeAlias = Literal["l2", "h1"]
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
-    """The norm of the error, the cells on which it is measured, and Gauss points a direction on quadrilaterals."""
+    """The norm of the error, the cells on which it is measured, and Gauss points a direction on quadrilaterals.
+
+    ``degree`` is that of the interpolant.
+    """
 
     norm: Norm = "l2"
     cells: CellKind = "quad"
     points: int = 3
+    degree: int = 1
 
     @cached_property
     def element(self) -> Element:
         """The reference element with its quadrature."""
-        return quadrilateral(self.points) if self.cells == "quad" else triangle()
+        return quadrilateral(self.points) if self.cells == "quad" else triangle(finer=self.degree > 1)
+
+    @cached_property
+    def basis(self) -> Basis:
+        """The Lagrange basis of the interpolant at the points of quadrature."""
+        return basis(self.cells, self.degree, self.element)
+
+    @cached_property
+    def inner_places(self) -> Array:
+        """The shape functions of the corners at the other nodes of the interpolant, ``(nodes, corners)``."""
+        return self.basis.places[self.basis.places.shape[1] :].copy()
 
     @property
     def points_per_cell(self) -> int:
-        """Quadrature points of a quadrilateral."""
-        return self.element.weights.size * (1 if self.cells == "quad" else 2)
+        """Points of a quadrilateral at which u is evaluated: those of quadrature, and nodes beside the corners."""
+        inner = len(self.inner_places) if self.degree > 1 else 0
+        return (self.element.weights.size + inner) * (1 if self.cells == "quad" else 2)
 
     def elements(self, count: int, nodes: Nodes | None = None, through: Mapping[int, int] = ANYWHERE) -> IntArray:
         """The corners, ``4 cell + corner``, of the elements of ``count`` cells, shape ``(elements, 4 or 3)``.

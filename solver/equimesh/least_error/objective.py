@@ -11,12 +11,12 @@ import numpy as np
 
 from equimesh.domains.domain import most_cut_off
 from equimesh.fields.expression import Field
-from equimesh.least_error import kernels
+from equimesh.least_error import kernels, lagrange
 from equimesh.least_error.cells import Cells, Region
 from equimesh.least_error.charts import Chart
 from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Rule, Values
 from equimesh.numerics.channel import run_on_threads
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
 
 MAX_BLOCK_POINTS = 16_384
 """Points at which u is evaluated at once: their arrays stay in the cache."""
@@ -298,9 +298,16 @@ class Objective:
         elements = self._elements[per_cell * span[0] : per_cell * span[1]]
         shares, of_slopes = self._shares[4 * span[0] : 4 * span[1]], self._rule.norm == "h1"
         shares[:] = 0.0
-        shape, split = (len(elements), element.weights.size), 0 if nodal is not None else nodes.x.size
-        x, y = np.empty(split + shape[0] * shape[1]), np.empty(split + shape[0] * shape[1])
-        kernels.place_points(nodes, elements, element.shape, x[split:].reshape(shape), y[split:].reshape(shape))
+        shape, inner = (len(elements), element.weights.size), (len(elements), 0)
+        if self._rule.degree > 1:
+            inner = (len(elements), len(self._rule.inner_places))
+        split = 0 if nodal is not None else nodes.x.size
+        end = split + shape[0] * shape[1]
+        x, y = np.empty(end + inner[0] * inner[1]), np.empty(end + inner[0] * inner[1])
+        kernels.place_points(nodes, elements, element.shape, x[split:end].reshape(shape), y[split:end].reshape(shape))
+        if self._rule.degree > 1:
+            inside_x, inside_y = x[end:].reshape(inner), y[end:].reshape(inner)
+            kernels.place_points(nodes, elements, self._rule.inner_places, inside_x, inside_y)
         if nodal is None:
             x[:split], y[:split] = nodes.x, nodes.y
         values = self._u.evaluate(x, y, order=2 if of_slopes else 1)
@@ -308,12 +315,38 @@ class Objective:
             nodal = NodalValues(*(part[:split].copy() for part in values[:3]))
             if not self._has_slopes(nodes, nodal):
                 return math.inf
-        if not math.isfinite(sum(float(part[split:].sum()) for part in values)):
+        if not math.isfinite(sum(float(part[split:end].sum()) for part in values)):
             return math.inf
-        at = [part[split:].reshape(shape) for part in values]
+        at = [part[split:end].reshape(shape) for part in values]
+        if self._rule.degree > 1:
+            inside = NodalValues(*(part[end:].reshape(inner) for part in values[:3]))
+            return self._squared_error_of_degree(nodes, nodal, inside, at, elements)
         if of_slopes:
             return float(kernels.slope_errors(nodes, elements, element, nodal, Values(*at), self._shares))
         return float(kernels.value_errors(nodes, elements, element, nodal, NodalValues(*at), self._shares))
+
+    def _squared_error_of_degree(
+        self, nodes: Nodes, nodal: NodalValues, inside: NodalValues, at: list[Array], elements: IntArray
+    ) -> float:
+        """The squared error of an interpolant of degree 2 or more, from u at its nodes and at the points."""
+        if not math.isfinite(float(inside.u.sum())):
+            return math.inf
+        if not math.isfinite(float(inside.u_x.sum() + inside.u_y.sum())):
+            self._mend_slopes(nodes, inside, elements)
+        element, basis = self._rule.element, self._rule.basis
+        if self._rule.norm == "h1":
+            values = Values(*at)
+            return float(lagrange.slope_errors(nodes, elements, element, basis, nodal, inside, values, self._shares))
+        points = NodalValues(*at)
+        return float(lagrange.value_errors(nodes, elements, element, basis, nodal, inside, points, self._shares))
+
+    def _mend_slopes(self, nodes: Nodes, inside: NodalValues, elements: IntArray) -> None:
+        """Slopes that are infinite at nodes inside elements, or on edges of these, become those nearby."""
+        cell, node = np.nonzero(~np.isfinite(inside.u_x + inside.u_y))
+        corners, weights = nodes.corners[elements[cell]], self._rule.inner_places[node]
+        weights = (1.0 - NEARBY_SHARE) * weights + NEARBY_SHARE / weights.shape[1]
+        x, y = ((weights * q[corners]).sum(axis=1) for q in (nodes.x, nodes.y))
+        _, inside.u_x[cell, node], inside.u_y[cell, node] = self._u.evaluate(x, y, order=1)
 
     def _distortion(self, nodes: Nodes, weight: float) -> float:
         """The sum of the distortions over all corners; adds ``weight`` times the shares of its derivatives."""

@@ -24,6 +24,8 @@ from equimesh.numerics.types import Array
 
 CELLS = ("quad", "triangle")
 """The cells on which the error is measured."""
+MAX_DEGREES = {"quad": 4, "triangle": 2}
+"""The largest degree of the elements on them."""
 MAX_WEIGHT = 1e3
 """The largest ``distortion`` and ``smoothness``."""
 PROBED_CELLS = 64
@@ -32,6 +34,22 @@ MAX_SIZE, MIN_SIZE = 1e140, 1e-140
 """The largest and smallest size of u: squares of its errors are numbers between them."""
 MAX_FAR_SHARE = 1e-6
 """The distance of nodes of a domain with curved sides from their places on it, as a share of its size."""
+
+
+def require_degree(degree: object, cells: Literal["quad", "triangle"]) -> None:
+    """Raises :class:`~equimesh.errors.InputError` for a degree that elements on these cells do not have."""
+    most = MAX_DEGREES[cells]
+    if isinstance(degree, bool) or not (isinstance(degree, int) and 1 <= degree <= MAX_DEGREES["quad"]):
+        raise InputError(
+            f"degree = {str(degree)[:20]}: give the degree of the elements, a whole number from 1 to"
+            f" {MAX_DEGREES['quad']}",
+            field="degree",
+        )
+    if degree > most:
+        raise InputError(
+            f"degree = {degree}: on triangles elements have degree 1 or {most}; take it, or quadrilaterals",
+            field="degree",
+        )
 
 
 @dataclass(frozen=True)
@@ -60,6 +78,11 @@ class LeastError:
     reference square. Every face is then orthogonal on a rectangle."""
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
+    degree: int = 1
+    """The degree of the elements that interpolate u: 1 to 4 on quadrilaterals, 1 or 2 on triangles.
+
+    Their nodes are the Gauss-Lobatto points of each cell, which its bilinear map places.
+    """
     _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -68,6 +91,7 @@ class LeastError:
         for name, known in (("norm", NORMS), ("cells", CELLS)):
             if getattr(self, name) not in known:
                 raise InputError(f"{name} = {getattr(self, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
+        require_degree(self.degree, self.cells)
         if not isinstance(self.rectilinear, bool):
             raise InputError(f"rectilinear = {str(self.rectilinear)[:20]}: give True or False", field="rectilinear")
         for name in ("distortion", "smoothness"):
@@ -163,6 +187,11 @@ class Auto:
     """
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
+    degree: int = 1
+    """The degree of the elements that interpolate u, as of :class:`LeastError`.
+
+    For 2 and more the candidates are those of least error: metrics are made for degree 1.
+    """
     _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
     _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
 
@@ -172,6 +201,13 @@ class Auto:
         for name, known in (("norm", NORMS), ("cells", CELLS)):
             if getattr(self, name) not in known:
                 raise InputError(f"{name} = {getattr(self, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
+        require_degree(self.degree, self.cells)
+        if self.purpose is not None and self.degree > 1:
+            raise InputError(
+                f"degree = {self.degree}: a code with cell-centred unknowns has no elements; leave out the degree, or"
+                " what the mesh is for",
+                field="degree",
+            )
         if self.purpose not in (None, *PURPOSES):
             raise InputError(
                 f"purpose = {self.purpose!r}: choose {PURPOSES[0]!r}, or leave it out for a small interpolation error",
@@ -189,6 +225,7 @@ class Auto:
             smoothness=smoothness,
             cells=self.cells,
             orthogonality=self.orthogonality,
+            degree=self.degree,
         )
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:

@@ -16,6 +16,8 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
+from equimesh.quality.degrees import squared_errors_of_cells
+from equimesh.quality.elements import CellKind
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import error_rule, metric_rule
 from equimesh.quality.survey import Survey
@@ -72,6 +74,7 @@ def compare_with_uniform(
     domain: Domain = UNIT_SQUARE,
     uniform: Mesh | QuadMesh | None = None,
     kind: Literal["quad", "triangle"] = "quad",
+    degree: int = 1,
     interpolation: InterpolationErrors | None = None,
     threads: int = 1,
 ) -> UniformComparison:
@@ -80,8 +83,9 @@ def compare_with_uniform(
     A mesh of blocks is compared with ``uniform``, the mesh that it began with; for a grid it takes the place of the
     uniform mesh. Raises :class:`~equimesh.errors.InputError` for a mesh of blocks without it.
 
-    ``monitor`` must be bound to the domain. u is interpolated on cells of this ``kind``. ``interpolation`` are the
-    errors of the whole mesh, which :func:`~equimesh.quality.measures.measure` finds. ``threads`` share the cells.
+    ``monitor`` must be bound to the domain. u is interpolated on cells of this ``kind`` by elements of this
+    ``degree``. ``interpolation`` are the errors of the whole mesh, which
+    :func:`~equimesh.quality.measures.measure` finds. ``threads`` share the cells.
     """
     if uniform is None and isinstance(mesh, QuadMesh):
         raise InputError("a mesh of blocks has no uniform one: give the mesh that it began with", field="uniform")
@@ -89,35 +93,43 @@ def compare_with_uniform(
         assert isinstance(mesh, Mesh)
         uniform = map_mesh(Mesh.uniform(mesh.grid), domain)
     return UniformComparison(
-        adapted=_measured(mesh, monitor, kind, threads),
-        uniform=_measured(uniform, monitor, kind, threads),
+        adapted=_measured(mesh, monitor, (kind, degree), threads),
+        uniform=_measured(uniform, monitor, (kind, degree), threads),
         interpolation=interpolation,
     )
 
 
-def _measured(mesh: Mesh | QuadMesh, monitor: Monitor, kind: Literal["quad", "triangle"], threads: int) -> ComparedMesh:
+def _measured(mesh: Mesh | QuadMesh, monitor: Monitor, element: tuple[CellKind, int], threads: int) -> ComparedMesh:
     with np.errstate(all="ignore"):
         cells, u = cells_of(mesh), monitor.u
         nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]
         tally, rule = None, metric_rule(cells)
         is_inside = rule is not CellPoints.corners()
-        if u is not None and kind == "quad" and cells.all_valid:
+        if u is not None and element == ("quad", 1) and cells.all_valid:
             tally = ErrorTally.of(cells, u, error_rule(cells), nodal=nodal)
         survey = Survey.of(cells, monitor, rule, tally=tally if is_inside else None, threads=threads)
         if tally is not None and not is_inside:
             tally.add_all(threads)
         return ComparedMesh(
-            mesh=mesh, q_eq=survey.q_eq.reshape(mesh.cell_shape), u=nodal, error=_root_mean_squares(cells, u, tally)
+            mesh=mesh,
+            q_eq=survey.q_eq.reshape(mesh.cell_shape),
+            u=nodal,
+            error=_root_mean_squares(cells, u, element, tally),
         )
 
 
-def _root_mean_squares(cells: MeshCells, u: Field | None, tally: ErrorTally | None) -> Array | None:
-    """The error of every cell; ``tally`` has those at the inner points of its rule, ``None`` for triangles."""
+def _root_mean_squares(
+    cells: MeshCells, u: Field | None, element: tuple[CellKind, int], tally: ErrorTally | None
+) -> Array | None:
+    """The error of every cell; ``tally`` has those at the inner points of its rule for bilinear elements."""
     if u is None:
         return None
     if not cells.all_valid:
         return np.full(cells.own_shape, np.inf)
-    if tally is None:
+    kind, degree = element
+    if degree > 1:
+        squares = squared_errors_of_cells(cells, u, degree, kind)
+    elif tally is None:
         squares = squared_errors(cells, u)
     else:
         tally.add_edges()

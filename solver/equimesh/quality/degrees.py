@@ -8,16 +8,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from equimesh.fields.expression import Field
-from equimesh.numerics.types import Array, IntArray, Pair
+from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 from equimesh.quality.cells import Cells, ChosenCells, MeshCells
-from equimesh.quality.elements import Basis, CellKind, Element, basis, rule
-from equimesh.quality.interpolation import InterpolationErrors, gain_of, noise
-from equimesh.quality.resolution import scattered
+from equimesh.quality.elements import CORNERS, Basis, CellKind, Element, basis, finer_rule, lagrange, rule
+from equimesh.quality.interpolation import (
+    FOLDED,
+    NO_ERROR,
+    UNKNOWN,
+    Extremes,
+    InterpolationErrors,
+    LargestError,
+    Norms,
+    compared,
+    gain_of,
+    noise,
+    require_same_cells,
+    sample,
+)
+from equimesh.quality.resolution import resolved_integrals, scattered
 from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 from equimesh_schema.certificate import DegreeGain
 
@@ -36,28 +51,32 @@ def gains_by_degree(
 ) -> tuple[DegreeGain, ...]:
     """The errors of interpolation on the cells of an ``other`` mesh over those on ``cells``, for each degree.
 
-    Both meshes are valid and have the same number of cells; ``errors`` are those of degree 1. On more than 767 cells
-    the others are estimated from scattered cells, the same of both meshes: to some percent where u is smooth, to some
-    tens where a thin front meets few of them. A gain is 1 where both errors are rounding. It is NaN where ``errors``
-    say that a layer lies inside a cell.
+    Both meshes are valid and have the same number of cells; ``errors`` are those of one degree. On more than 767 cells
+    those of others are estimated from scattered cells, the same of both meshes: to some percent where u is smooth, to
+    some tens where a thin front meets few of them. A gain is 1 where both errors are rounding. It is NaN where
+    ``errors`` say that a layer lies inside a cell.
     """
-    degrees = tuple(degree for degree in DEGREES[kind] if degree != 1)
+    degrees = tuple(degree for degree in DEGREES[kind] if degree != errors.degree)
     chosen, one_of = ChosenCells.of(cells.rows), cells.count // MEASURED_CELLS
     if one_of > 1:
         chosen = ChosenCells.of(cells.rows, chosen.numbers[scattered(chosen.numbers, one_of)])
-    bases, element = [basis(kind, degree, GAUSS_POINTS) for degree in degrees], rule(kind, GAUSS_POINTS)
+    element = rule(kind, GAUSS_POINTS)
+    bases = [basis(kind, degree, element) for degree in degrees]
     with np.errstate(all="ignore"):
         found = [squared_errors(one, chosen, u, bases, element, kind) for one in (cells, other)]
         squares = chosen.total(np.concatenate(found).reshape(-1, chosen.numbers.size))
         here, there = np.sqrt(squares * cells.count / chosen.count()).reshape(2, len(degrees), 2)
-    rounding, gains = noise(cells, errors.size), [DegreeGain(degree=1, l2=errors.gain_l2, h1=errors.gain_h1)]
+    rounding, gains = (
+        noise(cells, errors.size),
+        [DegreeGain(degree=errors.degree, l2=errors.gain_l2, h1=errors.gain_h1)],
+    )
     for degree, mine, others in zip(degrees, here, there, strict=True):
         pair = [
             gain_of(float(its), float(own), part) if known else math.nan
             for its, own, part, known in zip(others, mine, rounding, errors.resolved, strict=True)
         ]
         gains.append(DegreeGain(degree=degree, l2=pair[0], h1=pair[1]))
-    return tuple(gains)
+    return tuple(sorted(gains, key=lambda one: one.degree))
 
 
 def squared_errors(
@@ -66,41 +85,73 @@ def squared_errors(
     """The integrals of the squared errors of u and of its gradient over the ``chosen`` cells.
 
     They are those of the interpolants with each of the ``bases``, by the rule of ``element``: an array of the shape
-    ``(bases, 2, cells)``. u is evaluated at all points and nodes of a block of cells at once. Blocks, and
-    with them the last digits, are the same for any number of holders.
+    ``(bases, 2, cells)``. Blocks, and with them the last digits, are the same for any number of holders.
     """
-    places = np.concatenate([element.shape, *(one.places for one in bases)])
     result = np.empty((len(bases), 2, chosen.numbers.size))
-    for block in _blocks(chosen):
-        x, y = corners_of(cells, chosen.numbers[block], kind)
-        u_everywhere, u_x, u_y = u.evaluate(places @ x, places @ y, order=1)
-        for k, squares in enumerate(_squares(element, bases, (x, y), u_everywhere, (u_x, u_y))):
-            result[k, :, block] = squares.reshape(2, block.stop - block.start, -1).sum(axis=-1)
+    for block, found in _samples(cells, chosen, u, bases, element, kind):
+        for k, errors in enumerate(found.errors()):
+            result[k, :, block] = errors.squares().reshape(2, block.stop - block.start, -1).sum(axis=-1)
     return result
 
 
-def _blocks(chosen: ChosenCells) -> Iterator[slice]:
+class _Errors(NamedTuple):
+    """The errors of an interpolant and of its gradient at the points of a rule, and the shares of the points."""
+
+    shares: Array
+    value: Array
+    along_x: Array
+    along_y: Array
+
+    def squares(self) -> Array:
+        """The integrals of the squares over each element, of the shape ``(2, elements)``."""
+        slopes = self.along_x**2 + self.along_y**2
+        return np.stack([(self.shares * self.value**2).sum(axis=0), (self.shares * slopes).sum(axis=0)])
+
+
+class _Sample(NamedTuple):
+    """u with its gradient in some elements: at the points of a rule, and after them at the nodes of some bases."""
+
+    element: Element
+    bases: Sequence[Basis]
+    corners: Pair
+    u: Array
+    slopes: Pair
+
+    @classmethod
+    def of(cls, u: Field, element: Element, bases: Sequence[Basis], corners: Pair) -> _Sample:
+        """u at all points and nodes, evaluated at once."""
+        places = np.concatenate([element.shape, *(one.places for one in bases)])
+        values, u_x, u_y = u.evaluate(places @ corners[0], places @ corners[1], order=1)
+        return cls(element, bases, corners, values, (u_x, u_y))
+
+    def errors(self) -> Iterator[_Errors]:
+        """The errors for each basis."""
+        element, (x, y), count = self.element, self.corners, self.element.weights.size
+        x_s, y_s, x_t, y_t = element.along_s @ x, element.along_s @ y, element.along_t @ x, element.along_t @ y
+        det = x_s * y_t - x_t * y_s
+        shares, first = element.weights[:, None] * det, count
+        for one in self.bases:
+            nodal = self.u[first : first + len(one.places)]
+            first += len(one.places)
+            v_s, v_t = one.along_s.T @ nodal, one.along_t.T @ nodal
+            along_x = (v_s * y_t - v_t * y_s) / det - self.slopes[0][:count]
+            along_y = (v_t * x_s - v_s * x_t) / det - self.slopes[1][:count]
+            yield _Errors(shares, one.value.T @ nodal - self.u[:count], along_x, along_y)
+
+
+def _samples(
+    cells: Cells, chosen: ChosenCells, u: Field, bases: Sequence[Basis], element: Element, kind: CellKind
+) -> Iterator[tuple[slice, _Sample]]:
+    """u in the chosen cells, block by block."""
+    cuts: Mapping[int, int] = {}
+    if kind == "triangle" and isinstance(cells, MeshCells) and chosen.numbers.size == cells.own.stop - cells.own.start:
+        cuts = cells.cuts
     for start, end in pairwise(map(int, chosen.ends)):
         for first in range(start, end, BLOCK_CELLS):
-            yield slice(first, min(first + BLOCK_CELLS, end))
-
-
-def _squares(element: Element, bases: Sequence[Basis], corners: Pair, values: Array, slopes: Pair) -> Iterator[Array]:
-    """The integrals for each basis over each element, of the shape ``(2, elements)``.
-
-    ``values`` and ``slopes`` are those of u: at the points of the rule, and after them at the nodes of each basis.
-    """
-    (x, y), count = corners, element.weights.size
-    x_s, y_s, x_t, y_t = element.along_s @ x, element.along_s @ y, element.along_t @ x, element.along_t @ y
-    det = x_s * y_t - x_t * y_s
-    shares, first = element.weights[:, None] * det, count
-    for one in bases:
-        nodal = values[first : first + len(one.places)]
-        first += len(one.places)
-        error, v_s, v_t = one.value @ nodal - values[:count], one.along_s @ nodal, one.along_t @ nodal
-        error_x = (v_s * y_t - v_t * y_s) / det - slopes[0][:count]
-        error_y = (v_t * x_s - v_s * x_t) / det - slopes[1][:count]
-        yield np.stack([(shares * error**2).sum(axis=0), (shares * (error_x**2 + error_y**2)).sum(axis=0)])
+            block = slice(first, min(first + BLOCK_CELLS, end))
+            through = {cell - first: cut for cell, cut in cuts.items() if first <= cell < block.stop}
+            corners = corners_of(cells, chosen.numbers[block], kind, through)
+            yield block, _Sample.of(u, element, bases, corners)
 
 
 def corners_of(cells: Cells, numbers: IntArray, kind: CellKind = "quad", through: Mapping[int, int] = ANYWHERE) -> Pair:
@@ -114,3 +165,143 @@ def corners_of(cells: Cells, numbers: IntArray, kind: CellKind = "quad", through
     cuts = CUTS[better_cuts(corners.transpose(2, 1, 0), through)].reshape(-1, 3)
     triangles = corners[:, cuts.T, np.repeat(np.arange(numbers.size), 2)]
     return triangles[0], triangles[1]
+
+
+# The errors of the interpolant of one degree on a whole mesh, by two rules, and by parts of cells where these differ.
+
+QUARTERS: Mapping[CellKind, Array] = {
+    "quad": np.array(
+        [
+            [[4, 0, 0, 0], [2, 2, 0, 0], [1, 1, 1, 1], [2, 0, 0, 2]],
+            [[2, 2, 0, 0], [0, 4, 0, 0], [0, 2, 2, 0], [1, 1, 1, 1]],
+            [[1, 1, 1, 1], [0, 2, 2, 0], [0, 0, 4, 0], [0, 0, 2, 2]],
+            [[2, 0, 0, 2], [1, 1, 1, 1], [0, 0, 2, 2], [0, 0, 0, 4]],
+        ]
+    )
+    / 4.0,
+    "triangle": np.array(
+        [
+            [[2, 0, 0], [1, 1, 0], [1, 0, 1]],
+            [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
+            [[1, 0, 1], [0, 1, 1], [0, 0, 2]],
+            [[0, 1, 1], [1, 0, 1], [1, 1, 0]],
+        ]
+    )
+    / 2.0,
+}
+"""The corners of the four parts of an element, as means of its own corners."""
+
+
+def degree_errors(
+    cells: MeshCells, uniform: Cells | None, u: Field, degree: int, kind: CellKind = "quad"
+) -> InterpolationErrors:
+    """The errors of the interpolant of a ``degree`` on two meshes of one size; without ``uniform`` NaN on that.
+
+    Of many cells they are those of a sample, as of degree 1. Raises :class:`~equimesh.errors.InputError` for meshes of
+    blocks with other cells.
+    """
+    require_same_cells(cells, uniform)
+    with np.errstate(all="ignore"):
+        here = _norms(cells, u, degree, kind)
+        there = UNKNOWN if uniform is None else _norms(uniform, u, degree, kind)
+        return replace(compared(cells, here, there), degree=degree)
+
+
+def squared_errors_of_cells(cells: MeshCells, u: Field, degree: int, kind: CellKind = "quad") -> Array:
+    """The integral of the squared error of the interpolant of a ``degree`` over every own cell."""
+    element = rule(kind, degree + 2)
+    with np.errstate(all="ignore"):
+        found = squared_errors(cells, ChosenCells.of(cells.rows), u, [basis(kind, degree, element)], element, kind)
+        return np.asarray(found[0, 0])
+
+
+def _norms(cells: Cells, u: Field, degree: int, kind: CellKind) -> Norms:
+    if not cells.all_valid:
+        return FOLDED
+    chosen, per_cell = ChosenCells.of(cells.rows, sample(cells.rows)), 1 if kind == "quad" else 2
+    element, count = rule(kind, degree + 2), chosen.numbers.size * per_cell
+    one = basis(kind, degree, element)
+    sums, corners, values = (
+        np.empty((2, count)),
+        np.empty((2, one.places.shape[1], count)),
+        np.empty((len(one.places), count)),
+    )
+    peak, ends = NO_ERROR, (math.inf, -math.inf)
+    for block, found in _samples(cells, chosen, u, [one], element, kind):
+        where = slice(per_cell * block.start, per_cell * block.stop)
+        (errors,) = found.errors()
+        sums[:, where], corners[:, :, where] = errors.squares(), np.stack(found.corners)
+        values[:, where] = found.u[len(element.weights) :]
+        ends = min(ends[0], float(found.u.min())), max(ends[1], float(found.u.max()))
+        sizes = np.abs(errors.value)
+        if float(sizes.max()) > peak.value:
+            worst = int(sizes.max(axis=0).argmax())
+            peak = LargestError(float(sizes.max()), *(float(q[:, worst].mean()) for q in found.corners))
+    extremes = Extremes.of(cells.rows, values, ends, peak)
+    allowed = noise(cells, extremes.size)
+    squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
+    whole = _Pieces(kind, degree, corners, values)
+    resolved = resolved_integrals(whole.some, chosen.repeated(per_cell), sums, u, squares)
+    l2, h1 = (math.sqrt(square * per_cell * cells.count / resolved.cells) for square in resolved.squares)
+    return Norms(l2, h1, extremes.size, resolved.resolved, extremes.variation, extremes.peak)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Parts of elements, on which the error of the interpolant of the whole element is integrated.
+
+    ``corners`` of shape ``(2, corners, n)`` are those of the whole element, ``values`` of shape ``(nodes, n)`` are u at
+    its nodes, and ``part`` has the corners of the part in reference coordinates; ``None`` for the whole.
+    """
+
+    kind: CellKind
+    degree: int
+    corners: Array
+    values: Array
+    part: Array | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of parts."""
+        return int(self.values.shape[1])
+
+    def some(self, chosen: IntArray | BoolArray) -> _Pieces:
+        """The chosen parts."""
+        part = None if self.part is None else self.part[:, :, chosen]
+        return replace(self, corners=self.corners[:, :, chosen], values=self.values[:, chosen], part=part)
+
+    def quarters(self) -> _Pieces:
+        """Four parts of every part; ``q`` of part ``k`` has the number ``q * count + k``."""
+        part = self._parts()
+        quarters = np.concatenate([np.einsum("ck,dkn->dcn", one, part) for one in QUARTERS[self.kind]], axis=2)
+        return replace(self, corners=np.tile(self.corners, 4), values=np.tile(self.values, 4), part=quarters)
+
+    def errors(self, u: Field) -> Array:
+        """The integrals of both squared errors, of shape ``(3, n)``; the third row, of missed gradients, is 0."""
+        result = np.zeros((3, self.count))
+        for first in range(0, self.count, BLOCK_CELLS):
+            block = slice(first, first + BLOCK_CELLS)
+            result[:2, block] = self._squares(u, block)
+        return result
+
+    def _parts(self) -> Array:
+        if self.part is not None:
+            return self.part
+        whole = CORNERS[self.kind]
+        return np.broadcast_to(whole[:, :, None], (*whole.shape, self.count))
+
+    def _squares(self, u: Field, block: slice) -> Array:
+        part, (x, y), values = self._parts()[:, :, block], self.corners[:, :, block], self.values[:, block]
+        element = finer_rule(self.kind, self.degree + 3)
+        s, t = element.shape @ part[0], element.shape @ part[1]
+        first, second = element.along_s @ part, element.along_t @ part
+        inside = first[0] * second[1] - first[1] * second[0]
+        shape, along_s, along_t = lagrange(self.kind, 1, s, t)
+        at_x, at_y, x_s, y_s, x_t, y_t = (
+            np.einsum("kqn,kn->qn", functions, q) for functions in (shape, along_s, along_t) for q in (x, y)
+        )
+        det = x_s * y_t - x_t * y_s
+        there, u_x, u_y = u.evaluate(at_x, at_y, order=1)
+        value, v_s, v_t = (np.einsum("jqn,jn->qn", one, values) for one in lagrange(self.kind, self.degree, s, t))
+        along_x, along_y = (v_s * y_t - v_t * y_s) / det - u_x, (v_t * x_s - v_s * x_t) / det - u_y
+        return _Errors(element.weights[:, None] * inside * det, value - there, along_x, along_y).squares()

@@ -6,18 +6,16 @@ the corners (0, 0), (1, 0), (0, 1).
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Mapping
+from functools import cache, lru_cache
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import CellPoints
 
 CellKind: TypeAlias = Literal["quad", "triangle"]
-MAX_DEGREES = {"quad": 4, "triangle": 2}
-"""The largest degree of an element on each kind of cell."""
-
 TRIANGLE_RULE = (
     (0.445948490915964886, 0.223381589678011466),
     (0.091576213509770743, 0.109951743655321868),
@@ -34,6 +32,13 @@ FINER_TRIANGLE_RULE = (
 """Two orbits of the rule of degree 6 with twelve points, from the same source."""
 UNEVEN_ORBIT = ((0.053145049844816947, 0.310352451033784405), 0.082851075618373575)
 """Its third orbit: two barycentric coordinates of six points, and the weight."""
+
+
+CORNERS: Mapping[CellKind, Array] = {
+    "quad": np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]]),
+    "triangle": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+}
+"""s and t of the corners of the reference elements."""
 
 
 class Element(NamedTuple):
@@ -85,9 +90,9 @@ def triangle(*, finer: bool = False) -> Element:
 class Basis(NamedTuple):
     """A Lagrange basis at the points of a rule, and the places of its nodes.
 
-    ``places`` of shape ``(nodes, corners)`` are the shape functions of the corners at the nodes: they map the nodes
-    with the cell. ``value``, ``along_s`` and ``along_t`` are the functions of the basis and their derivatives, of
-    shape ``(points, nodes)``.
+    The first nodes are the corners. ``places`` of shape ``(nodes, corners)`` are the shape functions of the corners at
+    the nodes: they map the nodes with the cell. ``value``, ``along_s`` and ``along_t`` are the functions of the basis
+    and their derivatives, of shape ``(nodes, points)``.
     """
 
     places: Array
@@ -96,22 +101,41 @@ class Basis(NamedTuple):
     along_t: Array
 
 
-@cache
-def basis(cells: CellKind, degree: int, points: int) -> Basis:
-    """The basis of a ``degree`` at the points of :func:`rule`.
+def basis(cells: CellKind, degree: int, element: Element) -> Basis:
+    """The basis of a ``degree`` at the points of the rule of ``element``.
 
     Its nodes are the Gauss-Lobatto points of both directions on quadrilaterals; the corners, and the middles of the
     edges for degree 2, on triangles.
     """
-    element, (s, t) = rule(cells, points), nodes_of(cells, degree)
-    corners = np.array([[0, 1, 1, 0], [0, 0, 1, 1.0]] if cells == "quad" else [[0, 1, 0], [0, 0, 1.0]])
-    found = lagrange(cells, degree, *(corners @ element.shape.T))
-    return Basis(shapes_at(cells, s, t).T.copy(), *(np.ascontiguousarray(part.T) for part in found))
+    return _basis(cells, degree, element.shape.tobytes())
+
+
+@lru_cache(maxsize=32)
+def _basis(cells: CellKind, degree: int, shape: bytes) -> Basis:
+    corners = CORNERS[cells]
+    points = np.frombuffer(shape).reshape(-1, corners.shape[1])
+    places = shapes_at(cells, *nodes_of(cells, degree)).T.copy()
+    return Basis(places, *lagrange(cells, degree, *(corners @ points.T)))
 
 
 def rule(cells: CellKind, points: int) -> Element:
     """The element with the Gauss rule of so many ``points`` a direction; on triangles, that of about as many."""
     return quadrilateral(points) if cells == "quad" else triangle(finer=points > 3)
+
+
+@cache
+def finer_rule(cells: CellKind, points: int) -> Element:
+    """A rule to check others: on triangles the Gauss rule of the square, two corners of which are at one point."""
+    element = quadrilateral(points)
+    if cells == "quad":
+        return element
+    s, t, weights = CellPoints.gauss(points)
+    return Element(
+        shape=np.stack([(1 - s) * (1 - t), s * (1 - t), t], axis=1),
+        along_s=np.tile([-1.0, 1.0, 0.0], (s.size, 1)),
+        along_t=np.tile([-1.0, 0.0, 1.0], (s.size, 1)),
+        weights=weights * (1 - t),
+    )
 
 
 def shapes_at(cells: CellKind, s: Array, t: Array) -> Array:
@@ -123,12 +147,21 @@ def shapes_at(cells: CellKind, s: Array, t: Array) -> Array:
 
 @cache
 def nodes_of(cells: CellKind, degree: int) -> tuple[Array, Array]:
-    """s and t of the nodes of the basis."""
+    """s and t of the nodes of the basis, those of the corners first."""
     if cells == "triangle":
         count = 3 if degree == 1 else 6
         return np.array([0, 1, 0, 0.5, 0.5, 0])[:count], np.array([0, 0, 1, 0, 0.5, 0.5])[:count]
     s, t = np.meshgrid(lobatto(degree), lobatto(degree), indexing="ij")
-    return s.ravel(), t.ravel()
+    order = _corners_first(degree)
+    return s.ravel()[order], t.ravel()[order]
+
+
+@cache
+def _corners_first(degree: int) -> IntArray:
+    """The numbers of all nodes of a quadrilateral, in rows along t: first the corners, counter-clockwise."""
+    numbers = np.arange((degree + 1) ** 2)
+    corners = np.array([0, degree * (degree + 1), (degree + 1) ** 2 - 1, degree])
+    return np.concatenate([corners, np.setdiff1d(numbers, corners)])
 
 
 @cache
@@ -143,7 +176,8 @@ def lagrange(cells: CellKind, degree: int, s: Array, t: Array) -> tuple[Array, A
     if cells == "quad":
         (a, da), (b, db) = _along(degree, s), _along(degree, t)
         pairs = ((a, b), (da, b), (a, db))
-        one, two, three = (np.reshape(p[:, None] * q[None, :], (-1, *s.shape)) for p, q in pairs)
+        order = _corners_first(degree)
+        one, two, three = (np.reshape(p[:, None] * q[None, :], (-1, *s.shape))[order] for p, q in pairs)
         return one, two, three
     corners = shapes_at(cells, s, t)
     slopes = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])

@@ -71,6 +71,8 @@ class InterpolationErrors:
     size: float = math.nan
     variation: float = math.nan
     largest: LargestError | None = None
+    degree: int = 1
+    """The degree of the interpolant: of degree p it has its nodes at the Gauss-Lobatto points of each cell."""
 
     @property
     def gain_l2(self) -> float:

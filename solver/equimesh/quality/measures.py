@@ -38,6 +38,7 @@ from equimesh.quality.cells import (
     UniformCells,
     cells_of,
 )
+from equimesh.quality.degrees import degree_errors
 from equimesh.quality.interpolation import (
     UNKNOWN,
     InterpolationErrors,
@@ -174,26 +175,30 @@ def measure_all(
     domain: Domain = UNIT_SQUARE,
     gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
+    degree: int = 1,
     nodal: Array | None = None,
     threads: int = 1,
 ) -> Quality:
     """As :func:`measure`, in ``threads`` if there are many cells.
 
-    u is interpolated on cells of this ``kind``; ``nodal`` is u at the nodes where that is known. Without ``uniform``
-    the errors are compared with those on the uniform mesh of ``domain``, which must be valid.
+    u is interpolated on cells of this ``kind`` by elements of this ``degree``; ``nodal`` is u at the nodes where that
+    is known. Without ``uniform`` the errors are compared with those on the uniform mesh of ``domain``, which must be
+    valid.
     """
     with np.errstate(all="ignore"):
         cells, u, tally = cells_of(mesh, closed_of(domain)), monitor.u, None
         rule = metric_rule(cells, gauss)
         numbers = sample(cells.rows) if gauss is None else None
         is_inside = rule is not CellPoints.corners()
-        if u is not None and kind == "quad" and cells.all_valid and numbers is None and is_inside:
+        if u is not None and (kind, degree) == ("quad", 1) and cells.all_valid and numbers is None and is_inside:
             tally = ErrorTally.of(cells, u, error_rule(cells, gauss), nodal=nodal)
         survey = Survey.of(cells, monitor, rule, tally=tally, threads=threads)
         if nodal is None:
             nodal = survey.nodal if tally is None else tally.nodal
         if u is None:
             errors = None
+        elif degree > 1:
+            errors = degree_errors(cells, _uniform_cells(cells, uniform, domain, numbers), u, degree, kind)
         elif kind == "triangle":
             errors = _triangle_errors(cells, u, uniform, domain)
         else:
@@ -347,19 +352,23 @@ def measure_interpolation(
     uniform: Mesh | QuadMesh | None = None,
     gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
+    degree: int = 1,
     threads: int = 1,
 ) -> InterpolationErrors | None:
     """The errors of interpolating u, ``None`` where there is no u; the arguments are as in :func:`measure`.
 
-    With ``kind = "triangle"`` it is interpolated linearly on triangles. ``threads`` share the work if cells are many.
+    With ``kind = "triangle"`` it is interpolated on triangles, by elements of this ``degree``.
+    ``threads`` share the work if cells are many.
     """
     if u is None:
         return None
-    if kind == "triangle":
+    if kind == "triangle" and degree == 1:
         return triangle_errors(mesh, u, uniform)
     cells = cells_of(mesh)
     numbers = sample(cells.rows) if gauss is None else None
     with np.errstate(all="ignore"):
+        if degree > 1:
+            return degree_errors(cells, _uniform_cells(cells, uniform, UNIT_SQUARE, numbers), u, degree, kind)
         plain = _uniform_cells(cells, uniform, UNIT_SQUARE, numbers)
         return errors_of(cells, plain, u, error_rule(cells, gauss), numbers, threads=threads)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 
@@ -246,6 +247,22 @@ MAX_PIECES = 20_000
 """Pieces that are measured in addition."""
 
 
+class Parts(Protocol):
+    """Cells, or parts of them, on which an interpolation error is integrated, as :class:`Pieces` are."""
+
+    def some(self, chosen: IntArray | BoolArray) -> Parts:
+        """The chosen ones."""
+        ...
+
+    def quarters(self) -> Parts:
+        """Four parts of every one; part ``q`` of number ``k`` has the number ``q * count + k``."""
+        ...
+
+    def errors(self, u: Field) -> Array:
+        """The integrals over every one, of shape ``(3, n)``."""
+        ...
+
+
 @dataclass(frozen=True)
 class Integrals:
     """Integrals of the squared errors of u (first) and of its gradient (second), and whether they are ``resolved``.
@@ -259,7 +276,7 @@ class Integrals:
 
 
 def resolved_integrals(
-    pieces: Callable[[IntArray], Pieces],
+    pieces: Callable[[IntArray], Parts],
     cells: ChosenCells,
     first: Array,
     u: Field,
@@ -290,7 +307,7 @@ def resolved_integrals(
 
 
 def _agree(
-    pieces: Callable[[IntArray], Pieces],
+    pieces: Callable[[IntArray], Parts],
     cells: ChosenCells,
     first: Array,
     u: Field,
@@ -364,7 +381,7 @@ class _Refinement:
     noise: Array
     rows: Rows
 
-    def of(self, pieces: Pieces, first: Array, count: int) -> Integrals:
+    def of(self, pieces: Parts, first: Array, count: int) -> Integrals:
         """The integrals from pieces that are divided where the last division has changed the result most.
 
         The pieces are cells at first, ``count`` of them in the whole mesh.

@@ -24,7 +24,7 @@ from equimesh.single_domain.iteration import single_domain_steps
 from equimesh.single_domain.level import Mode
 from equimesh.solving.least_error import LEAST_ERROR_SETTINGS, end_of
 from equimesh.solving.orthogonality import bounded, is_within
-from equimesh.solving.solution import Solution
+from equimesh.solving.solution import Solution, degree_of
 from equimesh.solving.status import DescentProgress, SolveOptions, Status
 from equimesh_schema import Candidate
 
@@ -93,6 +93,8 @@ def choose_monitor(problem: Problem, options: SolveOptions, *, metrics_only: boo
         raise TypeError("only an Auto monitor is chosen")
     level = coarse_level(nested_levels(problem.grid))
     coarse, metrics = replace(problem, grid=level.grid), list(_metrics(auto))
+    if auto.degree > 1:  # metrics follow the second derivatives of u
+        metrics = []
     weights = [] if metrics_only else list(LEAST_ERROR_SETTINGS)
     parts = _parts(options, [DESCENT_WORK] * len(weights) + [1.0] * len(metrics))
     tried = [_descended(problem, auto, level, pair, next(parts)) for pair in weights]
@@ -120,7 +122,8 @@ def _descended(
     problem: Problem, auto: Auto, level: GridLevel, weights: tuple[float, float], options: SolveOptions
 ) -> CoarseCandidate:
     """The candidate that minimises the error."""
-    settings = {"norm": auto.norm, "distortion": weights[0], "smoothness": weights[1]}
+    settings: dict[str, Any] = {"norm": auto.norm, "distortion": weights[0], "smoothness": weights[1]}
+    settings |= {"degree": auto.degree} if auto.degree > 1 else {}
     monitor = auto.least_error(*weights).on(problem.domain)
     solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
     levels = nested_levels(problem.grid)[: level.number + 1]
@@ -147,7 +150,8 @@ def _equidistributed(
 def _errors(coarse: Problem, reference: Mesh) -> InterpolationErrors | None:
     """The interpolation errors of a mesh of the reference square; ``None`` for one that folds on the domain."""
     mesh, uniform = (map_mesh(one, coarse.domain) for one in (reference, Mesh.uniform(coarse.grid)))
-    return None if mesh.is_folded else measure_interpolation(mesh, coarse.monitor.u, uniform=uniform)
+    u, degree = coarse.monitor.u, degree_of(coarse.monitor)
+    return None if mesh.is_folded else measure_interpolation(mesh, u, uniform=uniform, degree=degree)
 
 
 # The choice of a mesh for codes with cell-centred unknowns, by the error of such a code on the candidates.

@@ -90,13 +90,22 @@ class Certificate(equimesh_schema.Certificate):
     """Whether the gains of interpolation are known: two rules of quadrature agree, or there is no u."""
     interpolation_gain: InterpolationGain | None = field(default=None, init=False, repr=False)
     """The gains of ``interpolation``."""
+    degree: int = field(default=1, init=False, repr=False)
+    """The degree of the elements of ``interpolation``."""
 
     def __post_init__(self) -> None:
         faces, errors = self.faces, self.interpolation
         angles = FaceAngles(max=faces.non_orthogonality, mean=faces.mean_non_orthogonality)
         gain = None if errors is None else InterpolationGain(l2=errors.gain_l2, h1=errors.gain_h1)
         resolved = errors is None or all(errors.resolved)
-        derived = {"angles": angles, "skewness": faces.skewness, "resolved": resolved, "interpolation_gain": gain}
+        degree = 1 if errors is None else errors.degree
+        derived = {
+            "degree": degree,
+            "angles": angles,
+            "skewness": faces.skewness,
+            "resolved": resolved,
+            "interpolation_gain": gain,
+        }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
 
@@ -165,7 +174,7 @@ def warnings(
         yield from _about_structure(problem, meshes, errors)
         yield from about_cut_off(measure_cut_off(problem.domain, meshes[1]))
     yield from _about_gains(errors)
-    yield from about_degrees(gains)
+    yield from about_degrees(gains, errors)
 
 
 def about_cut_off(cut: CutOff) -> Iterator[str]:
@@ -195,7 +204,7 @@ def block_warnings(
     yield from _about_thin_cells(mesh.min_jacobian)
     yield from _about_large_errors(errors)
     yield from _about_gains(errors, "initial")
-    yield from about_degrees(gains, "initial")
+    yield from about_degrees(gains, errors, "initial")
     yield from about_faces(faces)
 
 
@@ -316,16 +325,19 @@ def _about_gains(errors: InterpolationErrors, other: str = "uniform") -> Iterato
         )
 
 
-def about_degrees(gains: Sequence[DegreeGain], other: str = "uniform") -> Iterator[str]:
-    """A warning where elements of degree 2 or 3 lose against the ``other`` mesh, unless degree 1 loses, too."""
-    if any(one.degree == 1 and one.l2 < MIN_GAIN for one in gains):
+def about_degrees(gains: Sequence[DegreeGain], errors: InterpolationErrors, other: str = "uniform") -> Iterator[str]:
+    """A warning where elements of other degrees than that of the ``errors`` lose against the ``other`` mesh.
+
+    There is none where those of that degree lose, too.
+    """
+    if errors.gain_l2 < MIN_GAIN:
         return
-    worse = [one for one in gains if one.degree > 1 and 0.0 < one.l2 < MIN_ESTIMATED_GAIN]
+    worse = [one for one in gains if one.degree != errors.degree and 0.0 < one.l2 < MIN_ESTIMATED_GAIN]
     if worse:
-        losses = " and ".join(f"{1 / one.l2:.2g} times larger for {ELEMENTS[one.degree]} ones" for one in worse)
+        losses = [f"for {ELEMENTS[one.degree]} elements about {1 / one.l2:.2g} times" for one in worse]
         yield (
-            f"The mesh is one for bilinear elements: the L2 error of interpolation is about {losses} than on the"
-            f" {other} mesh. Take the {other} mesh for them."
+            f"On this mesh the L2 error of interpolation is larger than on the {other} one {' and '.join(losses)}."
+            " If your elements are such, make the mesh for them: take least_error or auto with their degree."
         )
 
 

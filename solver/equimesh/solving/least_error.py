@@ -207,9 +207,10 @@ class WeightsCandidate:
         """The entry of the certificate."""
         monitor = self.solve.monitor
         gain = first_error / self.error if self.error > 0.0 else math.nan
+        settings = {"norm": monitor.norm, "distortion": monitor.distortion, "smoothness": monitor.smoothness}
         return Candidate(
             kind="least_error",
-            settings={"norm": monitor.norm, "distortion": monitor.distortion, "smoothness": monitor.smoothness},
+            settings=settings if monitor.degree == 1 else {**settings, "degree": monitor.degree},
             gain_l2=gain if monitor.norm == "l2" else math.nan,
             gain_h1=gain if monitor.norm == "h1" else math.nan,
             chosen=chosen,

@@ -20,7 +20,7 @@ from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.mesh_data import MeshData, joined
 from equimesh.meshes.nested import tied_nodes
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.least_error import LeastError, NodalSolution
+from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import Angles, UniformCells, cells_of, measure_angles
@@ -69,6 +69,11 @@ def interpolated_cells(monitor: Monitor) -> Literal["quad", "triangle"]:
     return monitor.cells if isinstance(monitor, LeastError) else "quad"
 
 
+def degree_of(monitor: Monitor) -> int:
+    """The degree of the elements by which u is interpolated: that of a least-error monitor, else 1."""
+    return monitor.degree if isinstance(monitor, Auto | LeastError) else 1
+
+
 def _unknown() -> Array | None:
     return None
 
@@ -90,14 +95,26 @@ class MeasuredMesh:
         """All quality measures; ``nodal`` is u at the nodes where that is known."""
         monitor, domain = self.problem.monitor, self.problem.domain
         return measure_all(
-            self.mesh, monitor, domain=domain, kind=interpolated_cells(monitor), nodal=nodal, threads=self.threads
+            self.mesh,
+            monitor,
+            domain=domain,
+            kind=interpolated_cells(monitor),
+            degree=degree_of(monitor),
+            nodal=nodal,
+            threads=self.threads,
         )
 
     def against_uniform(self, mesh: Mesh, errors: InterpolationErrors | None) -> UniformComparison:
         """The whole ``mesh``, of these ``errors``, next to the uniform mesh of its size."""
         monitor, domain = self.problem.monitor, self.problem.domain
         return compare_with_uniform(
-            mesh, monitor, domain=domain, kind=interpolated_cells(monitor), interpolation=errors, threads=self.threads
+            mesh,
+            monitor,
+            domain=domain,
+            kind=interpolated_cells(monitor),
+            degree=degree_of(monitor),
+            interpolation=errors,
+            threads=self.threads,
         )
 
     def faces(self) -> Faces:
@@ -166,6 +183,7 @@ class MeasuredBlocks:
             monitor,
             uniform=initial,
             kind=interpolated_cells(monitor),
+            degree=degree_of(monitor),
             interpolation=errors,
             threads=self.threads,
         )
@@ -291,6 +309,7 @@ class Solution(Generic[D, M]):
             monitor.u,
             uniform=self.problem.initial,
             kind=interpolated_cells(monitor),
+            degree=degree_of(monitor),
             threads=self.threads,
         )
 
@@ -299,10 +318,11 @@ class Solution(Generic[D, M]):
         """How many times smaller the error of a solver is than on the uniform or initial mesh; ``None`` without a u.
 
         Of the Ritz projection of u, see :func:`~equimesh.quality.ritz.solver_gain`. NaN where :attr:`interpolation` is
-        not resolved, since a layer of u that lies inside a cell is seen by no solver.
+        not resolved, since a layer of u that lies inside a cell is seen by no solver. ``None`` for elements of degree 2
+        and more, too: the solver has bilinear ones.
         """
         errors = self.interpolation
-        if errors is None or self.problem.monitor.u is None:
+        if errors is None or self.problem.monitor.u is None or errors.degree > 1:
             return None
         triangles = interpolated_cells(self.problem.monitor) == "triangle"
         found = solver_gain(self.mesh, self.initial, self.problem.monitor.u, ties=self.ties, triangles=triangles)

@@ -39,7 +39,7 @@ from equimesh.solving.single_domain import (
     solution_lost_in_rounding,
     solve_single_domain,
 )
-from equimesh.solving.solution import AnySolution, OnBlocks, Solution, SolveError
+from equimesh.solving.solution import AnySolution, OnBlocks, Solution, SolveError, degree_of
 from equimesh.solving.status import Announcer, Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.sweeps.deviation import deviation
 
@@ -53,6 +53,11 @@ NO_STRAIGHT_LINES = (
 """The reason why straight lines with Schwarz settings are refused."""
 NO_ROUNDS = "values of a solver are adapted to on the whole mesh: leave the Schwarz settings out, or take LeastError"
 """The reason why subdomains are refused for values of a solver."""
+NO_DEGREE = (
+    "with auto, subdomains equidistribute a metric, which is made for elements of degree 1: leave the Schwarz settings"
+    " or the degree out, or take least_error, whose subdomains descend on the error"
+)
+"""The reason why a degree of auto with Schwarz settings is refused."""
 
 AnyStart: TypeAlias = Initial | Mesh | QuadMesh
 """The start of a solve: a word, or a mesh of the reference square or of the blocks."""
@@ -151,6 +156,8 @@ class Equidistribute:
         """Refuse a monitor or a domain that subdomains cannot solve, and a grid that is too fine for its start."""
         if self.schwarz is not None:
             self.schwarz.require_equations()
+            if degree_of(problem.monitor) > 1:
+                raise InputError(NO_DEGREE, field="monitor.degree")
         closed = is_closed(problem.domain)
         if initial is Initial.UNIFORM and not closed and problem.grid.points > MAX_FACTORISED_POINTS:
             raise InputError(

@@ -16,7 +16,7 @@ from equimesh.errors import InputError
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.monitor import Monitor
-from equimesh.solving.solution import Solution
+from equimesh.solving.solution import Solution, degree_of
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Announcer, SolveArguments
 from equimesh_schema import Aim
@@ -27,8 +27,8 @@ MIN_CELLS = 4
 """Cells, at least, in each direction of a grid."""
 MAX_POINTS = 1025 * 1025
 """Points, at most, of the grid, where no other limit is given."""
-ORDERS = {"l2": 2.0, "h1": 1.0}
-"""The power of the spacing to which the error falls in each norm."""
+ORDERS = {"l2": 1.0, "h1": 0.0}
+"""How many more than the degree of the elements is the power of the spacing to which the error falls in each norm."""
 MARGINS = (1.02, 1.05, 1.12)
 """The requested error over the error that is aimed at: of the prediction, and of each correction."""
 LOOSE_SHARE = 0.8
@@ -200,14 +200,19 @@ class _Search:
     def predicted(self, last: _GridSolution, cells: float) -> float:
         """The error on about ``cells`` a side, from that of another grid."""
         spacing = last.cells / _cells_of(self.target.grid(self.problem.domain, cells))
-        return float(last.error * spacing ** ORDERS[self.target.norm])
+        return float(last.error * spacing**self.order)
+
+    @property
+    def order(self) -> float:
+        """The power of the spacing to which the error falls."""
+        return degree_of(self.problem.monitor) + ORDERS[self.target.norm]
 
     def next_cells(self, last: _GridSolution, margin: float = MARGINS[0]) -> float:
         """Cells a side of the grid that the target needs; raises :class:`InputError` for one that is too large."""
         target, domain = self.target, self.problem.domain
         if not math.isfinite(last.error):
             raise InputError("the interpolation error of u is not finite on this domain", field="target.error")
-        needed = float(last.cells * (margin * last.error / target.error) ** (1.0 / ORDERS[target.norm]))
+        needed = float(last.cells * (margin * last.error / target.error) ** (1.0 / self.order))
         most = target.largest_cells(domain)
         if needed <= most:
             return max(needed, float(MIN_CELLS))

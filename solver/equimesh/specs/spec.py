@@ -27,7 +27,7 @@ from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.settings import MAX_LAYERS, Schwarz, require_count
 from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import AnySolution
-from equimesh.solving.solve import NO_ROUNDS, NO_STRAIGHT_LINES, count_subdomains, solve
+from equimesh.solving.solve import NO_DEGREE, NO_ROUNDS, NO_STRAIGHT_LINES, count_subdomains, solve
 from equimesh.solving.status import Initial, SolveArguments
 from equimesh.solving.target import MAX_POINTS, NO_U, Target, solve_to
 from equimesh.specs.document import Makers, Reading, mapping, several, text, whole, within
@@ -180,6 +180,8 @@ def build_schwarz(document: object) -> Schwarz | None:
         schwarz.owner_of_cells(grid)
         return schwarz
     schwarz.require_equations()
+    if isinstance(given.get("monitor"), Mapping) and given["monitor"].get("degree", 1) != 1:
+        raise InputError(NO_DEGREE, field="monitor.degree")
     with within("schwarz"):
         schwarz.decompose(grid)
     return schwarz

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -11,23 +12,31 @@ import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.least_error import objective as module
 from equimesh.least_error.cells import cells_of_grid
-from equimesh.least_error.kernels import Rule
+from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import Weights
 from equimesh.least_error.starts import mesh_of
-from equimesh.quality.cells import BilinearCells
+from equimesh.quality.cells import BilinearCells, ChosenCells
+from equimesh.quality.degrees import squared_errors
+from equimesh.quality.elements import basis
 from equimesh.quality.tally import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors
 from solver.bent import CURVED, DOMAINS, RING, SECTOR, WEIGHTS, bent, objective_on, remainders, uniform
 
 GRID = em.Grid(n_xi=7, n_eta=6)
+NORMS: tuple[Norm, ...] = ("l2", "h1")
 RULES = {"quad l2": Rule(), "quad h1": Rule(norm="h1"), "tri l2": Rule(cells="triangle")}
+OF_DEGREE: dict[str, Rule] = {
+    **{f"quad {n} {degree}": Rule(norm=n, degree=degree, points=degree + 2) for n in NORMS for degree in (1, 2, 3, 4)},
+    **{f"triangle {n}": Rule(norm=n, degree=2, cells="triangle") for n in NORMS},
+}
 
 
-@pytest.mark.parametrize("rule", RULES)
-@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize(
+    ("domain", "rule"), [*itertools.product(DOMAINS, RULES), *(("curved", rule) for rule in OF_DEGREE)]
+)
 def test_the_taylor_remainder_falls_at_second_order(domain: str, rule: str) -> None:
     mesh = bent(GRID, 1)
-    objective = objective_on(GRID, domain=DOMAINS[domain], start=bent(GRID, 2), rule=RULES[rule])
+    objective = objective_on(GRID, domain=DOMAINS[domain], start=bent(GRID, 2), rule=(RULES | OF_DEGREE)[rule])
     objective.cut(mesh)
     here = objective.evaluate(mesh)
     assert here is not None
@@ -53,6 +62,19 @@ def test_the_error_is_that_of_an_independent_quadrature(domain: str, norm: str) 
     tally.add_all()
     l2, h1 = np.sqrt(tally.sums[:2].sum(axis=1))
     assert objective.error(mesh) == pytest.approx(l2 if norm == "l2" else h1, rel=1e-12)
+
+
+@pytest.mark.parametrize("rule", OF_DEGREE)
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_the_error_of_a_degree_is_that_of_the_certificate_by_the_same_rule(domain: str, rule: str) -> None:
+    mesh, of_degree = bent(GRID, 4), OF_DEGREE[rule]
+    objective = objective_on(GRID, domain=DOMAINS[domain], rule=of_degree)
+    objective.cut(mesh)
+    cells, kind = BilinearCells(map_mesh(mesh_of(mesh, GRID), DOMAINS[domain])), of_degree.cells
+    chosen, element = ChosenCells.of(cells.rows), of_degree.element
+    bases = [basis(kind, of_degree.degree, element)]
+    found = squared_errors(cells, chosen, RING, bases, element, kind)[0, NORMS.index(of_degree.norm)]
+    assert objective.error(mesh) == pytest.approx(math.sqrt(found.sum()), rel=1e-11)
 
 
 @pytest.mark.parametrize("seed", range(3))

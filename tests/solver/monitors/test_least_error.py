@@ -46,6 +46,10 @@ def test_the_defaults() -> None:
         ("smoothness", 0.0),
         ("smoothness", 1001.0),
         ("smoothness", float("inf")),
+        ("degree", 0),
+        ("degree", 5),
+        ("degree", 2.0),
+        ("degree", True),
         ("u", 3.0),
         ("u", "tanh(x"),
     ],
@@ -54,6 +58,14 @@ def test_what_is_refused_names_its_field(field: str, value: Any) -> None:
     with pytest.raises(em.InputError) as caught:
         em.LeastError(**({"u": STEEP} | {field: value}))
     assert caught.value.field == field
+
+
+def test_triangles_have_elements_of_degree_1_and_2() -> None:
+    assert em.LeastError(u=STEEP, degree=2, cells="triangle").degree == 2
+    for kind in (em.LeastError, em.Auto):
+        with pytest.raises(em.InputError, match="on triangles elements have degree 1 or 2") as caught:
+            kind(u=STEEP, degree=3, cells="triangle")
+        assert caught.value.field == "degree"
 
 
 def test_the_metric_needs_a_domain_and_binding_keeps_the_rest() -> None:

@@ -11,12 +11,12 @@ import pytest
 import equimesh as em
 from equimesh.quality import degrees
 from equimesh.quality.cells import BilinearCells, UniformCells
-from equimesh.quality.degrees import gains_by_degree
-from equimesh.quality.elements import CellKind, lagrange
+from equimesh.quality.degrees import degree_errors, gains_by_degree, squared_errors_of_cells
+from equimesh.quality.elements import CellKind
 from equimesh.quality.interpolation import interpolation_errors
 from equimesh.quality.triangles import triangle_errors
 from equimesh_schema import DegreeGain
-from solver.quality.handmade import uniform, wavy
+from solver.quality.handmade import folded, uniform, wavy
 
 SMOOTH = em.Expression("sin(5*x)*cos(4*y)")
 LOBATTO = {1: [0.0, 1.0], 2: [0.0, 0.5, 1.0], 3: [0.0, 0.5 - math.sqrt(0.05), 0.5 + math.sqrt(0.05), 1.0]}
@@ -79,16 +79,14 @@ def test_on_triangles_the_error_of_degree_2_is_that_of_finer_rules(monkeypatch: 
     # the centres of 256 equal parts of each triangle
     upright = [(i + 1 / 3, j + 1 / 3) for i in range(16) for j in range(16 - i)]
     s, t = np.array(upright + [(i + 2 / 3, j + 2 / 3) for i in range(16) for j in range(15 - i)]).T / 16
-    element, basis = degrees.rule("triangle", 4), degrees.basis("triangle", 2, 4)
+    element = degrees.rule("triangle", 4)
     many = element._replace(
         shape=np.stack([1 - s - t, s, t], axis=1),
         along_s=np.tile(element.along_s[:1], (256, 1)),
         along_t=np.tile(element.along_t[:1], (256, 1)),
         weights=np.full(256, 0.5 / 256),
     )
-    values, along_s, along_t = (np.ascontiguousarray(part.T) for part in lagrange("triangle", 2, s, t))
     monkeypatch.setattr(degrees, "rule", lambda *_: many)
-    monkeypatch.setattr(degrees, "basis", lambda *_: basis._replace(value=values, along_s=along_s, along_t=along_t))
     exact = gains(wavy(17, 17), kind="triangle")[1]
     assert (lean.l2, lean.h1) == pytest.approx((exact.l2, exact.h1), rel=0.03)
 
@@ -121,3 +119,59 @@ def test_few_points_are_evaluated() -> None:
     plainly = UniformCells(mesh.grid, em.Rectangle())
     gains_by_degree(BilinearCells(mesh), plainly, Counting(), errors)  # type: ignore[arg-type]
     assert sum(points) <= 2 * (16 + 9 + 16) * 391
+
+
+# The errors of the interpolant of one degree on a whole mesh.
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_errors_of_a_degree_are_those_by_many_points(degree: int) -> None:
+    mesh = wavy(12, 9)
+    errors = degree_errors(BilinearCells(mesh), BilinearCells(uniform(12, 9)), SMOOTH, degree)
+    assert (errors.l2, errors.h1) == pytest.approx(plain(mesh, degree, 24), rel=0.015)
+    assert (errors.l2_uniform, errors.h1_uniform) == pytest.approx(plain(uniform(12, 9), degree, 24), rel=0.015)
+    assert errors.degree == degree
+    assert errors.resolved == (True, True)
+
+
+@pytest.mark.parametrize("kind", ["quad", "triangle"])
+def test_degree_1_has_the_errors_that_are_measured_without_a_degree(kind: CellKind) -> None:
+    mesh = wavy(17, 14)
+    measured = (interpolation_errors if kind == "quad" else triangle_errors)(mesh, SMOOTH)
+    errors = degree_errors(BilinearCells(mesh), BilinearCells(uniform(17, 14)), SMOOTH, 1, kind)
+    for name in ("l2", "h1", "l2_uniform", "h1_uniform"):
+        assert getattr(errors, name) == pytest.approx(getattr(measured, name), rel=2e-3), name
+    assert errors.variation == pytest.approx(measured.variation, rel=1e-2)
+    assert errors.largest is not None
+    assert measured.largest is not None
+    assert 0.5 < errors.largest.value / measured.largest.value < 2.0  # at other points
+
+
+@pytest.mark.parametrize("kind", ["quad", "triangle"])
+def test_parts_of_cells_are_measured_where_a_layer_lies_inside_one(kind: CellKind) -> None:
+    # A front of a thousandth of the domain on 8 x 8 cells: the two rules differ, and parts take their place.
+    front, mesh = em.Expression("tanh(1000*(x - 0.41))"), uniform(9, 9)
+    errors = degree_errors(BilinearCells(mesh), None, front, 2, kind)
+    # On the one column of cells with the front, the interpolant is that of a jump at 0.41 there.
+    nodes, points = np.array([0.375, 0.4375, 0.5]), 0.375 + 0.125 * (np.arange(4000) + 0.5) / 4000
+    there = np.polyval(np.polyfit(nodes, np.tanh(1000 * (nodes - 0.41)), 2), points)
+    expected = math.sqrt(0.125 * np.mean((there - np.tanh(1000 * (points - 0.41))) ** 2))
+    if kind == "quad":
+        assert errors.l2 == pytest.approx(expected, rel=0.02)
+    else:
+        assert 0.5 * expected < errors.l2 < 2.0 * expected
+    assert errors.resolved[0]
+    assert math.isnan(errors.l2_uniform)
+
+
+def test_errors_of_cells_add_up() -> None:
+    cells = BilinearCells(wavy(12, 9))
+    squares = squared_errors_of_cells(cells, SMOOTH, 3)
+    assert squares.shape == (cells.count,)
+    assert math.sqrt(squares.sum()) == pytest.approx(degree_errors(cells, None, SMOOTH, 3).l2, rel=1e-12)
+
+
+def test_a_folded_mesh_has_infinite_errors() -> None:
+    errors = degree_errors(BilinearCells(folded()), None, SMOOTH, 2)
+    assert math.isinf(errors.l2)
+    assert math.isinf(errors.h1)

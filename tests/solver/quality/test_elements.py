@@ -61,15 +61,17 @@ def test_the_rules_of_triangles_are_exact_to_their_degree(finer: bool, degree: i
 
 @pytest.mark.parametrize(("cells", "degree"), BASES)
 def test_a_basis_interpolates_the_polynomials_of_its_degree(cells: CellKind, degree: int) -> None:
-    (a, b), element, found = nodes_of(cells, degree), rule(cells, 5), basis(cells, degree, 5)
+    (a, b), element = nodes_of(cells, degree), rule(cells, 5)
+    found = basis(cells, degree, element)
     s, t = (element.shape @ CORNERS[element.shape.shape[1]]).T
+    assert np.array_equal(found.places[: len(element.shape.T)], np.eye(len(element.shape.T)))
     assert found.places @ CORNERS[element.shape.shape[1]] == pytest.approx(np.stack([a, b], axis=1), abs=1e-15)
     for p in range(degree + 1):
         for q in range(degree + 1 if cells == "quad" else degree + 1 - p):
             nodal = a**p * b**q
-            assert found.value @ nodal == pytest.approx(s**p * t**q, abs=1e-13)
-            assert found.along_s @ nodal == pytest.approx(p * s ** max(p - 1, 0) * t**q, abs=1e-12)
-            assert found.along_t @ nodal == pytest.approx(q * t ** max(q - 1, 0) * s**p, abs=1e-12)
+            assert nodal @ found.value == pytest.approx(s**p * t**q, abs=1e-13)
+            assert nodal @ found.along_s == pytest.approx(p * s ** max(p - 1, 0) * t**q, abs=1e-12)
+            assert nodal @ found.along_t == pytest.approx(q * t ** max(q - 1, 0) * s**p, abs=1e-12)
 
 
 def test_nodes_are_gauss_lobatto_points() -> None:

@@ -157,3 +157,64 @@ def test_a_given_mesh_that_descent_does_not_better_is_kept(monkeypatch: pytest.M
 def uniform_record(solve: least_error.LeastErrorSolve) -> Descent:
     *_, last = solve.coarse(nested_levels(solve.grid)[0])
     return replace(last, mesh=em.Mesh.uniform(solve.grid), grid=solve.grid)
+
+
+# Elements of higher degree.
+
+PEAK = em.Expression("exp(-1000*((x-0.5)**2+(y-0.5)**2))")
+OF_DEGREE: dict[str, dict[str, Any]] = {
+    "quadratic": {"degree": 2},
+    "cubic": {"degree": 3},
+    "quartic": {"degree": 4},
+    "quadratic gradient": {"degree": 2, "norm": "h1"},
+    "quadratic triangles": {"degree": 2, "cells": "triangle"},
+}
+
+
+@pytest.mark.parametrize("name", OF_DEGREE)
+def test_a_mesh_for_a_degree_gains_for_that_degree(name: str) -> None:
+    asked, grid = OF_DEGREE[name], em.Grid(n_xi=17, n_eta=17)
+    solution = em.solve(problem(PEAK, grid, **asked), threads=1)
+    errors = solution.interpolation
+    assert errors is not None
+    assert errors.degree == asked["degree"]
+    assert not solution.mesh.is_folded
+    bilinear = em.solve(problem(PEAK, grid, norm=asked.get("norm", "l2"), cells=asked.get("cells", "quad")), threads=1)
+    own = next((one for one in bilinear.gains_by_degree if one.degree == asked["degree"]), None)
+    norm = asked.get("norm", "l2")
+    assert errors.estimated_gain(norm) > (2.0 * getattr(own, norm) if own is not None else 20.0)
+    told = {one.degree: (one.l2, one.h1) for one in solution.certificate.gains_by_degree}
+    assert told[errors.degree] == (errors.gain_l2, errors.gain_h1)
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_the_mesh_of_a_degree_is_no_worse_than_uniform_where_that_of_degree_1_is(degree: int) -> None:
+    wave = em.Expression("sin(6*x)*cos(5*y)")
+    (_, second, third) = em.solve(problem(wave, em.Grid(n_xi=33, n_eta=33)), threads=1).gains_by_degree
+    assert max(second.l2, third.l2) < 0.5
+    errors = em.solve(problem(wave, em.Grid(n_xi=33, n_eta=33), degree=degree), threads=1).interpolation
+    assert errors is not None
+    assert errors.gain_l2 > 1.2
+
+
+def test_a_degree_on_blocks_and_on_closed_lines() -> None:
+    nodes = em.Mesh.uniform(em.Grid(n_xi=17, n_eta=17))
+    blocks = em.Blocks.of_mesh(nodes.points, nodes.cells, nodes.sides)
+    monitor = em.LeastError(u=PEAK, degree=2)
+    on_blocks = em.solve(em.Problem(monitor=monitor, domain=blocks), threads=1)
+    assert on_blocks.interpolation is not None
+    assert (on_blocks.interpolation.degree, on_blocks.interpolation.gain_l2 > 10.0) == (2, True)
+    ring = em.AnnulusSector(radii=(0.5, 1.5), closed=True)
+    front = em.LeastError(u=em.Expression("tanh(10*(x + y/2))"), degree=2)
+    closed = em.solve(em.Problem(monitor=front, grid=em.Grid(n_xi=9, n_eta=33), domain=ring), threads=1)
+    assert closed.interpolation is not None
+    assert closed.interpolation.gain_l2 > 2.0
+
+
+def test_a_given_mesh_is_kept_where_it_is_better_for_the_degree() -> None:
+    asked = problem(PEAK, em.Grid(n_xi=17, n_eta=17), degree=2)
+    first = em.solve(asked, threads=1)
+    again = em.solve(asked, initial=first.reference, threads=1)
+    assert first.interpolation is not None
+    assert again.interpolation is not None
+    assert again.interpolation.l2 <= first.interpolation.l2
