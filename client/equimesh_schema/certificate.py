@@ -68,6 +68,11 @@ class Candidate(Answer):
 
     Not known where the comparison is not one for finite volumes, or the candidate cannot be used.
     """
+    gain_solver: Number = math.nan
+    """Error of a finite element solver: of the uniform mesh over that of this one.
+
+    Not known where the comparison is not one for finite elements.
+    """
 
     def __str__(self) -> str:
         settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
@@ -75,6 +80,8 @@ class Candidate(Answer):
         gains = gains if math.isfinite(self.gain_l2) else "no valid mesh"
         if math.isfinite(self.gain_cells):
             gains = f"{_short(self.gain_cells)} at cell centres, {gains}"
+        if math.isfinite(self.gain_solver):
+            gains = f"{_short(self.gain_solver)} for a solver, {gains}"
         kind = self.kind.replace("_", " ")
         return f"{kind}{f' ({settings})' if settings else ''}: {gains}{'  (chosen)' if self.chosen else ''}"
 

@@ -91,11 +91,22 @@ class Auto(MonitorDocument):
     u: Function = None
     norm: ErrorNorm = "l2"
     purpose: Annotated[
-        Literal["finite_volume"] | None,
+        Literal["finite_element", "finite_volume"] | None,
         LATER,
-        Shown("Chosen for", words={"": "interpolation of u", "finite_volume": "finite volumes: a cell-centred code"}),
+        Shown(
+            "Chosen for",
+            words={
+                "": "interpolation of u",
+                "finite_element": "finite elements: what a solver gets",
+                "finite_volume": "finite volumes: a cell-centred code",
+            },
+        ),
     ] = None
-    """finite_volume chooses by the error of a code with cell-centred unknowns; null by the error of interpolating u."""
+    """What the mesh is for; null: to interpolate u.
+
+    finite_element chooses by the error of a finite element solver, finite_volume by that of a code with cell-centred
+    unknowns.
+    """
     orthogonality: Orthogonality = None
     degree: Degree = 1
 

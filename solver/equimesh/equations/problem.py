@@ -232,8 +232,8 @@ NO_LINES = (
 NO_STRAIGHT_LINES = "rectilinear = True: a domain in blocks has no lines that could stay straight; leave it out"
 """Why straight lines are refused on blocks."""
 NO_CELL_CENTRES = (
-    "purpose = 'finite_volume': candidates are compared on grids, not on blocks; leave the purpose out, and bound the"
-    " angles by orthogonality, 50 for instance"
+    "a purpose chooses among candidates on grids, not on blocks; leave it out, and bound the angles by orthogonality,"
+    " 50 for instance"
 )
 """Why the purpose is refused on blocks."""
 NO_ANGLES_OF_A_ROUND = (

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -46,6 +47,12 @@ class RitzErrors:
     rounding: tuple[float, float] = (0.0, 0.0)
     """The parts of the two that rounding causes."""
 
+    def gain(self, there: RitzErrors, norm: Literal["l2", "h1"]) -> float:
+        """How many times smaller the error in ``norm`` is than that ``there``, on another mesh; NaN if not known."""
+        if norm == "l2":
+            return gain_of(there.l2, self.l2, self.rounding[0])
+        return gain_of(there.h1, self.h1, self.rounding[1])
+
 
 UNKNOWN = RitzErrors(l2=math.nan, h1=math.nan)
 """The errors on a folded mesh, and of a u whose gradient is not finite."""
@@ -66,11 +73,7 @@ def solver_gain(
         return None
     found = [coarsened(one, ties) for one in (mesh, uniform)]
     here, there = (ritz_errors(one, u, triangles=triangles) for one in found)
-    return SolverGain(
-        l2=gain_of(there.l2, here.l2, here.rounding[0]),
-        h1=gain_of(there.h1, here.h1, here.rounding[1]),
-        points=len(found[0].points),
-    )
+    return SolverGain(l2=here.gain(there, "l2"), h1=here.gain(there, "h1"), points=len(found[0].points))
 
 
 def coarsened(mesh: Mesh | QuadMesh, ties: IntArray | None = None) -> QuadMesh:

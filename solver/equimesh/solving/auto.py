@@ -1,4 +1,4 @@
-"""Solves by several candidates: the smallest error of interpolation, or of a code with unknowns in its cells."""
+"""Solves by several candidates: the smallest error of interpolation, of finite elements, or of finite volumes."""
 
 from __future__ import annotations
 
@@ -7,19 +7,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
-from equimesh.domains.domain import map_mesh
+from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import GridLevel, coarse_level, last_compared, nested_levels
 from equimesh.least_error.starts import mesh_of
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.monitors.least_error import Auto
+from equimesh.meshes.nested import tied_nodes
+from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
 from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor, weaken
 from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import measure_interpolation
+from equimesh.quality.ritz import coarsened, ritz_errors
 from equimesh.single_domain.iteration import single_domain_steps
 from equimesh.single_domain.level import Mode
 from equimesh.solving.least_error import LEAST_ERROR_SETTINGS, end_of
@@ -32,6 +34,17 @@ DESCENT_WORK = 4.0
 """The work of a least-error candidate, about, in units of the work of a candidate that equidistributes a metric."""
 SMOOTHING = 0.02
 """Radius of the smoothed curvature candidate, in units of the domain's shorter extent."""
+SOLVER_SETTINGS: tuple[Mapping[str, Any], ...] = (
+    {"norm": "l2", "distortion": 0.5, "smoothness": 0.1},
+    {"norm": "l2", "distortion": 0.5, "smoothness": 1.0},
+    {"norm": "l2", "distortion": 2.0, "smoothness": 1.0},
+    {"norm": "l2", "distortion": 8.0, "smoothness": 4.0},
+    {"norm": "l2", "rectilinear": True},
+    {"norm": "h1", "distortion": 0.5, "smoothness": 1.0},
+)
+"""The settings of the least-error candidates for finite elements."""
+NEAR_BEST = 0.9
+"""The share of the best solver's gain that the mesh with the smallest angles must have to be taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,14 +55,20 @@ class CoarseCandidate:
     settings: Mapping[str, Any]
     monitor: Monitor
     errors: InterpolationErrors | None
+    mesh: Mesh | None = None
+    """Its mesh of the domain on the coarse grid."""
     coarse: DescentEnd | None = None
     """The coarse mesh from which a least-error solve continues."""
+    solver: float = math.nan
+    """How many times smaller the error of a solver is than on the uniform mesh; NaN where it is not compared."""
+    angle: float = math.nan
+    """The largest angle of non-orthogonality, in degrees; NaN where it is not compared."""
 
-    def gain(self, norm: str) -> float:
+    def gain(self, auto: Auto) -> float:
         """The error of the uniform mesh over the error of the candidate; 0 where there is no mesh."""
         if self.errors is None:
             return 0.0
-        gain = self.errors.estimated_gain(norm)
+        gain = self.solver if auto.purpose == "finite_element" else self.errors.estimated_gain(auto.norm)
         return gain if math.isfinite(gain) else 0.0
 
     def candidate(self, *, chosen: bool) -> Candidate:
@@ -60,6 +79,7 @@ class CoarseCandidate:
             settings=dict(self.settings),
             gain_l2=math.nan if errors is None else errors.gain_l2,
             gain_h1=math.nan if errors is None else errors.gain_h1,
+            gain_solver=self.solver,
             chosen=chosen,
         )
 
@@ -95,12 +115,37 @@ def choose_monitor(problem: Problem, options: SolveOptions, *, metrics_only: boo
     coarse, metrics = replace(problem, grid=level.grid), list(_metrics(auto))
     if auto.degree > 1:  # metrics follow the second derivatives of u
         metrics = []
-    weights = [] if metrics_only else list(LEAST_ERROR_SETTINGS)
-    parts = _parts(options, [DESCENT_WORK] * len(weights) + [1.0] * len(metrics))
-    tried = [_descended(problem, auto, level, pair, next(parts)) for pair in weights]
+    least = [] if metrics_only else least_errors(auto)
+    parts = _parts(options, [DESCENT_WORK] * len(least) + [1.0] * len(metrics))
+    tried = [_descended(problem, monitor, given, level, next(parts)) for given, monitor in least]
     tried += [_equidistributed(coarse, kind, given, monitor, next(parts)) for kind, given, monitor in metrics]
-    tried.sort(key=lambda one: -one.gain(auto.norm))
-    return Choice(tried=tuple(tried), chosen=tried[0])
+    if auto.purpose == "finite_element":
+        tried = _measured_for_solvers(tried, coarse, auto)
+    tried.sort(key=lambda one: -one.gain(auto))
+    return Choice(tried=tuple(tried), chosen=_straightest(tried, auto))
+
+
+def _straightest(tried: Sequence[CoarseCandidate], auto: Auto) -> CoarseCandidate:
+    """The first candidate, for finite elements the one with the smallest angles among those that are nearly as good."""
+    if auto.purpose != "finite_element":
+        return tried[0]
+    enough = NEAR_BEST * tried[0].gain(auto)
+    return min((one for one in tried if one.gain(auto) >= enough), key=lambda one: one.angle)
+
+
+def least_errors(auto: Auto) -> list[tuple[Mapping[str, Any], LeastError]]:
+    """Settings and monitors of the candidates that minimise the error."""
+    if auto.purpose != "finite_element":
+        degree = {"degree": auto.degree} if auto.degree > 1 else {}
+        return [
+            ({"norm": auto.norm, "distortion": d, "smoothness": s, **degree}, auto.least_error(d, s))
+            for d, s in LEAST_ERROR_SETTINGS
+        ]
+    found = []
+    for given in SOLVER_SETTINGS:
+        settings: dict[str, Any] = dict(given)
+        found.append((given, replace(auto.least_error(), **settings)))
+    return found
 
 
 def _metrics(auto: Auto) -> Iterator[tuple[str, dict[str, Any], Monitor]]:
@@ -119,17 +164,17 @@ def _parts(options: SolveOptions, works: list[float]) -> Iterator[SolveOptions]:
 
 
 def _descended(
-    problem: Problem, auto: Auto, level: GridLevel, weights: tuple[float, float], options: SolveOptions
+    problem: Problem, asked: LeastError, settings: Mapping[str, Any], level: GridLevel, options: SolveOptions
 ) -> CoarseCandidate:
     """The candidate that minimises the error."""
-    settings: dict[str, Any] = {"norm": auto.norm, "distortion": weights[0], "smoothness": weights[1]}
-    settings |= {"degree": auto.degree} if auto.degree > 1 else {}
-    monitor = auto.least_error(*weights).on(problem.domain)
+    monitor = asked.on(problem.domain)
     solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
     levels = nested_levels(problem.grid)[: level.number + 1]
     reached = end_of(solve.coarse(level), options.part(course=DescentProgress(levels, 2, last_compared(levels))))
-    errors = _errors(replace(problem, grid=level.grid), mesh_of(reached.mesh, level.grid))
-    return CoarseCandidate(kind="least_error", settings=settings, monitor=monitor, errors=errors, coarse=reached)
+    mesh, errors = _errors(replace(problem, grid=level.grid), mesh_of(reached.mesh, level.grid))
+    return CoarseCandidate(
+        kind="least_error", settings=settings, monitor=monitor, errors=errors, mesh=mesh, coarse=reached
+    )
 
 
 def _equidistributed(
@@ -143,15 +188,33 @@ def _equidistributed(
             found = None
             break
         found = step.mesh if step.is_exact and step.grid == problem.grid else None
-    errors = None if found is None else _errors(problem, found)
-    return CoarseCandidate(kind=kind, settings=settings, monitor=problem.monitor, errors=errors)
+    mesh, errors = (None, None) if found is None else _errors(problem, found)
+    return CoarseCandidate(kind=kind, settings=settings, monitor=problem.monitor, errors=errors, mesh=mesh)
 
 
-def _errors(coarse: Problem, reference: Mesh) -> InterpolationErrors | None:
-    """The interpolation errors of a mesh of the reference square; ``None`` for one that folds on the domain."""
+def _errors(coarse: Problem, reference: Mesh) -> tuple[Mesh | None, InterpolationErrors | None]:
+    """A mesh on the domain and its interpolation errors, from that of the reference square; ``None`` if it folds."""
     mesh, uniform = (map_mesh(one, coarse.domain) for one in (reference, Mesh.uniform(coarse.grid)))
+    if mesh.is_folded:
+        return None, None
     u, degree = coarse.monitor.u, degree_of(coarse.monitor)
-    return None if mesh.is_folded else measure_interpolation(mesh, u, uniform=uniform, degree=degree)
+    return mesh, measure_interpolation(mesh, u, uniform=uniform, degree=degree)
+
+
+def _measured_for_solvers(tried: Sequence[CoarseCandidate], coarse: Problem, auto: Auto) -> list[CoarseCandidate]:
+    """The candidates with what a solver gets on the coarse grid, and with their angles."""
+    u, closed = auto.u, closed_of(coarse.domain)
+    ties, triangles = tied_nodes(coarse.grid.shape, closed), auto.cells == "triangle"
+    uniform = map_mesh(Mesh.uniform(coarse.grid), coarse.domain)
+    there = ritz_errors(coarsened(uniform, ties), u, triangles=triangles)
+
+    def measured(one: CoarseCandidate) -> CoarseCandidate:
+        if one.mesh is None:
+            return one
+        gain = ritz_errors(coarsened(one.mesh, ties), u, triangles=triangles).gain(there, auto.norm)
+        return replace(one, solver=gain, angle=measure_faces(one.mesh, closed).non_orthogonality)
+
+    return [measured(one) for one in tried]
 
 
 # The choice of a mesh for codes with cell-centred unknowns, by the error of such a code on the candidates.
@@ -377,21 +440,26 @@ def _on_fine_grid(
 
 def _uniform(problem: Problem, auto: Auto, *, is_measured: bool = True) -> CellCandidate:
     """The uniform mesh."""
+    solution = uniform_solution(problem, auto, UNIFORM)
+    error = _error(solution) if is_measured else math.inf
+    monitor = solution.problem.monitor
+    return CellCandidate(kind="uniform", settings={}, monitor=monitor, solution=solution, error=error)
+
+
+def uniform_solution(problem: Problem, auto: Auto, note: str) -> Solution:
+    """The uniform mesh as a solution, with the reason for it."""
     reference = Mesh.uniform(problem.grid)
-    monitor = auto.least_error()
-    solution = Solution(
-        problem=replace(problem, monitor=monitor),
+    return Solution(
+        problem=replace(problem, monitor=auto.least_error()),
         schwarz=None,
         mesh=map_mesh(reference, problem.domain),
         reference=reference,
         status=Status.COMPLETED,
         newton_steps=0,
         residual=math.nan,
-        note=UNIFORM,
-        detours=(UNIFORM,),
+        note=note,
+        detours=(note,),
     )
-    error = _error(solution) if is_measured else math.inf
-    return CellCandidate(kind="uniform", settings={}, monitor=monitor, solution=solution, error=error)
 
 
 def _passes(solution: Solution) -> bool:

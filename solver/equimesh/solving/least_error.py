@@ -185,10 +185,10 @@ def end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) -
             return reached
 
 
-def comparison_share(levels: Sequence[Level]) -> float:
-    """The share of the comparison of weights in the whole work, if the mesh is one of least error afterwards."""
+def comparison_share(levels: Sequence[Level], count: int = len(LEAST_ERROR_SETTINGS)) -> float:
+    """The share of a comparison of ``count`` descents in the whole work, if the mesh is of least error afterwards."""
     last, compared = coarse_level(levels).number, last_compared(levels)
-    first = len(LEAST_ERROR_SETTINGS) * descent_work(levels[: last + 1], 2, compared)
+    first = count * descent_work(levels[: last + 1], 2, compared)
     return first / (first + descent_work(levels[last + 1 :], 1, compared))
 
 

@@ -23,7 +23,7 @@ from equimesh.numerics.channel import ALONE, Channel, thread_count
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
-from equimesh.solving.auto import choose_monitor, solve_for_finite_volumes
+from equimesh.solving.auto import choose_monitor, least_errors, solve_for_finite_volumes, uniform_solution
 from equimesh.solving.least_error import (
     choose_weights,
     comparison_share,
@@ -58,6 +58,8 @@ NO_DEGREE = (
     " or the degree out, or take least_error, whose subdomains descend on the error"
 )
 """The reason why a degree of auto with Schwarz settings is refused."""
+NO_BETTER_FOR_SOLVERS = "No candidate has a smaller error of a solver than the uniform mesh, which this is."
+"""The note of a uniform mesh."""
 
 AnyStart: TypeAlias = Initial | Mesh | QuadMesh
 """The start of a solve: a word, or a mesh of the reference square or of the blocks."""
@@ -293,10 +295,11 @@ class Best:
     def _on_grid(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
         """The solution for the best monitor; of least error where the mesh of another one turns out to be worse."""
         auto: Any = problem.monitor
-        share = None if self._has_metrics_only else comparison_share(nested_levels(problem.grid))
+        count = len(least_errors(auto))
+        share = None if self._has_metrics_only else comparison_share(nested_levels(problem.grid), count)
         found = choose_monitor(problem, options.part(0.0, share), metrics_only=self._has_metrics_only)
         solution, rest = None, options.part(0.0 if share is None else share)
-        while solution is None or not is_no_worse(solution, auto.norm):
+        while solution is None or not _is_no_worse(solution, auto):
             chosen = replace(problem, monitor=found.chosen.monitor)
             solution = self._member(chosen, found.chosen.coarse).solve(chosen, initial, rest)
             rest = options.part(None, doing="another monitor")
@@ -304,6 +307,8 @@ class Best:
             if found.least_error is None:
                 break
             found = found.least_error
+        if auto.purpose == "finite_element" and not _is_no_worse(solution, auto):
+            return replace(uniform_solution(problem, auto, NO_BETTER_FOR_SOLVERS), comparison=found.comparison)
         return solution
 
     def _for_finite_volumes(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
@@ -343,6 +348,14 @@ def count_subdomains(problem: Problem[Any], schwarz: Schwarz) -> int:
     if getattr(problem.monitor, "rectilinear", False):
         raise InputError(NO_STRAIGHT_LINES, field="monitor.rectilinear")
     return int(schwarz.owner_of_cells(problem.grid).max()) + 1
+
+
+def _is_no_worse(solution: AnySolution, auto: Auto) -> bool:
+    """Whether the mesh is no worse than the uniform one: for interpolation, and for a solver that it is meant for."""
+    if auto.purpose is None or not is_no_worse(solution, auto.norm):
+        return is_no_worse(solution, auto.norm)
+    gain = solution.solver_gain
+    return gain is None or not gain[auto.norm] < 1.0
 
 
 # What is refused before any work.

@@ -1,0 +1,98 @@
+"""The choice for finite elements: by what a solver gets, the least oblique of the best, never worse than uniform."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.meshes.mesh import Mesh
+from equimesh.quality.ritz import solver_gain
+from equimesh.solving import auto, solve
+
+LAYER = "(1 - exp(40*(x - 1)))*sin(pi*y)"
+
+
+def chosen(text: str, n: int = 17, schwarz: em.Schwarz | None = None, **more: Any) -> em.Solution:
+    domain, purpose = more.pop("domain", em.Rectangle()), more.pop("purpose", "finite_element")
+    monitor = em.Auto(u=em.Expression(text), purpose=purpose, **more)
+    return em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=n, n_eta=n), domain=domain), schwarz, threads=1)
+
+
+def test_a_solver_gets_more_on_less_oblique_cells() -> None:
+    plain, better = (chosen(LAYER, purpose=purpose) for purpose in (None, "finite_element"))
+    assert plain.solver_gain is not None
+    assert better.solver_gain is not None
+    assert better.solver_gain.l2 > 0.9 * plain.solver_gain.l2
+    assert better.faces.non_orthogonality < 0.5 * plain.faces.non_orthogonality
+    assert better.certificate.solver_gain == better.solver_gain
+
+
+def test_the_least_oblique_of_those_near_the_best_is_taken() -> None:
+    solution = chosen("tanh(20*(x + y/2 - 0.75))")
+    gains = [one.gain_solver for one in solution.comparison if math.isfinite(one.gain_solver)]
+    assert gains == sorted(gains, reverse=True)
+    (taken,) = [one for one in solution.comparison if one.chosen]
+    assert taken.gain_solver >= auto.NEAR_BEST * gains[0]
+    assert solution.solver_gain is not None
+    assert solution.solver_gain.l2 == pytest.approx(taken.gain_solver, rel=1e-6)  # compared on the grid itself
+    assert "for a solver" in str(solution.certificate)
+    monitor = solution.problem.monitor
+    assert isinstance(monitor, em.LeastError)
+    near = [one for one in solution.comparison if one.gain_solver >= auto.NEAR_BEST * gains[0]]
+    for one in near:
+        other = em.LeastError(u=monitor.u, **one.settings) if one.kind == "least_error" else None
+        assert other is not None
+        mesh = em.solve(em.Problem(monitor=other, grid=solution.problem.grid), threads=1, check=False)
+        assert mesh.faces.non_orthogonality >= solution.faces.non_orthogonality - 1e-9
+
+
+def test_where_no_candidate_is_better_for_a_solver_the_mesh_is_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
+    worse = em.Solution.solver_gain.func  # type: ignore[attr-defined]
+
+    def halved(self: em.Solution) -> Any:
+        found = worse(self)
+        return type(found)(l2=0.5 * found.l2 if found.l2 > 1.0 else found.l2, h1=found.h1, points=found.points)
+
+    text = "sin(pi*x)*sin(pi*y)"
+    kept = chosen(text, 9)
+    monkeypatch.setattr(em.Solution, "solver_gain", property(halved))
+    solution = chosen(text, 9)
+    assert np.array_equal(solution.mesh.x, Mesh.uniform(solution.problem.grid).x)
+    assert solve.NO_BETTER_FOR_SOLVERS in solution.warnings
+    assert not np.array_equal(kept.mesh.x, solution.mesh.x)
+
+
+def test_with_subdomains_the_candidates_are_metrics() -> None:
+    solution = chosen("tanh(8*(x - y*y))", schwarz=em.Schwarz(subdomains=(2, 1)))
+    assert {one.kind for one in solution.comparison} == {"curvature", "arc_length"}
+    assert solution.solver_gain is not None
+    assert solution.solver_gain.l2 >= 1.0
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_a_closed_domain_is_compared_as_it_is(norm: Any) -> None:
+    solution = chosen("tanh(5*(x - y))", 9, domain=em.AnnulusSector(closed=True), norm=norm)
+    (taken,) = [one for one in solution.comparison if one.chosen]
+    found = solver_gain(solution.mesh, solution.initial, solution.problem.monitor.u, ties=solution.ties)  # type: ignore[arg-type]
+    assert found is not None
+    assert taken.gain_solver == pytest.approx(found[norm], rel=1e-6)
+    assert found[norm] > 1.0
+
+
+def test_triangles_are_compared_by_linear_elements() -> None:
+    solution = chosen("tanh(20*(x + y/2 - 0.75))", 9, cells="triangle")
+    (taken,) = [one for one in solution.comparison if one.chosen]
+    assert solution.solver_gain is not None
+    assert taken.gain_solver == pytest.approx(solution.solver_gain.l2, rel=1e-6)
+
+
+def test_blocks_have_no_such_choice() -> None:
+    mesh = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5))
+    blocks = em.Blocks.of_mesh(mesh.points, mesh.cells, mesh.sides)
+    with pytest.raises(em.InputError, match="leave it out") as caught:
+        em.Problem(monitor=em.Auto(u=em.Expression("x*y"), purpose="finite_element"), domain=blocks)
+    assert caught.value.field == "monitor.purpose"
