@@ -206,7 +206,7 @@ class Auto:
         require_degree(self.degree, self.cells)
         if self.purpose is not None and self.degree > 1:
             raise InputError(
-                f"degree = {self.degree}: a purpose compares solvers with unknowns of degree 1 or 0; leave out the degree, or"
+                f"degree = {self.degree}: a purpose compares solvers of lower degree; leave out the degree, or"
                 " what the mesh is for",
                 field="degree",
             )
