@@ -39,6 +39,21 @@ def test_the_comparison_lists_the_best_first_and_that_is_chosen(norm: str) -> No
     assert getattr(solution.interpolation, f"gain_{norm}") > 2.0
 
 
+def test_for_a_degree_the_candidates_are_least_error_alone() -> None:
+    monitor = em.Auto(FRONT, degree=2)
+    solution = em.solve(em.Problem(monitor, em.Grid(33, 33)), threads=1)
+    assert [(one.kind, one.settings["degree"]) for one in solution.comparison] == [("least_error", 2)] * 2
+    bilinear = em.solve(problem(), threads=1).gains_by_degree[1]
+    assert solution.interpolation is not None
+    assert solution.interpolation.degree == 2
+    assert solution.interpolation.gain_l2 > 1.5 * bilinear.l2
+    assert isinstance(solution.problem.monitor, em.LeastError)
+    assert solution.problem.monitor.degree == 2
+    with pytest.raises(em.InputError, match="subdomains equidistribute a metric") as caught:
+        em.solve(em.Problem(monitor, em.Grid(33, 33)), em.Schwarz(subdomains=(2, 1)))
+    assert caught.value.field == "monitor.degree"
+
+
 def test_the_error_of_the_gradient_is_compared_as_it_is() -> None:
     # The less smooth descent hides the two layers between the points of a lean rule, which then sees half their error.
     u = em.Expression("exp(-34.1*x) + 0.852*exp(-102.8*(1 - y))")

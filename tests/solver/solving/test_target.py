@@ -32,6 +32,17 @@ def test_the_error_is_reached_on_the_predicted_grid(norm: Any, error: float) -> 
     assert f"reached on {solution.problem.grid} points" in str(solution.certificate)
 
 
+def test_the_order_of_the_degree_predicts_the_grid() -> None:
+    solution = em.solve_to(em.Target(error=2e-6), monitor=em.LeastError(PAPER, degree=3), threads=1)
+    aim = solution.certificate.target
+    assert aim is not None
+    assert aim.predicted == pytest.approx(aim.reached, rel=0.1)
+    assert 0.8 * 2e-6 <= aim.reached <= 2e-6  # the first grid of 33 x 33 has a hundredth of that
+    assert solution.problem.grid.points < 20 * 20
+    assert solution.interpolation is not None
+    assert (solution.interpolation.degree, aim.reached) == (3, solution.interpolation.l2)
+
+
 def test_a_large_error_takes_a_coarse_grid() -> None:
     solution = em.solve_to(em.Target(error=3e-3), monitor=MONITOR, threads=1)
     assert solution.problem.grid.points < 33 * 33

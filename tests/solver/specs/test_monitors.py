@@ -49,6 +49,12 @@ PLAIN: dict[str, tuple[dict[str, Any], Monitor]] = {
 }  # fmt: skip
 
 
+def test_the_degree_of_the_elements_is_read() -> None:
+    read = build_monitor({"kind": "least_error", "u": U, "degree": 2}, SQUARE, no_samples, cells="triangle")
+    assert read == LeastError(u=FIELD, degree=2, cells="triangle").on(SQUARE)
+    assert build_monitor({"u": U, "degree": 4}, SQUARE, no_samples) == Auto(u=FIELD, degree=4).on(SQUARE)
+
+
 @pytest.mark.parametrize("name", PLAIN)
 def test_every_metric_is_built(name: str) -> None:
     document, monitor = PLAIN[name]
