@@ -8,7 +8,7 @@ one with the smallest error there.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -95,6 +95,21 @@ class DescentEnd:
     """The record of the last step."""
 
 
+@dataclass(frozen=True, eq=False)
+class LiftedMesh:
+    """A mesh on the next finer level, with the start that it belongs to."""
+
+    origin: Start
+    mesh: Array
+    measure: Callable[[], float]
+    """Measures :attr:`error`."""
+
+    @cached_property
+    def error(self) -> float:
+        """The error of the mesh by the quadrature of its level."""
+        return self.measure()
+
+
 @dataclass(frozen=True, kw_only=True)
 class LeastErrorSolve:
     """A solve for the mesh of least error of ``monitor``, on the points of ``grid`` or on a ``domain`` in blocks."""
@@ -154,7 +169,9 @@ class LeastErrorSolve:
             coarse = yield from self._coarse(levels[: last_compared(levels) + 2], None, uniform_only=uniform_only)
         elif coarse.level.is_finest:
             yield coarse.record
-        yield from self._climb(coarse.origin, levels[coarse.level.number + 1 :], coarse)
+        finer = levels[coarse.level.number + 1 :]
+        if finer:
+            yield from self._climb(coarse.origin, finer, self._lifted(coarse, finer[0]))
 
     def coarse(self, level: Level) -> Generator[Descent, None, DescentEnd]:
         """The records of the descent to one of the nested meshes; returns its end."""
@@ -165,9 +182,8 @@ class LeastErrorSolve:
         if reached.level.is_finest:
             return reached.record.error
         level = self.levels[reached.level.number + 1]
-        return self._objective(level, reached.origin, self.monitor.norm, FINER_POINTS).error(
-            self._lifted(reached, level)
-        )
+        mesh = self._lifted(reached, level).mesh
+        return self._objective(level, reached.origin, self.monitor.norm, FINER_POINTS).error(mesh)
 
     def initial_error(self, reached: DescentEnd) -> float:
         """The error of the initial mesh where :meth:`lifted_error` is measured."""
@@ -181,8 +197,9 @@ class LeastErrorSolve:
         mesh = self.nest.first_mesh(given, finest)
         if coarse:
             reached = yield from self._coarse(coarse, start, uniform_only=False)
-            if self._lifted_error(reached, finest) < self._error(given, finest, mesh):
-                yield from self._climb(reached.origin, [finest], reached)
+            lifted = self._lifted(reached, finest)
+            if lifted.error < self._error(given, finest, mesh):
+                yield from self._climb(reached.origin, [finest], lifted)
                 return
         yield from self._descend(given, finest, mesh)
 
@@ -203,28 +220,26 @@ class LeastErrorSolve:
             if best is not reached[-1]:
                 yield best.record
             return best
-        best = min(reached, key=lambda end: self._lifted_error(end, fine[0])) if len(reached) > 1 else reached[0]
+        lifted = [self._lifted(end, fine[0]) for end in reached]
+        best = min(lifted, key=lambda one: one.error) if len(lifted) > 1 else lifted[0]
         return (yield from self._climb(best.origin, fine, best))
 
-    def _lifted(self, reached: DescentEnd, level: Level) -> Array:
+    def _lifted(self, reached: DescentEnd, level: Level) -> LiftedMesh:
         """A mesh on the next finer level, or the first mesh of its start there where that has a much smaller error.
 
         Straight lines are drawn for each level anew, and can meet a thin layer better than a mesh from a coarse one.
         Where lines end inside, the initial mesh can be better, too. On fine meshes the coarser one has met it.
         """
         origin, norm = reached.origin, self._norm(level)
-        lifted = self.nest.lifted(
+        mesh = self.nest.lifted(
             origin, reached.mesh, reached.level, level, lambda: self._objective(level, origin, norm)
         )
+        lifted = LiftedMesh(origin, mesh, lambda: self._error(origin, level, mesh))
         if (origin.is_uniform and self.nest.is_regular) or level.points > MAX_GAIN_POINTS:
             return lifted
         start = self.nest.first_mesh(origin, level)
-        most = MAX_LIFTED_ERRORS[self.monitor.norm] * self._error(origin, level, start)
-        return lifted if self._error(origin, level, lifted) <= most else start
-
-    def _lifted_error(self, reached: DescentEnd, level: Level) -> float:
-        """The error of a mesh on the next finer level."""
-        return self._error(reached.origin, level, self._lifted(reached, level))
+        first = LiftedMesh(origin, start, lambda: self._error(origin, level, start))
+        return lifted if lifted.error <= MAX_LIFTED_ERRORS[self.monitor.norm] * first.error else first
 
     def _error(self, origin: Start, level: Level, mesh: Array) -> float:
         """The error of a mesh of a level."""
@@ -263,18 +278,21 @@ class LeastErrorSolve:
         return [(yield from self._descend(self.nest.from_coarse(start), level, sampled))]
 
     def _climb(
-        self, origin: Start, levels: Sequence[Level], before: DescentEnd | None = None
+        self, origin: Start, levels: Sequence[Level], lifted: LiftedMesh | None = None
     ) -> Generator[Descent, None, DescentEnd]:
-        """Descent on each level, from the mesh of the level before it; a start begins where it is not folded."""
-        if before is None:
+        """Descent on each level, from the mesh of the level before it, on the first one from the mesh ``lifted`` there.
+
+        Without that a start begins where it is not folded.
+        """
+        if lifted is None:
             valid = [level for level in levels if not self.nest.is_folded(self.nest.first_mesh(origin, level), level)]
             levels = valid or levels[-1:]
-        for level in levels:
-            start = self.nest.first_mesh(origin, level) if before is None else self._lifted(before, level)
-            before = yield from self._descend(origin, level, start)
-        if before is None:
-            raise AssertionError("there is at least one level")
-        return before
+        first, *finer = levels
+        start = self.nest.first_mesh(origin, first) if lifted is None else lifted.mesh
+        reached = yield from self._descend(origin, first, start)
+        for level in finer:
+            reached = yield from self._descend(origin, level, self._lifted(reached, level).mesh)
+        return reached
 
     def _descend(self, origin: Start, level: Level, start: Array) -> Generator[Descent, None, DescentEnd]:
         """Descent on one level."""
