@@ -19,6 +19,7 @@ from equimesh.least_error.nest import GridLevel, nested_levels
 from equimesh.least_error.objective import Objective
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import Closed, closed_mesh, interpolated_across, interpolated_closed, interpolated_values
+from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
 
@@ -146,6 +147,8 @@ def resampled(line: Array, count: int, *, closed: bool = False) -> Array:
     """The positions of ``count`` lines, by monotone interpolation of those in ``line``; it may be a closed family."""
     if line.size == count:
         return line
+    if (line.size - 1) % (count - 1) == 0:
+        return line[:: (line.size - 1) // (count - 1)].copy()
     at = np.linspace(0.0, line.size - 1.0, count)
     if line.size == 2:
         return at
@@ -197,22 +200,54 @@ def _equidistributed(line: Array, slopes: Array, shares: Array, exponent: float,
 
     ``shares`` are the lengths for which the lines of the other family stand.
     """
-    steps, changes = np.diff(line), np.diff(slopes, axis=0)
-    changes[np.abs(changes) <= ROUNDING_SHARE * np.abs(slopes).max()] = 0.0
-    bends = changes / steps[:, None]
-    size = float(np.abs(bends).max())
-    if not size > 0.0:
+    integral = np.empty(line.size)
+    wanted = exponent, floor
+    if not density_integral(line, np.ascontiguousarray(slopes), np.ascontiguousarray(shares), wanted, closed, integral):
         return line
-    density = ((bends / size) ** 2 @ shares) ** exponent
-    padded = np.pad(density, 1, mode="wrap" if closed else "edge")
-    density = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
-    density += floor * float(density @ steps)
-    integral = np.concatenate([[0.0], np.cumsum(density * steps)])
     if closed:
         return _with_uniform_mean(integral, line)
     moved = np.interp(np.linspace(0.0, integral[-1], line.size), integral, line)
     moved[0], moved[-1] = 0.0, 1.0
     return np.asarray(moved)
+
+
+@compiled
+def density_integral(
+    line: Array, slopes: Array, shares: Array, wanted: tuple[float, float], closed: bool, out: Array
+) -> bool:
+    """Fill ``out`` with the integral of the density from the first line to each; False where u does not bend.
+
+    ``slopes`` of shape ``(lines, crossings)`` are derivatives along the family; ``wanted`` are exponent and floor.
+    """
+    exponent, floor = wanted
+    cells, crossings = line.size - 1, shares.size
+    largest, size = 0.0, 0.0
+    for i in range(cells + 1):
+        for k in range(crossings):
+            largest = max(largest, abs(slopes[i, k]))
+    bends, density = np.zeros((cells, crossings)), np.zeros(cells)
+    for i in range(cells):
+        for k in range(crossings):
+            change = slopes[i + 1, k] - slopes[i, k]
+            if abs(change) > ROUNDING_SHARE * largest:
+                bends[i, k] = change / (line[i + 1] - line[i])
+                size = max(size, abs(bends[i, k]))
+    if not size > 0.0:
+        return False
+    for i in range(cells):
+        for k in range(crossings):
+            density[i] += (bends[i, k] / size) * (bends[i, k] / size) * shares[k]
+        density[i] = density[i] ** exponent
+    total = 0.0
+    for i in range(cells):  # the mean with the neighbours
+        before = density[i - 1] if i > 0 else density[cells - 1 if closed else 0]
+        after = density[i + 1] if i < cells - 1 else density[0 if closed else cells - 1]
+        out[i + 1] = 0.25 * before + 0.5 * density[i] + 0.25 * after
+        total += out[i + 1] * (line[i + 1] - line[i])
+    out[0] = 0.0
+    for i in range(cells):
+        out[i + 1] = out[i] + (out[i + 1] + floor * total) * (line[i + 1] - line[i])
+    return True
 
 
 def _with_uniform_mean(integral: Array, line: Array) -> Array:
