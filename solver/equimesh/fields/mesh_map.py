@@ -15,7 +15,7 @@ from equimesh.domains.domain import Domain, map_mesh
 from equimesh.errors import InputError
 from equimesh.fields.bicubic import ORDER, Axis, Bicubic, at_patch, at_piece, buckets_per_length, piece, slopes_at_piece
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.compiled import compiled, vectorised
+from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, BoolArray, Pair
 
 MAX_STEPS = 20  # of Newton's method
@@ -143,9 +143,13 @@ def locate_points(points: Pair, nodes: Pair, splines: MapSplines, places: Places
     of_x, of_y = splines.patches
     scale_s, scale_t = buckets_per_length(along_s), buckets_per_length(along_t)
     last_s, last_t = float(x.shape[0] - 1), float(x.shape[1] - 1)
-    i = j = 0
+    i = j = row_i = row_j = 0
     for p in range(px.size):
-        i, j = walk(px[p], py[p], x, y, i, j)
+        if is_nearer(px[p], py[p], x, y, (row_i, row_j), (i, j)):
+            row_i, row_j = walk(px[p], py[p], x, y, row_i, row_j)
+            i, j = row_i, row_j
+        else:
+            i, j = walk(px[p], py[p], x, y, i, j)
         s0, t0 = within(px[p], py[p], x, y, i, j, MIN_START_STEP_CELLS)
         smooth[p] = False
         a, b = s0, t0
@@ -218,20 +222,32 @@ def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int,
         worst, to_i, to_j = -1e-12, i, j
         x0, x1, x2, x3 = x[i, j] - px, x[i + 1, j] - px, x[i + 1, j + 1] - px, x[i, j + 1] - px
         y0, y1, y2, y3 = y[i, j] - py, y[i + 1, j] - py, y[i + 1, j + 1] - py, y[i, j + 1] - py
-        if j > 0 and x0 * y1 - x1 * y0 < worst * ((x1 - x0) ** 2 + (y1 - y0) ** 2):
-            worst, to_i, to_j = (x0 * y1 - x1 * y0) / ((x1 - x0) ** 2 + (y1 - y0) ** 2), i, j - 1
-        if i < rows - 1 and x1 * y2 - x2 * y1 < worst * ((x2 - x1) ** 2 + (y2 - y1) ** 2):
-            worst, to_i, to_j = (x1 * y2 - x2 * y1) / ((x2 - x1) ** 2 + (y2 - y1) ** 2), i + 1, j
-        if j < columns - 1 and x2 * y3 - x3 * y2 < worst * ((x3 - x2) ** 2 + (y3 - y2) ** 2):
-            worst, to_i, to_j = (x2 * y3 - x3 * y2) / ((x3 - x2) ** 2 + (y3 - y2) ** 2), i, j + 1
-        if i > 0 and x3 * y0 - x0 * y3 < worst * ((x0 - x3) ** 2 + (y0 - y3) ** 2):
-            worst, to_i, to_j = (x3 * y0 - x0 * y3) / ((x0 - x3) ** 2 + (y0 - y3) ** 2), i - 1, j
+        # Few edges have the point on their outer side: only their lengths are needed.
+        below, right, above, left = x0 * y1 - x1 * y0, x1 * y2 - x2 * y1, x2 * y3 - x3 * y2, x3 * y0 - x0 * y3
+        if below < 0.0 and j > 0 and below < worst * ((x1 - x0) ** 2 + (y1 - y0) ** 2):
+            worst, to_i, to_j = below / ((x1 - x0) ** 2 + (y1 - y0) ** 2), i, j - 1
+        if right < 0.0 and i < rows - 1 and right < worst * ((x2 - x1) ** 2 + (y2 - y1) ** 2):
+            worst, to_i, to_j = right / ((x2 - x1) ** 2 + (y2 - y1) ** 2), i + 1, j
+        if above < 0.0 and j < columns - 1 and above < worst * ((x3 - x2) ** 2 + (y3 - y2) ** 2):
+            worst, to_i, to_j = above / ((x3 - x2) ** 2 + (y3 - y2) ** 2), i, j + 1
+        if left < 0.0 and i > 0 and left < worst * ((x0 - x3) ** 2 + (y0 - y3) ** 2):
+            worst, to_i, to_j = left / ((x0 - x3) ** 2 + (y0 - y3) ** 2), i - 1, j
         if to_i == i and to_j == j:
             if is_near(px, py, x, y, i, j):
                 return i, j
             break
         i, j = to_i, to_j
     return search(px, py, x, y)  # the walk was a circle, or ended far away
+
+
+@inlined
+def is_nearer(px: float, py: float, x: Array, y: Array, one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether a point is nearer to the first node of the cell ``one`` than to that of an ``other`` cell.
+
+    Points mostly come in rows: the first point of a row is near to that of the row before, and far from the last one.
+    """
+    dx, dy, ex, ey = x[one] - px, y[one] - py, x[other] - px, y[other] - py
+    return dx * dx + dy * dy < ex * ex + ey * ey
 
 
 @compiled

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.bicubic import Bicubic, slopes_on_mesh
-from equimesh.fields.mesh_map import MIN_STEP_CELLS, MeshMap, Places, through, walk, within
+from equimesh.fields.mesh_map import MIN_STEP_CELLS, MeshMap, Places, is_nearer, through, walk, within
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
 from equimesh.meshes.mesh import Mesh
@@ -274,13 +274,17 @@ def evaluate_points(points: Pair, nodes: Pair, values: Array, bumps: EdgeBumps, 
     (px, py), (x, y) = points, nodes
     of_xi, of_eta = bumps
     count = rows.shape[0]
-    i = j = 0
+    i = j = row_i = row_j = 0
     for k in range(px.size):
         if not (np.isfinite(px[k]) and np.isfinite(py[k])):
             for row in range(count):
                 rows[row, k] = np.nan
             continue
-        i, j = walk(px[k], py[k], x, y, i, j)
+        if is_nearer(px[k], py[k], x, y, (row_i, row_j), (i, j)):
+            row_i, row_j = walk(px[k], py[k], x, y, row_i, row_j)
+            i, j = row_i, row_j
+        else:
+            i, j = walk(px[k], py[k], x, y, i, j)
         s, t = within(px[k], py[k], x, y, i, j, MIN_STEP_CELLS)
         s, t = s - i, t - j
         v00, v10, v11, v01 = values[i, j], values[i + 1, j], values[i + 1, j + 1], values[i, j + 1]
