@@ -201,7 +201,8 @@ class LeastErrorSolve:
             if lifted.error < self._error(given, finest, mesh):
                 yield from self._climb(reached.origin, [finest], lifted)
                 return
-        yield from self._descend(given, finest, mesh)
+        # Distortion is that of the initial mesh: from step to step of a sequence cells would become flatter.
+        yield from self._descend(self.nest.from_coarse(start), finest, mesh)
 
     def _coarse(
         self, levels: Sequence[Level], start: Mesh | QuadMesh | None, *, uniform_only: bool

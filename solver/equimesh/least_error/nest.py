@@ -179,7 +179,7 @@ class Nest(Protocol[AnyLevel, AnyMesh, AnyStart]):
         ...
 
     def given(self, mesh: AnyMesh) -> AnyStart:
-        """The start from a mesh of the finest level, where no mesh with a lower objective has a larger error."""
+        """The start from a mesh of the finest level."""
         ...
 
     def from_coarse(self, mesh: AnyMesh) -> AnyStart:

@@ -296,7 +296,7 @@ class Start:
 
     @classmethod
     def given(cls, mesh: Mesh, closed: Closed = OPEN) -> Start:
-        """From a given mesh on its own grid, where no mesh with a lower objective has a larger error; else uniform."""
+        """From a given mesh on its own grid, else from the uniform one."""
         origin = cls.uniform("given", closed)
         origin._starts[mesh.grid] = coordinates_of(mesh)
         return origin

@@ -171,3 +171,12 @@ def test_fields_that_do_not_fit_are_refused_before_the_solve() -> None:
     with pytest.raises(SamplesError, match="NaN"):
         meshes.step(np.full(GRID.shape, np.nan))
     assert meshes.number == 0
+
+
+def test_cells_do_not_become_flatter_from_step_to_step() -> None:
+    ring = "tanh(20*((x - 0.5 - t)**2 + (y - 0.5)**2 - 0.09))"
+    problem = em.Problem(monitor=em.LeastError(u=em.Expression(ring, t=0.0)), grid=em.Grid(n_xi=25, n_eta=25))
+    meshes = em.Sequence(problem)
+    for number in range(1, 9):
+        step = meshes.step(em.Expression(ring, t=0.004 * number).evaluate(meshes.mesh.x, meshes.mesh.y)[0])
+    assert step.solution.angles.smallest > 15.0
