@@ -247,7 +247,7 @@ def is_nearer(px: float, py: float, x: Array, y: Array, one: tuple[int, int], ot
     Points mostly come in rows: the first point of a row is near to that of the row before, and far from the last one.
     """
     dx, dy, ex, ey = x[one] - px, y[one] - py, x[other] - px, y[other] - py
-    return dx * dx + dy * dy < ex * ex + ey * ey
+    return bool(dx * dx + dy * dy < ex * ex + ey * ey)
 
 
 @compiled

@@ -222,8 +222,8 @@ class LeastErrorSolve:
                 yield best.record
             return best
         lifted = [self._lifted(end, fine[0]) for end in reached]
-        best = min(lifted, key=lambda one: one.error) if len(lifted) > 1 else lifted[0]
-        return (yield from self._climb(best.origin, fine, best))
+        first = min(lifted, key=lambda one: one.error) if len(lifted) > 1 else lifted[0]
+        return (yield from self._climb(first.origin, fine, first))
 
     def _lifted(self, reached: DescentEnd, level: Level) -> LiftedMesh:
         """A mesh on the next finer level, or the first mesh of its start there where that has a much smaller error.
