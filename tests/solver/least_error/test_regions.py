@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import equimesh as em
 from equimesh.least_error.cells import Cells, Region, cells_of_grid, originals, regions_of
 from equimesh.numerics.types import IntArray
 
@@ -79,3 +80,12 @@ def test_cuts_through_corners_keep_their_cells() -> None:
         numbers = cells_in_mesh(region, cells)
         found |= {int(numbers[cell]): cut for cell, cut in region.cells.corner_cuts.items()}
     assert found == dict(cells.corner_cuts)
+
+
+def test_the_sides_of_a_region_are_those_of_the_mesh_that_it_has() -> None:
+    cells = cells_of_grid((9, 9))
+    owner = em.Schwarz(subdomains=(2, 2)).owner_of_cells(em.Grid(n_xi=9, n_eta=9))
+    sides = {frozenset(edge) for edge in cells.sides.tolist()}
+    found = [{frozenset(edge) for edge in r.nodes[r.cells.sides].tolist()} for r in regions_of(cells, owner, 1)]
+    assert set().union(*found) == sides
+    assert all(0 < len(here) < len(sides) for here in found)
