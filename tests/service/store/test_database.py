@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import create_engine, event, make_url, text
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DBAPIError, OperationalError
 
 from equimesh_cli import main
 from equimesh_service import Settings, running
@@ -37,6 +37,22 @@ def test_a_database_that_takes_no_writes_is_noticed_though_it_can_be_read(tmp_pa
     with pytest.raises(OperationalError, match="readonly database"):
         store.check()
     store.close()
+
+
+def test_a_server_that_is_set_to_take_no_writes_is_noticed(postgres: Postgres) -> None:
+    with postgres.database() as url:
+        store = Store(url)
+        store.prepare()
+        store.check()
+        store.close()
+        options = str(make_url(url).query["options"])
+        address = make_url(url).update_query_dict({"options": f"{options} -cdefault_transaction_read_only=on"})
+        read_only = Store(address.render_as_string(hide_password=False))
+        with read_only.database.read() as connection:
+            assert connection.execute(text("SELECT count(*) FROM meshes")).scalar() == 0
+        with pytest.raises(DBAPIError, match="read-only transaction"):
+            read_only.check()
+        read_only.close()
 
 
 def test_only_what_is_promised_waits_for_the_disk(store: Store, address: str) -> None:
