@@ -334,9 +334,9 @@ def about_degrees(gains: Sequence[DegreeGain], errors: InterpolationErrors, othe
         return
     worse = [one for one in gains if one.degree != errors.degree and 0.0 < one.l2 < MIN_ESTIMATED_GAIN]
     if worse:
-        losses = [f"for {ELEMENTS[one.degree]} elements about {1 / one.l2:.2g} times" for one in worse]
+        losses = [f"about {1 / one.l2:.2g} times for {ELEMENTS[one.degree]} elements" for one in worse]
         yield (
-            f"On this mesh the L2 error of interpolation is larger than on the {other} one {' and '.join(losses)}."
+            f"The L2 error of interpolation is larger on this mesh than on the {other} one, {' and '.join(losses)}."
             " If your elements are such, make the mesh for them: take least_error or auto with their degree."
         )
 
