@@ -148,13 +148,15 @@ MAX_SECONDS = 3.0
 MAX_SILENT_SECONDS = 10.0
 
 
-def repeated(piece: bytes, size: int, start: bytes = b"", end: bytes = b"") -> bytes:
-    return start + piece * (size // len(piece)) + end
+def repeated(piece: bytes, size: int, start: bytes = b"", end: bytes = b"") -> list[bytes]:
+    """A body in parts of some 256 KiB, of which all but a few are one: most are refused before much of them is sent."""
+    count, at_once = size // len(piece), max(1, 2**18 // len(piece))
+    return [start, *[piece * at_once] * (count // at_once), piece * (count % at_once) + end]
 
 
-BODIES: dict[str, tuple[str, Callable[[int], bytes]]] = {
+BODIES: dict[str, tuple[str, Callable[[int], list[bytes]]]] = {
     "keys": (JSON, lambda size: repeated(b"".join(b'"k%d":1,' % k for k in range(1000)), size, b"{", b'"k":1}')),
-    "deep lists": (JSON, lambda size: b"[" * size),
+    "deep lists": (JSON, lambda size: repeated(b"[", size)),
     "a long number": (JSON, lambda size: repeated(b"7", size, b"[", b"]")),
     "lists": (JSON, lambda size: repeated(b"[1],", size, b'{"monitor":{"u":[', b"1]}}")),
     "numbers": (JSON, lambda size: repeated(b"1,", size, b'{"step":0,"u":{"nodes":[[', b"1]]}}")),
@@ -222,10 +224,9 @@ def routes(document: dict[str, Any]) -> list[tuple[str, str]]:
     return [*pages, *listed]
 
 
-def pieces(body: bytes, *, chunked: bool) -> Iterator[bytes]:
-    """A body as it is sent, of 256 KiB at a time."""
-    for start in range(0, len(body), 2**18):
-        piece = body[start : start + 2**18]
+def pieces(body: list[bytes], *, chunked: bool) -> Iterator[bytes]:
+    """A body as it is sent."""
+    for piece in filter(None, body):
         yield b"%x\r\n%b\r\n" % (len(piece), piece) if chunked else piece
     if chunked:
         yield b"0\r\n\r\n"
@@ -238,7 +239,7 @@ def sent(url: str, method: str, path: str, kind: str, size: int, *, chunked: boo
     """
     media_type, make = BODIES[kind]
     body, place = make(size), urlsplit(url)
-    length = "Transfer-Encoding: chunked" if chunked else f"Content-Length: {len(body)}"
+    length = "Transfer-Encoding: chunked" if chunked else f"Content-Length: {sum(map(len, body))}"
     head = f"{method} {path} HTTP/1.1\r\nHost: {place.netloc}\r\nContent-Type: {media_type}\r\n{length}\r\n"
     head += f"Authorization: Bearer {secret}\r\n\r\n" if secret else "\r\n"
     with socket.create_connection((place.hostname, place.port), timeout=120) as line:
