@@ -23,7 +23,7 @@ from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.paved import descend_paved, paved_steps
 from equimesh.least_error.restricted import Merged
 from equimesh.least_error.starts import GridNest
-from equimesh.least_error.subdomains import LEADER, Subdomains
+from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
@@ -364,7 +364,7 @@ class LeastErrorSolve:
         )
 
     def follow(self, start: Array, first: Array) -> None:
-        """Descend in the subdomains of this part, where another part leads the same solve, from the mesh ``first``.
+        """Descend in subdomains on the finest mesh, from ``first``, which another solve has reached.
 
         ``start`` is the first mesh of its start.
         """
@@ -396,8 +396,7 @@ class LeastErrorSolve:
             chart: Any = nest.chart(level)  # of curves, as only blocks are paved
             yield from descend_paved(objective, chart, nest.initial(level), start, least, self.more_steps)
         elif self.subdomains is not None and level.is_finest:
-            if self.subdomains.channel.number == LEADER:
-                self.subdomains.lead(self.weights, nest.first_mesh(origin, level), start)
+            self.subdomains.begin(self.weights, nest.first_mesh(origin, level), start)
             owner = nest.owners(self.subdomains.settings)
             yield from self.subdomains.descend(objective, owner, start, steps, least, self.threads)
         else:

@@ -17,7 +17,7 @@ import numpy as np
 from equimesh.least_error.cells import Region
 from equimesh.least_error.descent import MIN_JACOBIAN_SHARE, descend
 from equimesh.least_error.objective import Objective
-from equimesh.numerics.channel import ALONE, Channel, gather, run_on_threads
+from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 
 SHORTENING = 0.5
@@ -40,33 +40,18 @@ class Merged:
     """The smallest Jacobian of a corner over that of the start."""
 
 
-def holders(regions: Sequence[Region], parts: int) -> list[int]:
-    """The part that holds each region: consecutive ones, with about as many cells for each part."""
-    cells = np.array([region.own_cells for region in regions], dtype=float)
-    middle = np.cumsum(cells) - 0.5 * cells
-    found = np.minimum((middle * parts / cells.sum()).astype(int), parts - 1)
-    # Every part holds a region where there are enough of them.
-    for k in range(len(regions)):
-        found[k] = min(max(found[k], parts - len(regions) + k, 0), k if k < parts else parts - 1)
-    return [int(part) for part in np.maximum.accumulate(found)]
-
-
 class RestrictedDescent:
-    """The regions of a mesh that one part holds, and what it exchanges with the other parts.
+    """The descent in the regions of a mesh with these numbers, ``here``, by default in all.
 
-    All parts of ``channel`` make the same calls in the same order. Each has an array of the whole mesh, in which the
-    nodes of its own regions are right. The meshes do not depend on the number of parts, nor on that of the ``threads``
-    that share the regions of a part.
+    The meshes do not depend on the number of the ``threads`` that share the regions.
     """
 
     def __init__(
-        self, objective: Objective, regions: Sequence[Region], threads: int = 1, channel: Channel = ALONE
+        self, objective: Objective, regions: Sequence[Region], threads: int = 1, here: Sequence[int] | None = None
     ) -> None:
-        self._channel, self._regions = channel, regions
-        self._holders = holders(regions, channel.count)
-        self._held = [k for k, part in enumerate(self._holders) if part == channel.number]
-        self._threads = max(1, min(threads, len(self._held)))
-        self._local = {k: objective.on(regions[k]) for k in self._held}
+        self._regions, self._here = regions, range(len(regions)) if here is None else here
+        self._threads = max(1, min(threads, len(self._here)))
+        self._local = {k: objective.on(regions[k]) for k in self._here}
         self._weights = objective.weights
         self._corners, self._rounding = 4 * objective.cells.count, objective.rounding
 
@@ -100,33 +85,31 @@ class RestrictedDescent:
                 return
 
     def whole(self, mesh: Array) -> Array:
-        """The mesh with all nodes right, in every part."""
-        if self._channel.count == 1:
-            return mesh
-        whole, owned = mesh.copy(), [self._owned(k) for k in range(len(self._regions))]
-        mine = [mesh[:, owned[k]] for k in self._held] or [np.empty((2, 0))]
-        every = gather(self._channel, "nodes", [np.concatenate(mine, axis=1)])
-        for part, (nodes,) in enumerate(every):
-            numbers = [owned[k] for k, holder in enumerate(self._holders) if holder == part]
-            if numbers:
-                whole[:, np.concatenate(numbers)] = nodes
-        return whole
+        """The merged mesh with all nodes, also those of regions that are elsewhere."""
+        return mesh
+
+    def _joined(self, found: Array) -> Array:
+        """What was found in all regions, along the first axis in their order."""
+        return found
+
+    def _complete(self, moves: Array) -> None:
+        """Write the moves of nodes that the regions here need, and that regions elsewhere own."""
 
     def _owned(self, k: int) -> IntArray:
         """The nodes that a region owns, as numbers of the mesh."""
         return self._regions[k].nodes[self._regions[k].owned]
 
     def _each(self, work: Callable[[int], object]) -> None:
-        """Do ``work`` for every region that is held here, on the threads."""
+        """Do ``work`` for every region here, on the threads."""
 
         def share(thread: int) -> None:
-            for k in self._held[thread :: self._threads]:
+            for k in self._here[thread :: self._threads]:
                 work(k)
 
         run_on_threads(self._threads, share)
 
     def _measured(self, mesh: Array) -> tuple[Merged, dict[int, float]]:
-        """The objective of a merged mesh, and the squared errors of whole regions that are held here.
+        """The objective of a merged mesh, and the squared errors of the whole regions here.
 
         Sums are taken in the order of the regions.
         """
@@ -139,8 +122,7 @@ class RestrictedDescent:
             squares[k] = sums.every_square
 
         self._each(measure)
-        here = np.array([found[k] for k in self._held]).reshape(-1, 5)
-        every = np.concatenate([part[0] for part in gather(self._channel, "sums", [here])])
+        every = self._joined(np.array([found[k] for k in self._here]).reshape(-1, 5))
         square, distortion, bends, oblique = (float(np.sum(every[:, j])) for j in range(4))
         distortion, oblique = distortion / self._corners, oblique / self._corners
         if not self._rounding < math.sqrt(square) < math.inf:
@@ -152,7 +134,7 @@ class RestrictedDescent:
         return Merged(value, math.sqrt(square), distortion, float(every[:, 4].min())), squares
 
     def _moves(self, mesh: Array, squares: dict[int, float], square: float, steps: int) -> Array:
-        """The moves of all nodes that the regions of this part need: each from the region that owns the node."""
+        """The moves of all nodes that the regions here need: each from the region that owns the node."""
         moves = np.zeros_like(mesh)
         found = dict[int, Array]()
 
@@ -165,27 +147,7 @@ class RestrictedDescent:
                 found[k] = (state - start)[:, region.owned]
 
         self._each(descend_in)
-        for k in self._held:
+        for k in self._here:
             moves[:, self._owned(k)] = found[k]
-        self._exchange(moves)
+        self._complete(moves)
         return moves
-
-    def _exchange(self, moves: Array) -> None:
-        """Send the moves that other parts need of nodes owned here, and receive theirs."""
-        others = [part for part in range(self._channel.count) if part != self._channel.number]
-        for part in others:
-            numbers = self._shared(self._channel.number, part)
-            if numbers.size:
-                self._channel.send(part, "moves", [moves[:, numbers]])
-        for part in others:
-            numbers = self._shared(part, self._channel.number)
-            if numbers.size:
-                moves[:, numbers] = self._channel.receive(part, "moves")[0]
-
-    def _shared(self, owner: int, reader: int) -> IntArray:
-        """The nodes that regions of one part own and regions of another one read, in ascending order."""
-        owned = [self._owned(k) for k, part in enumerate(self._holders) if part == owner]
-        read = [self._regions[k].nodes for k, part in enumerate(self._holders) if part == reader]
-        if not (owned and read):
-            return np.empty(0, dtype=np.int64)
-        return np.intersect1d(np.concatenate(owned), np.unique(np.concatenate(read)))

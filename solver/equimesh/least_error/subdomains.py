@@ -1,8 +1,4 @@
-"""The subdomains of the finest mesh of a grid or of blocks, and the parts of a computation that hold them.
-
-The first part, which leads, solves the coarse meshes and measures; the others follow: they wait until the finest mesh
-is reached, and descend in their subdomains. A part alone leads nobody.
-"""
+"""The subdomains of the finest mesh of a grid or of blocks."""
 
 from __future__ import annotations
 
@@ -12,60 +8,36 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.least_error.cells import regions_of
+from equimesh.least_error.cells import Region, regions_of
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.restricted import Merged, RestrictedDescent
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.channel import ALONE, Channel
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Groups, Schwarz
-
-LEADER = 0
-"""The number of the part that leads."""
-BEGIN = "begin"
-"""The tag of a message with which a descent begins: the weights, and two meshes; none of them is the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Subdomains:
-    """Subdomains by their ``settings``, which the parts of ``channel`` hold."""
+    """Subdomains by their ``settings``."""
 
     settings: Schwarz
-    channel: Channel = ALONE
 
     def descend(
         self, objective: Objective, owner: IntArray, first: Array, exchanges: int, min_decrease: float, threads: int
     ) -> Iterator[tuple[Array, Merged]]:
-        """The meshes after each exchange, from ``first`` on, with their objective; the same in all parts.
+        """The meshes after each exchange, from ``first`` on, with their objective.
 
-        ``owner`` has the number of the subdomain of each cell, shape ``(cells,)``. All parts of the channel have to
-        call it, with the same arguments.
+        ``owner`` has the number of the subdomain of each cell, shape ``(cells,)``.
         """
-        regions = regions_of(objective.cells, owner, self.settings.overlap)
-        shared = RestrictedDescent(objective, regions, threads, self.channel)
+        shared = self._restricted(objective, regions_of(objective.cells, owner, self.settings.overlap), threads)
         for merged, now in shared.descend(first, exchanges, self.settings.local_steps, min_decrease):
             yield shared.whole(merged), now
 
-    def lead(self, weights: Sequence[float], start: Array, first: Array) -> None:
-        """Let the other parts begin a descent from ``first`` with these ``weights``, relative to the mesh ``start``."""
-        self._tell(np.array(weights), start, first)
+    def begin(self, weights: Sequence[float], start: Array, first: Array) -> None:
+        """Called before a descent from ``first`` with these ``weights``, relative to the mesh ``start``."""
 
-    def dismiss(self) -> None:
-        """Let the other parts end."""
-        self._tell(np.empty(0), np.empty(0), np.empty(0))
-
-    def orders(self) -> Iterator[tuple[list[float], Array, Array]]:
-        """The weights of each descent that the leader begins, what it is relative to, and its first mesh."""
-        while True:
-            weights, start, first = self.channel.receive(LEADER, BEGIN)
-            if not first.size:
-                return
-            yield weights.tolist(), np.ascontiguousarray(start), np.ascontiguousarray(first)
-
-    def _tell(self, *arrays: Array) -> None:
-        for part in range(self.channel.count):
-            if part != LEADER:
-                self.channel.send(part, BEGIN, list(arrays))
+    def _restricted(self, objective: Objective, regions: Sequence[Region], threads: int) -> RestrictedDescent:
+        return RestrictedDescent(objective, regions, threads)
 
 
 def owners(settings: Schwarz, mesh: QuadMesh) -> IntArray:

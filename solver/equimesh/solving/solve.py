@@ -19,7 +19,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, require_lines
-from equimesh.numerics.channel import ALONE, Channel, thread_count
+from equimesh.numerics.channel import thread_count
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
@@ -116,13 +116,11 @@ class Method(Protocol):
         ...
 
 
-def method_of(
-    problem: Problem[Any], schwarz: Schwarz | None = None, channel: Channel = ALONE, **settings: Any
-) -> Method:
+def method_of(problem: Problem[Any], schwarz: Schwarz | None = None, **settings: Any) -> Method:
     """The method that belongs to the monitor of a problem, with the settings of the short form.
 
-    ``channel`` has the processes that hold the subdomains of blocks. ``settings`` are those of
-    :class:`Equidistribute`. Raises :class:`~equimesh.errors.InputError` for some that the method does not have.
+    ``settings`` are those of :class:`Equidistribute`. Raises :class:`~equimesh.errors.InputError` for some that the
+    method does not have.
     """
     if in_blocks(problem) and settings:
         name = next(iter(settings))
@@ -133,9 +131,9 @@ def method_of(
             raise InputError(NO_ROUNDS, field="schwarz")
         return Round()
     if isinstance(monitor, LeastError):
-        return MinimiseError(schwarz=schwarz, channel=channel)
+        return MinimiseError(schwarz=schwarz)
     if in_blocks(problem):
-        return Best(minimise=MinimiseError(schwarz=schwarz, channel=channel))
+        return Best(minimise=MinimiseError(schwarz=schwarz))
     equidistribute = Equidistribute(schwarz=schwarz, **settings)
     return Best(equidistribute=equidistribute) if isinstance(monitor, Auto) else equidistribute
 
@@ -204,8 +202,6 @@ class MinimiseError:
 
     schwarz: Schwarz | None = None
     """The settings of the subdomains of the finest mesh; ``None`` for a descent of the whole mesh."""
-    channel: Channel = ALONE
-    """The processes that hold the subdomains."""
     coarse: DescentEnd | None = None
     """A mesh of a coarse level from which the solve continues."""
 
@@ -234,7 +230,7 @@ class MinimiseError:
     @property
     def subdomains(self) -> Subdomains | None:
         """The subdomains of the finest mesh."""
-        return None if self.schwarz is None else Subdomains(settings=self.schwarz, channel=self.channel)
+        return None if self.schwarz is None else Subdomains(settings=self.schwarz)
 
 
 @dataclass(frozen=True, kw_only=True)

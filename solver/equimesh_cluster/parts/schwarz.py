@@ -15,7 +15,6 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
-from equimesh.least_error.subdomains import LEADER, Subdomains
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.numerics.channel import Channel, Traffic
@@ -29,11 +28,12 @@ from equimesh.solving.certificate import safe_discretization_error
 from equimesh.solving.schwarz import ending_of
 from equimesh.solving.single_domain import require_open
 from equimesh.solving.solution import OnBlocks, Solution
-from equimesh.solving.solve import method_of
+from equimesh.solving.solve import Best, method_of
 from equimesh.solving.status import Announcer, Event, Initial, SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.parts.checkpoints import Checkpoints, keep, resumed
 from equimesh_cluster.parts.holding import GHOSTS, OnChannel, cuts_of_rows, holder, rows_of
+from equimesh_cluster.parts.least_error import LEADER, PartMinimiseError, PartSubdomains
 from equimesh_cluster.parts.part_solution import PartSolution
 
 
@@ -225,11 +225,13 @@ def solve_part_of_blocks(
     ``observe`` is called with every step, in the part that leads. The leader solves the coarse meshes and measures the
     result.
     """
-    subdomains = Subdomains(settings=settings, channel=channel)
+    subdomains = PartSubdomains(settings=settings, channel=channel)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         if channel.number == LEADER:
             options = SolveOptions(threads=threads, observer=Announcer.of(observe))
-            found = method_of(problem, settings, channel).solve(problem, Initial.NESTED, options)
+            method, minimise = method_of(problem, settings), PartMinimiseError(schwarz=settings, channel=channel)
+            shared = replace(method, minimise=minimise) if isinstance(method, Best) else minimise
+            found = shared.solve(problem, Initial.NESTED, options)
             subdomains.dismiss()
             return BlocksResult.of(found)
         asked = problem.monitor
