@@ -11,7 +11,7 @@ import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.schwarz.functionals import CornerLink, InterfaceData, Link, SubdomainProblem
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.optimized import OptimizedSubdomains
 
 STEPS = (1e-3, 5e-4, 2.5e-4)
@@ -91,7 +91,7 @@ def test_subdomains_whose_interfaces_yield(boundary: em.Boundary, parts: tuple[i
     case = problem("tanh20", 18, 15, boundary=boundary)
     decomposition = em.Decomposition(grid=case.grid, subdomains=parts, overlap=2)
     subdomains = OptimizedSubdomains(
-        case, InOneProcess(decomposition), em.Optimized(), em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
+        case, MergedMeshes(decomposition), em.Optimized(), em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
     )
     mesh = em.Mesh.uniform(case.grid)
     subdomains.begin(mesh)

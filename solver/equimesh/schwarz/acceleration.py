@@ -16,7 +16,7 @@ from equimesh.numerics import newton
 from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.line_corrections import CorrectionResult
-from equimesh.schwarz.merged_mesh import Holding
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.settings import Acceleration, Schwarz
 from equimesh.schwarz.subdomains import MergedSolutions, Subdomains
 
@@ -31,8 +31,8 @@ MIN_SINGULAR_SHARE = 1e-12
 class Anderson:
     """The combination of the last few results of an iteration whose changes nearly cancel (Anderson, type II)."""
 
-    def __init__(self, holding: Holding, depth: int = MAX_COMBINED) -> None:
-        self._holding, self._depth = holding, depth
+    def __init__(self, merged: MergedMeshes, depth: int = MAX_COMBINED) -> None:
+        self._merged, self._depth = merged, depth
         self._changes: deque[Mesh] = deque(maxlen=depth)
         self._results: deque[Mesh] = deque(maxlen=depth)
         self._last: tuple[Mesh, Mesh] | None = None
@@ -57,13 +57,13 @@ class Anderson:
             x -= weight * moved.x
             y -= weight * moved.y
         combined = Mesh(x, y)
-        return combined if self._holding.smallest_jacobian(combined) > 0.0 else None
+        return combined if self._merged.smallest_jacobian(combined) > 0.0 else None
 
     def _products(self, changes: Sequence[Mesh], change: Mesh) -> tuple[Array, Array] | None:
         """The inner products of the earlier changes with each other, and with the last one; ``None`` if one is zero."""
         count = len(changes)
         pairs = [(a, b) for a in changes for b in changes] + [(a, change) for a in changes]
-        found = self._holding.products(pairs)
+        found = self._merged.products(pairs)
         return (found[:-count].reshape(count, count), found[-count:]) if found[-count - 1] > 0.0 else None
 
 
@@ -213,12 +213,12 @@ class Accelerator(Protocol):
 
 
 def accelerator(
-    settings: Schwarz, holding: Holding, subdomains: Callable[[], Subdomains], rounding: float, threads: int
+    settings: Schwarz, merged: MergedMeshes, subdomains: Callable[[], Subdomains], rounding: float, threads: int
 ) -> Accelerator:
-    """The accelerator of the settings; ``subdomains`` returns all of them, for a process that has whole meshes."""
+    """The accelerator of the settings; ``subdomains`` returns all of them, with whole meshes."""
     if settings.accelerated_by is Acceleration.NEWTON:
-        return NewtonAccelerator(holding, lambda: Raspen(subdomains(), rounding, threads))
-    return AndersonAccelerator(holding) if settings.accelerated_by is Acceleration.ANDERSON else NoAcceleration()
+        return NewtonAccelerator(merged, lambda: Raspen(subdomains(), rounding, threads))
+    return AndersonAccelerator(merged) if settings.accelerated_by is Acceleration.ANDERSON else NoAcceleration()
 
 
 class NoAcceleration:
@@ -242,9 +242,9 @@ class AndersonAccelerator:
 
     maps_merged_meshes = False
 
-    def __init__(self, holding: Holding) -> None:
-        self._holding = holding
-        self._anderson = Anderson(holding)
+    def __init__(self, merged: MergedMeshes) -> None:
+        self._merged = merged
+        self._anderson = Anderson(merged)
 
     def apply(
         self, before: Mesh, corrected: CorrectionResult, solved: MergedSolutions, enough: float
@@ -260,7 +260,7 @@ class AndersonAccelerator:
 
     def forget(self) -> None:
         """Forget all iterations."""
-        self._anderson = Anderson(self._holding)
+        self._anderson = Anderson(self._merged)
 
 
 class NewtonAccelerator:
@@ -268,8 +268,8 @@ class NewtonAccelerator:
 
     maps_merged_meshes = True
 
-    def __init__(self, holding: Holding, raspen: Callable[[], Raspen]) -> None:
-        self._holding, self._make = holding, raspen
+    def __init__(self, merged: MergedMeshes, raspen: Callable[[], Raspen]) -> None:
+        self._merged, self._make = merged, raspen
 
     @cached_property
     def _raspen(self) -> Raspen:
@@ -282,7 +282,7 @@ class NewtonAccelerator:
         del enough
         if solved.has_stalled or solved.is_rescued:
             return AccelerationResult(corrected.mesh)
-        combined, products = self._holding.on_whole(self._step, [before, corrected.mesh], solved.states)
+        combined, products = self._merged.on_whole(self._step, [before, corrected.mesh], solved.states)
         if combined is None:
             return AccelerationResult(corrected.mesh, products=int(products))
         return AccelerationResult(combined, is_combined=True, products=int(products))

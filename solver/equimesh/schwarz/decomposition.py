@@ -186,6 +186,8 @@ def _spans(points: int, count: int, overlap: int) -> tuple[Span, ...]:
 
 # The window of the grid that a subdomain is solved on: its own points and the lines beyond its interfaces.
 
+Place: TypeAlias = tuple[slice, slice]
+"""A rectangle of grid points."""
 AXES = (0, 1)
 ENDS = (0, 1)
 
@@ -250,6 +252,34 @@ class SubdomainWindow:
         """A place of the grid as one of the window."""
         xi, eta = (slice(cut.start - first, cut.stop - first) for cut, first in zip(place, self.first, strict=True))
         return xi, eta
+
+
+# Rectangles of grid points: what two of them share, and the lines around a subdomain.
+
+
+def common(one: Place, other: tuple[slice, ...]) -> Place | None:
+    """The rectangle that two share; ``None`` where they share no point."""
+    xi, eta = (slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one, other, strict=True))
+    return (xi, eta) if xi.start < xi.stop and eta.start < eta.stop else None
+
+
+def points(place: Place | None) -> int:
+    """The number of grid points of a rectangle."""
+    return 0 if place is None else (place[0].stop - place[0].start) * (place[1].stop - place[1].start)
+
+
+def rim(window: SubdomainWindow) -> dict[tuple[int, int], Place]:
+    """The grid points of a window beyond its interfaces, by the step to the neighbour that covers them."""
+    cuts = []
+    for axis in AXES:
+        covered = window.covered[axis]
+        here = {0: covered}
+        for end in ENDS:
+            if window.open[axis, end]:
+                beyond = slice(covered.stop, covered.stop + 1) if end else slice(covered.start - 1, covered.start)
+                here[1 if end else -1] = beyond
+        cuts.append(here)
+    return {(i, j): (cuts[0][i], cuts[1][j]) for i in cuts[0] for j in cuts[1] if (i, j) != (0, 0)}
 
 
 # The turns of a Schwarz iteration: which subdomains are solved at the same time, and in which order.

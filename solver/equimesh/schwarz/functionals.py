@@ -16,8 +16,8 @@ from equimesh.equations.problem import Problem, sides
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import Classical, PairOfFunctionals
-from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, Subdomain, SubdomainWindow
-from equimesh.schwarz.merged_mesh import Holding, Place
+from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, Place, Subdomain, SubdomainWindow
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.subdomains import MAX_LOCAL_STEPS, Outcome, SubdomainSweeps
 from equimesh.sweeps.sweep import Frame
@@ -256,28 +256,28 @@ class SubdomainProblem:
 
 
 class Exchange:
-    """The data that the subdomains which are held here receive: the states of their neighbours, as they read them.
+    """The data that subdomains receive: the states of their neighbours, as they read them.
 
-    Where all subdomains are in one process, data is computed when it is read. Else :meth:`read` sends and receives all
-    of it, with classical data that may take the place of the condition where it ``has_substitute``.
+    Where all subdomains are here, data is computed when it is read. Else :meth:`read` has all of it delivered, with
+    classical data that may take the place of the condition where it ``has_substitute``.
     """
 
-    def __init__(self, holding: Holding, parts: Sequence[SubdomainProblem], *, has_substitute: bool) -> None:
-        self._holding, self._parts, self._has_substitute = holding, parts, has_substitute
+    def __init__(self, merged: MergedMeshes, parts: Sequence[SubdomainProblem], *, has_substitute: bool) -> None:
+        self._merged, self._parts, self._has_substitute = merged, parts, has_substitute
         self._states: Mapping[int, Mesh] = {}
         self._received: dict[Link | CornerLink, Sequence[Array]] = {}
 
     def read(self, states: Mapping[int, Mesh], turn: Sequence[int] | None) -> None:
-        """Set the ``states`` of the subdomains that are held here, and send the data for a ``turn`` of subdomains."""
+        """Set the ``states`` of subdomains, and have the data for a ``turn`` of them delivered."""
         self._states, self._received = states, {}
-        if self._holding.is_whole:
+        if self._merged.is_whole:
             return
         for k in range(len(self._parts)) if turn is None else turn:
             part = self._parts[k]
             substitutes = [part.classical(link) for link in part.links] if self._has_substitute else []
             links: list[Link | CornerLink] = [*part.links, *substitutes, *part.corner_links]
             for link in links:
-                data = self._holding.deliver(link.sender, k, partial(self._sent, link), "interfaces")
+                data = self._merged.deliver(link.sender, k, partial(self._sent, link), "interfaces")
                 if data is not None:
                     self._received[link] = data
 
@@ -338,20 +338,22 @@ class FunctionalSlopes:
 class FunctionalSubdomains:
     """All subdomains of a decomposition, with a transmission condition of the paper."""
 
-    def __init__(self, problem: Problem, holding: Holding, condition: PairOfFunctionals, solver: LocalSolver) -> None:
-        decomposition, self._holding = holding.decomposition, holding
+    def __init__(
+        self, problem: Problem, merged: MergedMeshes, condition: PairOfFunctionals, solver: LocalSolver
+    ) -> None:
+        decomposition, self._merged = merged.decomposition, merged
         self.parts = [SubdomainProblem(problem, decomposition, part, condition) for part in decomposition.parts]
         self.windows: list[SubdomainWindow] = [part.window for part in self.parts]
         self._sweeps: dict[int, SubdomainSweeps] = {}
         self._problem, self._by_sweeps = problem, solver is LocalSolver.SWEEPS
         self._has_substitute = condition.ghosts > 0
         self._states: dict[int, Mesh] = {}
-        self._exchange = Exchange(holding, self.parts, has_substitute=self._has_substitute)
+        self._exchange = Exchange(merged, self.parts, has_substitute=self._has_substitute)
         self._read: tuple[dict[int, Mesh], Mesh] = {}, Mesh(np.zeros((0, 0)), np.zeros((0, 0)))
 
     def restart(self, mesh: Mesh) -> None:
         """Set the states of the subdomains to their parts of ``mesh``."""
-        self._states = {k: self._holding.restrict(self.windows[k], mesh) for k in self._holding.numbers}
+        self._states = {k: self._merged.restrict(self.windows[k], mesh) for k in self._merged.numbers}
 
     def begin(self, mesh: Mesh, turn: Sequence[int] | None = None) -> None:
         """Read the last solutions in the next solves; ``mesh`` is the merged mesh."""
@@ -366,7 +368,7 @@ class FunctionalSubdomains:
         """
         part, (states, mesh) = self.parts[k], self._read
         exchange = self._exchange
-        starts = [start for start in (states[k], self._holding.restrict(part.window, mesh)) if not start.is_folded]
+        starts = [start for start in (states[k], self._merged.restrict(part.window, mesh)) if not start.is_folded]
         for rescue in (False, True)[: 1 + self._has_substitute]:
             if self._by_sweeps and (rescue or not self._has_substitute):
                 swept = self._swept(k, part.held(exchange, states[k]))

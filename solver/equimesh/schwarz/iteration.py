@@ -22,10 +22,10 @@ from equimesh.monitors.monitor import require_lines
 from equimesh.numerics.channel import run_on_threads
 from equimesh.schwarz.acceleration import AccelerationResult, accelerator
 from equimesh.schwarz.conditions import Classical, Optimized, label
-from equimesh.schwarz.decomposition import Decomposition, Ordering, SubdomainWindow, turns
+from equimesh.schwarz.decomposition import Decomposition, Ordering, SubdomainWindow, common, points, rim, turns
 from equimesh.schwarz.functionals import FunctionalSubdomains
-from equimesh.schwarz.line_corrections import CorrectionResult, LineCorrections
-from equimesh.schwarz.merged_mesh import Holding, InOneProcess, common, points, rim
+from equimesh.schwarz.line_corrections import CorrectionResult
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.optimized import OptimizedSubdomains
 from equimesh.schwarz.records import Iteration, IterationNumbers, SubdomainRecord, estimate_error
 from equimesh.schwarz.settings import Schwarz
@@ -53,8 +53,8 @@ class Rescue:
     ``residuals`` are infinite where the grid is too large for a factorisation.
     """
 
-    def __init__(self, problem: Problem, holding: Holding) -> None:
-        self._problem, self._holding = problem, holding
+    def __init__(self, problem: Problem, merged: MergedMeshes) -> None:
+        self._problem, self._merged = problem, merged
         self.residuals: list[float] = []
         self.has_stepped = False
 
@@ -63,7 +63,7 @@ class Rescue:
 
         A step starts from the merged mesh, or from the one ``before`` the iteration where the merged mesh is folded.
         """
-        is_folded = not self._holding.smallest_jacobian(solved.mesh) > 0.0
+        is_folded = not self._merged.smallest_jacobian(solved.mesh) > 0.0
         if not (is_folded or solved.has_stalled):
             self.residuals = []
             return RescueResult(solved.mesh, is_stepped=False)
@@ -72,7 +72,7 @@ class Rescue:
         if self._problem.grid.points > MAX_FACTORISED_POINTS:
             self.residuals.append(math.inf)
             return RescueResult(Mesh(mesh.x.copy(), mesh.y.copy()), is_stepped=True)
-        stepped, residual = newton_step(self._problem, self._holding, mesh)
+        stepped, residual = newton_step(self._problem, self._merged, mesh)
         self.residuals.append(residual)
         return RescueResult(stepped, is_stepped=True)
 
@@ -88,7 +88,7 @@ class Rescue:
         return len(recent) == MAX_STEPS_IN_A_ROW and not recent[-1] < MIN_PROGRESS * recent[0]
 
 
-def newton_step(problem: Problem, holding: Holding, mesh: Mesh) -> tuple[Mesh, float]:
+def newton_step(problem: Problem, merged: MergedMeshes, mesh: Mesh) -> tuple[Mesh, float]:
     """The mesh after one guarded Newton step on the whole grid, and its residual relative to the mean flux."""
 
     def step(meshes: Sequence[Mesh], states: Sequence[Mesh]) -> tuple[Mesh, float]:
@@ -96,7 +96,7 @@ def newton_step(problem: Problem, holding: Holding, mesh: Mesh) -> tuple[Mesh, f
         *_, last = newton_steps(problem.equations(), meshes[0], most_steps=1, fast=True)
         return Mesh.of_unit_square(last.mesh.x, last.mesh.y), last.residual
 
-    stepped, residual = holding.on_whole(step, [mesh])
+    stepped, residual = merged.on_whole(step, [mesh])
     assert stepped is not None
     return stepped, residual
 
@@ -119,17 +119,17 @@ class Claim:
     is_refuted: bool = False
 
 
-def examine(problem: Problem, holding: Holding, claim: Claim, enough: float) -> Claim:
+def examine(problem: Problem, merged: MergedMeshes, claim: Claim, enough: float) -> Claim:
     """The claim after a Newton step on the whole grid.
 
     Where the step moves the mesh by more than ``enough``, the iteration continues from the mesh of the step.
     """
-    stepped, _ = newton_step(problem, holding, claim.mesh)
-    moved = holding.distance(stepped, claim.mesh)
+    stepped, _ = newton_step(problem, merged, claim.mesh)
+    moved = merged.distance(stepped, claim.mesh)
     estimate = max(claim.estimate, moved)
     if not moved > enough:
         return Claim(claim.mesh, estimate, claim.change, claim.before)
-    return Claim(stepped, estimate, holding.distance(stepped, claim.before), claim.before, is_refuted=True)
+    return Claim(stepped, estimate, merged.distance(stepped, claim.before), claim.before, is_refuted=True)
 
 
 # Signs that an iteration stalls, so that another transmission condition takes over.
@@ -264,17 +264,19 @@ def _corrected(decomposition: Decomposition) -> int:
 # The family of subdomains of a transmission condition.
 
 
-def subdomains_of(problem: Problem, holding: Holding, settings: Schwarz, *, enough: float, threads: int) -> Subdomains:
-    """The subdomains of a decomposition that are held here, with the transmission condition of the settings.
+def subdomains_of(
+    problem: Problem, merged: MergedMeshes, settings: Schwarz, *, enough: float, threads: int
+) -> Subdomains:
+    """The subdomains of a decomposition, with the transmission condition of the settings.
 
     Local solves may end when they move their nodes by no more than ``enough``.
     """
     condition = settings.transmission
     if not isinstance(condition, Optimized):
-        return FunctionalSubdomains(problem, holding, condition, settings.solved_by)
+        return FunctionalSubdomains(problem, merged, condition, settings.solved_by)
     return OptimizedSubdomains(
         problem,
-        holding,
+        merged,
         condition,
         settings.solved_by,
         in_turns=settings.ordering is not Ordering.PARALLEL,
@@ -301,14 +303,14 @@ def schwarz_iterations(
     The records name the condition in use. Where the first iterations come no nearer, and the settings leave the choice,
     Newton's method takes over the acceleration.
     """
-    holding = InOneProcess(settings.decompose(problem.grid))
-    for record, _ in iterations_on(holding, problem, settings, start, reference, threads=threads):
+    merged = MergedMeshes(settings.decompose(problem.grid))
+    for record, _ in iterations_on(merged, problem, settings, start, reference, threads=threads):
         assert isinstance(record, Iteration)
         yield record
 
 
 def iterations_on(
-    holding: Holding,
+    merged: MergedMeshes,
     problem: Problem,
     settings: Schwarz,
     start: Mesh,
@@ -317,19 +319,19 @@ def iterations_on(
     threads: int = 1,
     first: int = 0,
 ) -> Iterator[tuple[IterationNumbers, Mesh]]:
-    """The iterations of the subdomains that this process holds, as :func:`schwarz_iterations`: records and meshes.
+    """The iterations of the subdomains of ``merged``, as :func:`schwarz_iterations`: records and meshes.
 
-    ``start`` and ``reference`` are merged meshes as ``holding`` has them. A record has a mesh where ``holding`` shows
+    ``start`` and ``reference`` are merged meshes as ``merged`` has them. A record has a mesh where ``merged`` shows
     it. Where ``first`` is more than 0, ``start`` is the mesh after that iteration, and its record is left out.
     """
-    run = SchwarzRun(problem, settings, start, threads, holding)
+    run = SchwarzRun(problem, settings, start, threads, merged)
     if first == 0:
         yield run.first(reference), run.mesh
     for number in itertools.count(first + 1):
         if run.stalls.call_for_another_condition(run.rescue):
-            run = SchwarzRun(problem, settings.after_fallback(), start, threads, holding)
+            run = SchwarzRun(problem, settings.after_fallback(), start, threads, merged)
         elif run.stalls.call_for_newton and problem.grid.points <= MAX_FACTORISED_POINTS:
-            run = SchwarzRun(problem, run.settings.after_slow_iterations(), run.mesh, threads, holding)
+            run = SchwarzRun(problem, run.settings.after_slow_iterations(), run.mesh, threads, merged)
         record = run.next(number, reference)
         yield record, run.mesh
         if record.failed:
@@ -339,20 +341,18 @@ def iterations_on(
 class SchwarzRun:
     """The iteration with one transmission condition: its current mesh, and the guards."""
 
-    def __init__(self, problem: Problem, settings: Schwarz, start: Mesh, threads: int, holding: Holding) -> None:
+    def __init__(self, problem: Problem, settings: Schwarz, start: Mesh, threads: int, merged: MergedMeshes) -> None:
         self.problem, self.settings, self.mesh, self.threads = problem, settings, start, threads
         require_lines(problem.monitor)
-        self.holding, rounding = holding, smallest_tolerance(problem)
+        self.merged, rounding = merged, smallest_tolerance(problem)
         self.enough = max(settings.tolerance, rounding) if isinstance(settings.tolerance, float) else 0.0
-        self.turns = turns(holding.decomposition, settings.ordering)
-        self.reads = windows_that_read(holding.decomposition, settings)
-        self.subdomains = subdomains_of(problem, holding, settings, enough=self.enough, threads=threads)
+        self.turns = turns(merged.decomposition, settings.ordering)
+        self.reads = windows_that_read(merged.decomposition, settings)
+        self.subdomains = subdomains_of(problem, merged, settings, enough=self.enough, threads=threads)
         self.subdomains.restart(start)
-        self.corrections = (
-            LineCorrections(problem, threads, holding.line_sweep(problem)) if settings.line_corrections else None
-        )
-        self.accelerator = accelerator(settings, holding, self._all_subdomains, rounding, threads)
-        self.rescue, self.stalls = Rescue(problem, holding), Stalls(settings, rounding)
+        self.corrections = merged.line_corrections(problem, threads) if settings.line_corrections else None
+        self.accelerator = accelerator(settings, merged, self._all_subdomains, rounding, threads)
+        self.rescue, self.stalls = Rescue(problem, merged), Stalls(settings, rounding)
 
     def next(self, number: int, reference: Mesh | None) -> IterationNumbers:
         """One iteration of the paper, with acceleration and guards."""
@@ -375,7 +375,7 @@ class SchwarzRun:
             accelerated=accelerated.is_combined,
             failed=self.rescue.is_stuck and not self.settings.may_fall_back,
             work=work(self.problem.grid, self.subdomains, solutions.records, corrected.count),
-            traffic=traffic(self.holding.decomposition, self.settings, self.subdomains, self.turns, corrected.tried),
+            traffic=traffic(self.merged.decomposition, self.settings, self.subdomains, self.turns, corrected.tried),
             products=accelerated.products,
         )
 
@@ -390,18 +390,18 @@ class SchwarzRun:
 
     def _solve_subdomains(self) -> MergedSolutions:
         """One solve in every subdomain, turn by turn, merged to one mesh."""
-        mesh, subdomains, holding = Mesh(self.mesh.x.copy(), self.mesh.y.copy()), self.subdomains, self.holding
+        mesh, subdomains, merged = Mesh(self.mesh.x.copy(), self.mesh.y.copy()), self.subdomains, self.merged
         states, records = dict[int, Mesh](), dict[int, SubdomainRecord]()
         for turn in self.turns:
             subdomains.begin(mesh, turn)
-            for k, outcome in self._outcomes([k for k in turn if k in holding.numbers]).items():
+            for k, outcome in self._outcomes([k for k in turn if k in merged.numbers]).items():
                 states[k], records[k] = outcome.solution.mesh, outcome.record(k, records.get(k))
                 subdomains.keep(k, states[k])
             places = {k: subdomains.place(k) for k in turn}
-            holding.merge(turn, states, subdomains.windows, places, self.reads, mesh)
-        holding.close_sides(mesh)
-        mismatch = holding.mismatch(states, subdomains.windows, mesh)
-        every = holding.every({k: record.numbers for k, record in records.items()})
+            merged.merge(turn, states, subdomains.windows, places, self.reads, mesh)
+        merged.close_sides(mesh)
+        mismatch = merged.mismatch(states, subdomains.windows, mesh)
+        every = merged.every({k: record.numbers for k, record in records.items()})
         return MergedSolutions(
             mesh, _in_order(states), tuple(SubdomainRecord.of(k, one) for k, one in enumerate(every)), mismatch
         )
@@ -425,14 +425,14 @@ class SchwarzRun:
 
     def _claim(self, before: Mesh, corrected: CorrectionResult, accelerated: AccelerationResult) -> Claim:
         """The reached mesh and the estimate of its error; where that is doubtful, after an examination."""
-        change, estimate = self.holding.distance(accelerated.mesh, before), corrected.estimate
+        change, estimate = self.merged.distance(accelerated.mesh, before), corrected.estimate
         if accelerated.is_combined or math.isnan(estimate):
             estimate = self.stalls.estimate(change)
         claim = Claim(accelerated.mesh, estimate, change, before)
         is_doubtful = self.stalls.was_slow or self.rescue.has_stepped
         can_examine = math.isfinite(corrected.deviation) and self.problem.grid.points <= MAX_FACTORISED_POINTS
         if estimate <= self.enough and is_doubtful and can_examine:
-            return examine(self.problem, self.holding, claim, self.enough)
+            return examine(self.problem, self.merged, claim, self.enough)
         return claim
 
     def _continue_from(self, claim: Claim, solutions: MergedSolutions, deviation: float) -> None:
@@ -448,7 +448,7 @@ class SchwarzRun:
         """The record of the current mesh; ``values`` are the fields that depend on how it was computed."""
         domain, (n_xi, n_eta) = self.problem.domain, self.problem.grid.shape
         records = self._with_errors(values.pop("subdomains"), reference)
-        smallest = self.holding.smallest_jacobian(self.mesh, domain) * ((n_xi - 1) * (n_eta - 1))
+        smallest = self.merged.smallest_jacobian(self.mesh, domain) * ((n_xi - 1) * (n_eta - 1))
         values |= {
             "iteration": number,
             "problem": self.problem,
@@ -457,7 +457,7 @@ class SchwarzRun:
             "transmission": label(self.settings.transmission),
             "error": None if reference is None else max(max(r.error_x or 0.0, r.error_y or 0.0) for r in records),
         }
-        shown = self.holding.shown(self.mesh)
+        shown = self.merged.shown(self.mesh)
         if shown is None:
             return IterationNumbers(**values)
         return Iteration(mesh=map_mesh(shown, domain), reference=shown, **values)
@@ -467,19 +467,19 @@ class SchwarzRun:
         if reference is None:
             return list(records)
         errors = {}
-        for k in self.holding.numbers:
+        for k in self.merged.numbers:
             window, state = self.subdomains.windows[k], self.subdomains.state(k, self.mesh)
-            place, exact = window.local(window.covered), self.holding.restrict(window, reference)
+            place, exact = window.local(window.covered), self.merged.restrict(window, reference)
             pairs = (state.x, exact.x), (state.y, exact.y)
             errors[k] = [largest_difference(one[place], other[place]) for one, other in pairs]
-        every = self.holding.every(errors)
+        every = self.merged.every(errors)
         return [replace(r, error_x=every[r.subdomain][0], error_y=every[r.subdomain][1]) for r in records]
 
     def _all_subdomains(self) -> Subdomains:
         """All subdomains, with whole meshes."""
-        if self.holding.is_whole:
+        if self.merged.is_whole:
             return self.subdomains
-        whole = InOneProcess(self.holding.decomposition)
+        whole = MergedMeshes(self.merged.decomposition)
         return subdomains_of(self.problem, whole, self.settings, enough=self.enough, threads=self.threads)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,11 +15,10 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.types import Array, IntArray
-from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, SubdomainWindow
-from equimesh.schwarz.merged_mesh import Holding, LineSweep
+from equimesh.schwarz.decomposition import AXES, Decomposition, SubdomainWindow
 from equimesh.sweeps import kernels
 from equimesh.sweeps.line_sums import cell_metrics
-from equimesh.sweeps.sweep import WHOLE, Frame, SideNodes, Sides, Sweep, error_left, memory_needed
+from equimesh.sweeps.sweep import WHOLE, Correction, Frame, SideNodes, Sides, Sweep, error_left, memory_needed
 
 # Sums of squared metric lengths along the pieces of the lines of a mesh, between some of its cross lines.
 
@@ -102,15 +100,6 @@ class LineSums(Protocol):
         ...
 
 
-def line_sums(
-    problem: Problem, holding: Holding, windows: Sequence[SubdomainWindow], threads: int, *, local: bool = False
-) -> LineSums:
-    """The sums for subdomains of these windows; with ``local`` only the sums of sides, if processes share them."""
-    if holding.is_whole:
-        return WholeLineSums(problem, interfaces(holding.decomposition), threads)
-    return HeldLineSums(problem, holding, windows, local=local)
-
-
 def interfaces(decomposition: Decomposition) -> tuple[set[int], set[int]]:
     """The grid lines on which subdomains end, across xi and across eta."""
     xi, eta = ({end for span in decomposition.spans[axis] for end in (span.first, span.last)} for axis in AXES)
@@ -122,7 +111,7 @@ class WholeLineSums:
 
     def __init__(self, problem: Problem, at: tuple[set[int], set[int]], threads: int = 1) -> None:
         self.points = shape = problem.grid.shape
-        self._cuts = _cuts(at, (0, 0), (shape[0] - 1, shape[1] - 1))
+        self._cuts = line_cuts(at, (0, 0), (shape[0] - 1, shape[1] - 1))
         self._segments = Segments(problem, shape, self._cuts, threads)
         self.edges = self._segments.edges
 
@@ -139,7 +128,7 @@ class WholeLineSums:
         """The sums on one side of a grid line, for every line along ``axis``."""
         k = int(np.searchsorted(self._cuts[axis], point))
         pieces = self._segments.along[axis]
-        return _added(np.zeros(pieces.shape[1]), pieces[k:][::-1] if end else pieces[:k])
+        return added(np.zeros(pieces.shape[1]), pieces[k:][::-1] if end else pieces[:k])
 
     def side_edges(self, window: SubdomainWindow, axis: int, end: int, along: int) -> Array:
         """The squared lengths of the two edges next to one interface, on a side."""
@@ -148,64 +137,9 @@ class WholeLineSums:
         return self.edges[1 - axis][along, point - 1 : point + 1]
 
 
-class HeldLineSums:
-    """The sums of a merged mesh in the windows that are held here; neighbours pass on the sums beyond them.
-
-    ``windows`` reach one grid line beyond every interface.
-    """
-
-    def __init__(
-        self, problem: Problem, holding: Holding, windows: Sequence[SubdomainWindow], *, local: bool = False
-    ) -> None:
-        self.points, self._holding, self._local = problem.grid.shape, holding, local
-        self._windows, at = windows, interfaces(holding.decomposition)
-        self._cuts, self._segments = dict[int, tuple[IntArray, IntArray]](), dict[int, Segments]()
-        for k in holding.numbers:
-            window, (xi, eta) = windows[k], windows[k].part.spans
-            self._cuts[k] = cuts = _cuts(at, (xi.first, eta.first), (xi.last, eta.last))
-            # One row more, so that the last row of the subdomain is among those of the eta-lines.
-            rows = np.append(cuts[0], xi.last + 1) if window.open[0, 1] else cuts[0]
-            places = rows - window.first[0], cuts[1] - window.first[1]
-            self._segments[k] = Segments(problem, window.shape, places, frame=Frame(physical=window.physical))
-        self._beyond: dict[tuple[int, int], dict[int, Array]] = {}
-
-    def read(self, mesh: Mesh) -> None:
-        """Compute the sums of a merged mesh."""
-        for k, here in self._segments.items():
-            here.read(self._holding.restrict(self._windows[k], mesh))
-        for axis in AXES:
-            for end in ENDS:
-                self._beyond[axis, end] = self._sums(axis, end)
-
-    def beyond(self, window: SubdomainWindow, axis: int, end: int) -> Array:
-        """The sums beyond one interface of a window."""
-        return self._beyond[axis, end][window.part.number]
-
-    def side_edges(self, window: SubdomainWindow, axis: int, end: int, along: int) -> Array:
-        """The squared lengths of the two edges next to one interface, on a side."""
-        span = window.part.spans[axis]
-        local = (span.last if end else span.first) - window.first[axis]
-        return self._segments[window.part.number].edges[1 - axis][along, local - 1 : local + 1]
-
-    def _sums(self, axis: int, end: int) -> dict[int, Array]:
-        def nothing(k: int) -> Array:
-            return np.zeros(self._windows[k].shape[1 - axis])
-
-        def passed(k: int, received: Array) -> Array:
-            """With the edges up to the interface of the next subdomain."""
-            cuts, pieces = self._cuts[k][axis], self._segments[k].along[axis]
-            column, row = self._windows[k].part.place
-            step = -1 if end else 1
-            after = self._holding.decomposition.at(column + step * (axis == 0), row + step * (axis == 1)).spans[axis]
-            edge = int(np.searchsorted(cuts, after.last if end else after.first))
-            return _added(received, pieces[edge : len(cuts) - 1][::-1] if end else pieces[:edge])
-
-        if self._local:
-            return {k: nothing(k) for k in self._holding.numbers}
-        return self._holding.along_lines(axis, end, nothing, passed, "sums")
-
-
-def _cuts(at: tuple[set[int], set[int]], first: tuple[int, int], last: tuple[int, int]) -> tuple[IntArray, IntArray]:
+def line_cuts(
+    at: tuple[set[int], set[int]], first: tuple[int, int], last: tuple[int, int]
+) -> tuple[IntArray, IntArray]:
     """The grid lines between which edges are summed, from ``first`` to ``last``."""
     strips = set(range(0, last[0], MAX_ROWS))
     xi, eta = (
@@ -215,7 +149,7 @@ def _cuts(at: tuple[set[int], set[int]], first: tuple[int, int], last: tuple[int
     return xi, eta
 
 
-def _added(start: Array, pieces: Array) -> Array:
+def added(start: Array, pieces: Array) -> Array:
     """The pieces added one after the other, in their order."""
     total = start.copy()
     for piece in pieces:
@@ -240,6 +174,23 @@ class CorrectionResult:
     estimate: float = math.nan
     count: int = 0
     tried: int = 0
+
+
+class LineSweep(Protocol):
+    """Corrections of all lines of a mesh, as :class:`~equimesh.sweeps.sweep.Sweep` has them."""
+
+    def correct(self, x: Array, y: Array) -> Correction:
+        """One correction of the nodes ``x``, ``y``."""
+        ...
+
+    @property
+    def smallest_jacobian(self) -> float:
+        """The smallest corner Jacobian of the moved nodes."""
+        ...
+
+    def swap(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """The moved nodes; ``x`` and ``y`` are the memory for the next ones."""
+        ...
 
 
 class LineCorrections:

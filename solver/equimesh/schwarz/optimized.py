@@ -17,9 +17,9 @@ from equimesh.equations.problem import sides as physical_sides
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.conditions import LineData, Optimized
-from equimesh.schwarz.decomposition import ENDS, SubdomainWindow
-from equimesh.schwarz.line_corrections import LineSums, line_sums
-from equimesh.schwarz.merged_mesh import Holding, Place
+from equimesh.schwarz.decomposition import ENDS, Place, SubdomainWindow
+from equimesh.schwarz.line_corrections import LineSums
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.subdomains import MAX_LOCAL_STEPS, Outcome, SubdomainSweeps
 from equimesh.sweeps.line_sums import cell_metrics
@@ -398,7 +398,7 @@ class OptimizedSubdomains:
     def __init__(
         self,
         problem: Problem,
-        holding: Holding,
+        merged: MergedMeshes,
         condition: Optimized,
         solver: LocalSolver,
         *,
@@ -407,12 +407,12 @@ class OptimizedSubdomains:
         threads: int,
     ) -> None:
         self.windows = [
-            SubdomainWindow(holding.decomposition, part, condition.ghosts) for part in holding.decomposition.parts
+            SubdomainWindow(merged.decomposition, part, condition.ghosts) for part in merged.decomposition.parts
         ]
         self._problem, self._local = problem, condition.data is LineData.LOCAL
         self._by_sweeps, self._enough = solver is LocalSolver.SWEEPS, enough
-        self._holding, self._sums = holding, line_sums(problem, holding, self.windows, threads, local=self._local)
-        shape, windows = problem.grid.shape, {k: self.windows[k] for k in holding.numbers}
+        self._merged, self._sums = merged, merged.line_sums(problem, self.windows, threads, local=self._local)
+        shape, windows = problem.grid.shape, {k: self.windows[k] for k in merged.numbers}
         self._sweeps = {k: SubdomainSweeps(problem, w.shape, w.frame(shape)) for k, w in windows.items()}
         self._mesh, self._in_turns = Mesh.uniform(problem.grid), in_turns
 
@@ -453,7 +453,7 @@ class OptimizedSubdomains:
 
     def state(self, k: int, mesh: Mesh) -> Mesh:
         """The part of the merged mesh."""
-        return self._holding.restrict(self.windows[k], mesh)
+        return self._merged.restrict(self.windows[k], mesh)
 
     def equations(self, k: int) -> MeshEquations:
         """The equations of a subdomain, with its data from the merged mesh."""
@@ -466,7 +466,7 @@ class OptimizedSubdomains:
 
     def received(self, k: int) -> tuple[Mesh, Sides]:
         """The data of a subdomain: its part of the merged mesh, and its yielding sides."""
-        start = self._holding.restrict(self.windows[k], self._mesh)
+        start = self._merged.restrict(self.windows[k], self._mesh)
         return start, yielding_sides(self._problem.metric, self.windows[k], start, self._sums, local=self._local)
 
     def sent(self, turn: Sequence[int]) -> int:  # noqa: ARG002

@@ -15,8 +15,7 @@ from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, Pair
-from equimesh.schwarz.decomposition import SubdomainWindow
-from equimesh.schwarz.merged_mesh import Place
+from equimesh.schwarz.decomposition import Place, SubdomainWindow
 from equimesh.schwarz.records import SubdomainRecord
 from equimesh.sweeps.sweep import Frame, Sweep, memory_needed, take_midpoints
 
@@ -58,7 +57,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class MergedSolutions:
-    """The subdomains that are held here after their solves of one iteration, and the merged mesh.
+    """The subdomains after their solves of one iteration, and the merged mesh.
 
     ``states`` are their solutions, ``records`` the records of all subdomains. ``mismatch`` is the largest difference
     between a subdomain and the merged mesh.

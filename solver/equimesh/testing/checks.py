@@ -20,7 +20,7 @@ from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
 from equimesh.schwarz.decomposition import Ordering
 from equimesh.schwarz.iteration import schwarz_iterations, subdomains_of
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.settings import LocalSolver, Schwarz
 from equimesh.single_domain.level import Mode
 from equimesh.solving.solve import solve
@@ -314,7 +314,7 @@ def _check_equations(settings: Schwarz, exact: Mesh) -> None:
     """The single-domain mesh solves the equations of every subdomain, and their Jacobian is right nearby."""
     case = _describe(settings)
     decomposition, exactly = settings.decompose(PROBLEM.grid), replace(settings, local_solver=LocalSolver.NEWTON)
-    subdomains = subdomains_of(PROBLEM, InOneProcess(decomposition), exactly, enough=0.0, threads=1)
+    subdomains = subdomains_of(PROBLEM, MergedMeshes(decomposition), exactly, enough=0.0, threads=1)
     subdomains.restart(exact)
     subdomains.begin(exact)
     random = np.random.default_rng(11)

@@ -13,12 +13,12 @@ from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh, MeshRows, largest_difference, smallest_jacobian
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.channel import Channel, Counted
-from equimesh.numerics.types import Array, Pair
-from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, SubdomainWindow
-from equimesh.schwarz.line_corrections import HeldLineSums
-from equimesh.schwarz.merged_mesh import Numbers, Place, WholeWork, chain, common, moved, product, rim
+from equimesh.numerics.types import Array, IntArray, Pair
+from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, Place, SubdomainWindow, common, rim
+from equimesh.schwarz.line_corrections import LineCorrections, LineSums, Segments, added, interfaces, line_cuts
+from equimesh.schwarz.merged_mesh import MergedMeshes, Numbers, WholeWork, product
 from equimesh.sweeps.line_sums import cell_metrics
-from equimesh.sweeps.sweep import Correction, SideNodes, Sides, Sweep, memory_needed
+from equimesh.sweeps.sweep import Correction, Frame, SideNodes, Sides, Sweep, memory_needed
 from equimesh_cluster.parts.rows import with_halos
 
 # The subdomains that one of several processes holds, and the merged mesh in their windows.
@@ -32,8 +32,11 @@ from equimesh_cluster.parts.rows import with_halos
 GHOSTS = 1
 
 
-class OnChannel:
-    """The subdomains of one process; see :class:`~equimesh.schwarz.merged_mesh.Holding`."""
+class OnChannel(MergedMeshes):
+    """The subdomains of one process.
+
+    All processes call the same functions in the same order, and get the same numbers.
+    """
 
     is_whole = False
 
@@ -46,9 +49,10 @@ class OnChannel:
                 f" {count} parts, or more subdomains",
                 field="parts",
             )
-        self.decomposition, self.channel, self._shows = decomposition, Counted(channel), shows
+        super().__init__(decomposition)
+        self.channel, self._shows = Counted(channel), shows
         self._holders = [holder(k, count, channel.count) for k in range(count)]
-        self.numbers: Sequence[int] = [k for k in range(count) if self._holders[k] == channel.number]
+        self.numbers = [k for k in range(count) if self._holders[k] == channel.number]
         self.patches = [SubdomainWindow(decomposition, part, GHOSTS) for part in decomposition.parts]
         ends = np.cumsum([0, *(self.patches[k].shape[0] * self.patches[k].shape[1] for k in self.numbers)])
         self._places = {k: slice(int(a), int(b)) for k, a, b in zip(self.numbers, ends, ends[1:], strict=False)}
@@ -238,7 +242,11 @@ class OnChannel:
     def along_lines(
         self, axis: int, end: int, first: Callable[[int], Array], on: Callable[[int, Array], Array], kind: str
     ) -> dict[int, Array]:
-        """The data that arrive over the interface at one end of every subdomain held here."""
+        """The data that arrive over the interface at one ``end`` of every subdomain that is held here, along ``axis``.
+
+        The subdomains at that end of the grid receive ``first`` of their number. Every other one receives what its
+        neighbour there passes ``on``, by its number and what it has received.
+        """
         found: dict[int, Array] = {}
         for before, k in chain(self.decomposition, axis, end):
             here = self.channel.number
@@ -258,9 +266,16 @@ class OnChannel:
         """The data that one subdomain sends another, at the receiver."""
         return self.move(self._holders[sender], self._holders[to], data, kind)
 
-    def line_sweep(self, problem: Problem) -> WindowSweep:
+    def line_sums(
+        self, problem: Problem, windows: Sequence[SubdomainWindow], threads: int, *, local: bool = False
+    ) -> LineSums:
+        """The sums along lines that subdomains of these windows read; ``local``: they read those of sides alone."""
+        del threads
+        return HeldLineSums(problem, self, windows, local=local)
+
+    def line_corrections(self, problem: Problem, threads: int) -> LineCorrections:
         """Corrections of all lines in the windows."""
-        return WindowSweep(problem, self)
+        return LineCorrections(problem, threads, WindowSweep(problem, self))
 
     def _nodes(
         self, sender: int, to: int, state: Mesh | None, window: SubdomainWindow, place: Place, kind: str
@@ -316,11 +331,89 @@ def holder(k: int, subdomains: int, processes: int) -> int:
     return k * processes // subdomains
 
 
+def moved(place: tuple[slice, ...], first: tuple[int, ...]) -> Place:
+    """A rectangle of the grid as one of a window that begins at the grid point ``first``."""
+    xi, eta = (slice(cut.start - start, cut.stop - start) for cut, start in zip(place, first, strict=True))
+    return xi, eta
+
+
+def chain(decomposition: Decomposition, axis: int, end: int) -> list[tuple[int | None, int]]:
+    """All subdomains from one ``end`` of an axis on, each with its neighbour nearer to that end, if there is one."""
+    columns, rows = decomposition.subdomains
+    counts, step = (columns, rows), -1 if end else 1
+    along = range(counts[axis])[::step]
+    found: list[tuple[int | None, int]] = []
+    for k in along:
+        for other in range(counts[1 - axis]):
+            place = (k, other) if axis == 0 else (other, k)
+            near = (k - step, other) if axis == 0 else (other, k - step)
+            before = None if k == along[0] else decomposition.at(*near).number
+            found.append((before, decomposition.at(*place).number))
+    return found
+
+
 # Line corrections of a merged mesh whose windows several processes hold.
 #
 # Every subdomain corrects its part of all grid lines. From its neighbours it gets the sums of the metric lengths
 # beyond, how far the moving sides of the grid push the ends of each line, and afterwards the nodes beyond its
 # interfaces.
+
+
+class HeldLineSums:
+    """The sums of a merged mesh in the windows that are held here; neighbours pass on the sums beyond them.
+
+    ``windows`` reach one grid line beyond every interface.
+    """
+
+    def __init__(
+        self, problem: Problem, holding: OnChannel, windows: Sequence[SubdomainWindow], *, local: bool = False
+    ) -> None:
+        self.points, self._holding, self._local = problem.grid.shape, holding, local
+        self._windows, at = windows, interfaces(holding.decomposition)
+        self._cuts, self._segments = dict[int, tuple[IntArray, IntArray]](), dict[int, Segments]()
+        for k in holding.numbers:
+            window, (xi, eta) = windows[k], windows[k].part.spans
+            self._cuts[k] = cuts = line_cuts(at, (xi.first, eta.first), (xi.last, eta.last))
+            # One row more, so that the last row of the subdomain is among those of the eta-lines.
+            rows = np.append(cuts[0], xi.last + 1) if window.open[0, 1] else cuts[0]
+            places = rows - window.first[0], cuts[1] - window.first[1]
+            self._segments[k] = Segments(problem, window.shape, places, frame=Frame(physical=window.physical))
+        self._beyond: dict[tuple[int, int], dict[int, Array]] = {}
+
+    def read(self, mesh: Mesh) -> None:
+        """Compute the sums of a merged mesh."""
+        for k, here in self._segments.items():
+            here.read(self._holding.restrict(self._windows[k], mesh))
+        for axis in AXES:
+            for end in ENDS:
+                self._beyond[axis, end] = self._sums(axis, end)
+
+    def beyond(self, window: SubdomainWindow, axis: int, end: int) -> Array:
+        """The sums beyond one interface of a window."""
+        return self._beyond[axis, end][window.part.number]
+
+    def side_edges(self, window: SubdomainWindow, axis: int, end: int, along: int) -> Array:
+        """The squared lengths of the two edges next to one interface, on a side."""
+        span = window.part.spans[axis]
+        local = (span.last if end else span.first) - window.first[axis]
+        return self._segments[window.part.number].edges[1 - axis][along, local - 1 : local + 1]
+
+    def _sums(self, axis: int, end: int) -> dict[int, Array]:
+        def nothing(k: int) -> Array:
+            return np.zeros(self._windows[k].shape[1 - axis])
+
+        def passed(k: int, received: Array) -> Array:
+            """With the edges up to the interface of the next subdomain."""
+            cuts, pieces = self._cuts[k][axis], self._segments[k].along[axis]
+            column, row = self._windows[k].part.place
+            step = -1 if end else 1
+            after = self._holding.decomposition.at(column + step * (axis == 0), row + step * (axis == 1)).spans[axis]
+            edge = int(np.searchsorted(cuts, after.last if end else after.first))
+            return added(received, pieces[edge : len(cuts) - 1][::-1] if end else pieces[:edge])
+
+        if self._local:
+            return {k: nothing(k) for k in self._holding.numbers}
+        return self._holding.along_lines(axis, end, nothing, passed, "sums")
 
 
 class WindowSweep:

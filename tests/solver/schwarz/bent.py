@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.optimized import OptimizedSubdomains
 from equimesh.single_domain import iteration as single_domain
 
@@ -29,5 +29,5 @@ def yielding_subdomains(
 ) -> OptimizedSubdomains:
     """All subdomains with the optimized condition, solved by Newton's method."""
     return OptimizedSubdomains(
-        case, InOneProcess(decomposition), condition, em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
+        case, MergedMeshes(decomposition), condition, em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
     )

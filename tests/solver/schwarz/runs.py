@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.merged_mesh import MergedMeshes
 
 PAPER = problem("paper", 24, 20)
-WHOLE = InOneProcess(em.Decomposition(grid=PAPER.grid))
+WHOLE = MergedMeshes(em.Decomposition(grid=PAPER.grid))
 
 
 def assert_same(solution: em.Solution, other: em.Solution, tolerance: float) -> None:

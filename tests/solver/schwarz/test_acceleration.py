@@ -22,7 +22,7 @@ from equimesh.schwarz.acceleration import (
 from equimesh.schwarz.functionals import FunctionalSubdomains
 from equimesh.schwarz.iteration import subdomains_of
 from equimesh.schwarz.line_corrections import CorrectionResult
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.subdomains import Subdomains
 from solver.schwarz.bent import bent, yielding_subdomains
 from solver.schwarz.runs import PAPER, WHOLE
@@ -94,7 +94,7 @@ def test_the_derivative_of_an_iteration_is_exact(kind: em.TransmissionCondition,
     if isinstance(kind, em.Optimized):
         found: Subdomains = yielding_subdomains(case, decomposition, kind)
     else:
-        found = FunctionalSubdomains(case, InOneProcess(decomposition), kind, em.LocalSolver.NEWTON)
+        found = FunctionalSubdomains(case, MergedMeshes(decomposition), kind, em.LocalSolver.NEWTON)
 
     def iterated(mesh: em.Mesh) -> tuple[np.ndarray, list[em.Mesh]]:
         found.restart(mesh)

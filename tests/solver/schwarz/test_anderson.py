@@ -7,11 +7,11 @@ import pytest
 
 import equimesh as em
 from equimesh.schwarz.acceleration import Anderson
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.merged_mesh import MergedMeshes
 
 UNIFORM = em.Mesh.uniform(em.Grid(n_xi=6, n_eta=5))
 BUMP = np.sin(np.pi * UNIFORM.x) * np.sin(np.pi * UNIFORM.y)
-WHOLE = InOneProcess(em.Decomposition(grid=UNIFORM.grid, subdomains=(2, 1), overlap=2))
+WHOLE = MergedMeshes(em.Decomposition(grid=UNIFORM.grid, subdomains=(2, 1), overlap=2))
 MODES = (BUMP, BUMP * np.cos(np.pi * UNIFORM.x), BUMP * np.cos(np.pi * UNIFORM.y))
 
 

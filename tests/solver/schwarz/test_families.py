@@ -7,7 +7,7 @@ import pytest
 import equimesh as em
 from equimesh.schwarz.functionals import FunctionalSubdomains
 from equimesh.schwarz.iteration import subdomains_of
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.optimized import OptimizedSubdomains
 from equimesh.schwarz.subdomains import Subdomains
 from solver.schwarz.runs import PAPER
@@ -27,7 +27,7 @@ BLOCKS = em.Decomposition(grid=PAPER.grid, subdomains=(2, 2), overlap=3)
 )
 def test_the_family_of_a_condition(condition: em.TransmissionCondition, family: type[Subdomains], ghosts: int) -> None:
     settings = em.Schwarz(transmission=condition, subdomains=(2, 2), overlap=3)
-    found = subdomains_of(PAPER, InOneProcess(BLOCKS), settings, enough=0.0, threads=1)
+    found = subdomains_of(PAPER, MergedMeshes(BLOCKS), settings, enough=0.0, threads=1)
     assert isinstance(found, family)
     assert [window.shape for window in found.windows] == [
         (len(part.columns) + ghosts, len(part.rows) + ghosts) for part in BLOCKS.parts

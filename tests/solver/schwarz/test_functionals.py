@@ -8,7 +8,7 @@ import equimesh as em
 from cases import problem
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.functionals import Exchange, SubdomainProblem
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh_cluster.parts.holding import OnChannel
 from solver.schwarz.bent import bent
 
@@ -19,7 +19,7 @@ PARTS = [SubdomainProblem(CASE, BLOCKS, part, em.NonlinearRobin()) for part in B
 
 
 def test_a_part_receives_what_a_neighbour_in_the_same_process_would_give() -> None:
-    near = Exchange(InOneProcess(BLOCKS), PARTS, has_substitute=True)
+    near = Exchange(MergedMeshes(BLOCKS), PARTS, has_substitute=True)
     near.read({k: part.window.restrict(MESH) for k, part in enumerate(PARTS)}, None)
 
     def compare(channel: Channel) -> tuple[int, dict[str, int]]:

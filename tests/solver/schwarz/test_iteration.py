@@ -15,7 +15,7 @@ from cases import problem
 from equimesh.schwarz import iteration
 from equimesh.schwarz import iteration as module
 from equimesh.schwarz.iteration import Claim, Rescue, Stalls, newton_step, subdomains_of, traffic, work
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.records import SubdomainRecord
 from solver.schwarz.bent import bent, distance
 from solver.schwarz.runs import HOPELESS, LINEAR_ROBIN, PAPER, WHOLE, assert_same
@@ -346,7 +346,7 @@ def test_newton_takes_over_after_two_iterations_that_came_no_nearer(
 SETTINGS = em.Schwarz(transmission=em.Classical(), subdomains=(2, 1), overlap=4)
 STRIPS = SETTINGS.decompose(PAPER.grid)
 SUBDOMAINS = subdomains_of(
-    PAPER, InOneProcess(STRIPS), SETTINGS, enough=0.0, threads=1
+    PAPER, MergedMeshes(STRIPS), SETTINGS, enough=0.0, threads=1
 )  # of 14 columns each, of 20 points
 
 
@@ -374,11 +374,11 @@ def test_a_line_correction_takes_one_line_of_nodes_and_two_numbers_of_each_line_
 
 def test_a_robin_condition_sends_classical_data_too_and_reads_one_line_more() -> None:
     robin = em.Schwarz(transmission=em.LinearRobin(), subdomains=(2, 1), overlap=4)
-    subdomains = subdomains_of(PAPER, InOneProcess(STRIPS), robin, enough=0.0, threads=1)
+    subdomains = subdomains_of(PAPER, MergedMeshes(STRIPS), robin, enough=0.0, threads=1)
     assert traffic(STRIPS, robin, subdomains, [[0, 1]], 0) == 8 * (2 * (4 * 20) + 2 * (6 * 20))
 
 
 def test_an_optimized_condition_sends_a_sum_for_each_line() -> None:
     optimized = em.Schwarz(subdomains=(2, 1), overlap=4)
-    subdomains = subdomains_of(PAPER, InOneProcess(STRIPS), optimized, enough=0.0, threads=1)
+    subdomains = subdomains_of(PAPER, MergedMeshes(STRIPS), optimized, enough=0.0, threads=1)
     assert traffic(STRIPS, optimized, subdomains, [[0, 1]], 0) == 8 * (2 * 20 + 2 * (6 * 20))

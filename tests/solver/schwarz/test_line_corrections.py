@@ -12,8 +12,8 @@ from cases import problem
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz import line_corrections
 from equimesh.schwarz.decomposition import SubdomainWindow
-from equimesh.schwarz.line_corrections import LineCorrections, WholeLineSums, interfaces, line_sums
-from equimesh.schwarz.merged_mesh import InOneProcess
+from equimesh.schwarz.line_corrections import LineCorrections, WholeLineSums, interfaces
+from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.optimized import EdgeSlopes
 from equimesh_cluster.parts.holding import OnChannel
 from solver.schwarz.bent import bent
@@ -102,7 +102,7 @@ def test_neighbours_pass_on_the_same_sums_to_the_last_bit(
     decomposition = em.Decomposition(grid=case.grid, subdomains=subdomains, overlap=3)
     windows = [SubdomainWindow(decomposition, part, 1) for part in decomposition.parts]
     mesh = bent(case, 0.01)
-    whole = line_sums(case, InOneProcess(decomposition), windows, 1)
+    whole = MergedMeshes(decomposition).line_sums(case, windows, 1)
     whole.read(mesh)
     assert interfaces(decomposition)[0] == {
         end for part in decomposition.parts for end in (part.columns[0], part.columns[-1])
@@ -110,7 +110,7 @@ def test_neighbours_pass_on_the_same_sums_to_the_last_bit(
 
     def compare(channel: Channel) -> int:
         holding, compared = OnChannel(channel, decomposition), 0
-        held = line_sums(case, holding, windows, 1)
+        held = holding.line_sums(case, windows, 1)
         held.read(holding.cut(mesh))
         for window in (windows[k] for k in holding.numbers):
             for (axis, end), is_open in window.open.items():
@@ -137,7 +137,7 @@ def test_local_data_needs_no_sums() -> None:
 
     def sent(channel: Channel) -> dict[str, int]:
         holding = OnChannel(channel, decomposition)
-        sums = line_sums(case, holding, windows, 1, local=True)
+        sums = holding.line_sums(case, windows, 1, local=True)
         sums.read(holding.cut(em.Mesh.uniform(case.grid)))
         assert not sums.beyond(windows[channel.number], 0, 1 - channel.number).any()
         return holding.sent

@@ -1,4 +1,4 @@
-"""All subdomains in one process: a merged mesh is that of the whole grid."""
+"""What is done with merged meshes of the whole grid."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import pytest
 
 import equimesh as em
 from equimesh.schwarz.decomposition import SubdomainWindow
-from equimesh.schwarz.merged_mesh import InOneProcess, chain
+from equimesh.schwarz.merged_mesh import MergedMeshes
 
 GRID = em.Grid(n_xi=14, n_eta=11)
 BLOCKS = em.Decomposition(grid=GRID, subdomains=(3, 2), overlap=2)
-HOLDING = InOneProcess(BLOCKS)
+MERGED = MergedMeshes(BLOCKS)
 
 
 def test_products_are_those_of_all_nodes() -> None:
     random = np.random.default_rng(3)
     one, other = (em.Mesh(*random.normal(size=(2, *GRID.shape))) for _ in range(2))
-    found = HOLDING.products([(one, other), (one, one)])
+    found = MERGED.products([(one, other), (one, one)])
     assert found[0] == pytest.approx(np.vdot(one.x, other.x) + np.vdot(one.y, other.y))
     assert found[1] == pytest.approx(np.sum(one.x**2 + one.y**2))
 
@@ -26,25 +26,8 @@ def test_a_turn_writes_its_places_in_its_order() -> None:
     windows = [SubdomainWindow(BLOCKS, part, 1) for part in BLOCKS.parts]
     mesh = em.Mesh.uniform(GRID)
     states = {k: em.Mesh(np.full(w.shape, float(k)), np.full(w.shape, -float(k))) for k, w in enumerate(windows)}
-    HOLDING.merge([1, 0], states, windows, {k: windows[k].covered for k in (0, 1)}, windows, mesh)
+    MERGED.merge([1, 0], states, windows, {k: windows[k].covered for k in (0, 1)}, windows, mesh)
     assert (mesh.x[windows[0].covered] == 0).all(), "the last one to write"
     assert (mesh.x[: windows[1].covered[0].stop, windows[0].covered[1].stop :] == 1).all()
     assert mesh.x[-1, -1] == 1.0
     assert mesh.y[-1, 1] == pytest.approx(0.1), "those of other turns stay"
-
-
-def test_what_is_passed_along_lines_reaches_every_subdomain() -> None:
-    found = HOLDING.along_lines(0, 1, lambda k: np.array([float(k)]), lambda k, got: np.append(got, k), "kind")
-    assert found[BLOCKS.at(0, 1).number].tolist() == [5.0, 5.0, 3.0]
-    assert found[BLOCKS.at(2, 0).number].tolist() == [4.0]
-
-
-@pytest.mark.parametrize(("axis", "end"), [(0, 0), (0, 1), (1, 0), (1, 1)])
-def test_a_chain_has_every_subdomain_once_after_its_neighbour(axis: int, end: int) -> None:
-    seen: set[int] = set()
-    for before, k in chain(BLOCKS, axis, end):
-        place, edge = BLOCKS.parts[k].place[axis], (BLOCKS.subdomains[axis] - 1) * end
-        assert (before is None) == (place == edge)
-        assert before is None or before in seen
-        seen.add(k)
-    assert seen == set(range(6))

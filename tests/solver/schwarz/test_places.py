@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
-from equimesh.schwarz.decomposition import SubdomainWindow
-from equimesh.schwarz.merged_mesh import common, moved, points, rim
+from equimesh.schwarz.decomposition import SubdomainWindow, common, points, rim
 
 BLOCKS = em.Decomposition(grid=em.Grid(n_xi=20, n_eta=14), subdomains=(3, 2), overlap=3)
 
@@ -17,7 +16,6 @@ def test_what_two_rectangles_share() -> None:
     assert points(common(one, other)) == 4
     assert common(one, (slice(5, 8), slice(0, 4))) is None
     assert points(None) == 0
-    assert moved(one, (-1, 2)) == (slice(1, 6), slice(0, 7))
 
 
 def test_the_rim_is_the_window_without_the_subdomain() -> None:
