@@ -8,9 +8,9 @@ from distributed import Client
 
 import equimesh as em
 from equimesh.meshes.mesh import MeshRows
-from equimesh.numerics.channel import Traffic
 from equimesh_cluster.handle import Handle
 from equimesh_cluster.mesh_part import cut
+from equimesh_cluster.messages import Traffic
 from equimesh_cluster.parts.part_solution import PartSolution, PartStep
 from equimesh_cluster.run import PartsRun, run_parts
 

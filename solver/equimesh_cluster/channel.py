@@ -17,8 +17,8 @@ import numpy as np
 from distributed import Client, WorkerPlugin, get_worker
 from distributed.protocol.serialize import to_serialize
 
-from equimesh.numerics.channel import PeerError, PeerFailedError, PeerLostError
 from equimesh.numerics.types import Array
+from equimesh_cluster.messages import PeerError, PeerFailedError, PeerLostError
 
 if TYPE_CHECKING:
     from distributed import Worker
@@ -60,7 +60,7 @@ class Box:
     def take(self, sender: int, tag: str) -> list[Array]:
         """The next arrays of a sender under a tag, once they have come.
 
-        Raises :class:`~equimesh.numerics.channel.PeerError` where the run has ended.
+        Raises :class:`~equimesh_cluster.messages.PeerError` where the run has ended.
         """
         with self.changed:
             self.changed.wait_for(lambda: self.ended is not None or (sender, tag) in self._arrived)
@@ -78,7 +78,7 @@ class Box:
             self.changed.notify_all()
 
     def require_running(self) -> None:
-        """Raise the :class:`~equimesh.numerics.channel.PeerError` with which the run has ended, if it has."""
+        """Raise the :class:`~equimesh_cluster.messages.PeerError` with which the run has ended, if it has."""
         if self.ended is not None:
             raise type(self.ended)(*self.ended.args)
 
@@ -160,7 +160,7 @@ async def install(worker: Worker) -> None:
 
 
 def plugin_of(worker: Worker) -> Messages:
-    """The plugin of a worker. Raises :class:`~equimesh.numerics.channel.PeerLostError` where there is none."""
+    """The plugin of a worker. Raises :class:`~equimesh_cluster.messages.PeerLostError` where there is none."""
     plugin = worker.plugins.get(PLUGIN)
     if not isinstance(plugin, Messages):
         raise PeerLostError(f"the worker {worker.address} was started again during the run")
@@ -198,7 +198,7 @@ class Seat:
 
 
 class WorkerChannel:
-    """A :class:`~equimesh.numerics.channel.Channel` between tasks on workers.
+    """A :class:`~equimesh_cluster.messages.Channel` between tasks on workers.
 
     Messages go from worker to worker. The event loop of the worker sends them, one request at a time to each of the
     other workers' parts, so they arrive in their order.
@@ -224,8 +224,8 @@ class WorkerChannel:
     def receive(self, sender: int, tag: str) -> Sequence[Array]:
         """The next arrays that part ``sender`` sent under ``tag``, once they have come.
 
-        Raises :class:`~equimesh.numerics.channel.PeerFailedError` where a part failed, and
-        :class:`~equimesh.numerics.channel.PeerLostError` where a worker was lost or the client has gone.
+        Raises :class:`~equimesh_cluster.messages.PeerFailedError` where a part failed, and
+        :class:`~equimesh_cluster.messages.PeerLostError` where a worker was lost or the client has gone.
         """
         return self._box.take(sender, tag)
 
@@ -236,7 +236,7 @@ class WorkerChannel:
         self._worker.log_event(TOPIC, event)
 
     def require_running(self) -> None:
-        """Raise :class:`~equimesh.numerics.channel.PeerError` where the run has ended; for work without messages."""
+        """Raise :class:`~equimesh_cluster.messages.PeerError` where the run has ended; for work without messages."""
         self._box.require_running()
 
     def flush(self) -> None:
@@ -297,7 +297,7 @@ class WorkerChannel:
 def run_part(seat: Seat, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     """The result of ``function(channel, *arguments)`` for one part.
 
-    Raises :class:`~equimesh.numerics.channel.PeerLostError` where the run has ended, or where the worker has
+    Raises :class:`~equimesh_cluster.messages.PeerLostError` where the run has ended, or where the worker has
     ended since: Dask then runs the task on another one.
     """
     worker = get_worker()

@@ -20,7 +20,6 @@ from distributed import Client, Future
 from equimesh.equations.problem import Problem
 from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import Grid
-from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality
 from equimesh.single_domain.level import Mode
@@ -28,6 +27,7 @@ from equimesh.solving.certificate import Certificate
 from equimesh.solving.status import Status
 from equimesh_cluster.connection import close_after
 from equimesh_cluster.errors import ClusterError, WorkersLostError
+from equimesh_cluster.messages import Channel, Traffic
 from equimesh_cluster.part_files.formats import NodeValues, PartData, parted_format
 from equimesh_cluster.part_files.parted_mesh import (
     leave_probe,

@@ -17,10 +17,10 @@ from typing import Any, TypeAlias
 from distributed import Client, Future
 from distributed.scheduler import KilledWorker
 
-from equimesh.numerics.channel import PeerError
 from equimesh_cluster.channel import END, Seat, listening, run_part
 from equimesh_cluster.connection import check_client, leases_of, no_scheduler
 from equimesh_cluster.errors import ClusterError, RunCancelledError, WorkersLostError
+from equimesh_cluster.messages import PeerError
 from equimesh_cluster.workers import WorkerFacts, examine_scheduler, examine_workers, place
 
 # One attempt of a run: a pinned task for each part, watched until all are done or one of them is lost.

@@ -17,13 +17,13 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import require_lines
-from equimesh.numerics.channel import Traffic
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.schwarz.settings import Schwarz
 from equimesh.solving.schwarz import schwarz_reference, schwarz_start
 from equimesh.solving.status import Initial, IterationProgress, SolveOptions
 from equimesh_cluster.connection import sent
 from equimesh_cluster.handle import Handle
+from equimesh_cluster.messages import Traffic
 from equimesh_cluster.parts.checkpoints import Checkpoints
 from equimesh_cluster.parts.schwarz import SchwarzPart, SchwarzPlan, iterate_part
 from equimesh_cluster.run import PartsRun, RunOptions, run_parts

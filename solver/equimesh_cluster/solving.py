@@ -17,7 +17,7 @@ from equimesh.least_error.descent import Descent
 from equimesh.meshes.mesh import Grid
 from equimesh.meshes.nested import nested_grids
 from equimesh.monitors.least_error import LeastError
-from equimesh.numerics.channel import thread_count
+from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode, Step
 from equimesh.solving.solution import OnBlocks, SolveError

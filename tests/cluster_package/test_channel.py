@@ -11,10 +11,10 @@ import pytest
 from distributed import Client
 
 from dask_processes import DaskProcesses
-from equimesh.numerics.channel import PeerFailedError, PeerLostError
 from equimesh_cluster import channel as module
 from equimesh_cluster import run_parts
 from equimesh_cluster.channel import TOPIC, Box, Messages, Seat, listening, run_part
+from equimesh_cluster.messages import PeerFailedError, PeerLostError
 from equimesh_cluster.workers import examine_workers
 
 

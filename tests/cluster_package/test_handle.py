@@ -12,9 +12,9 @@ from distributed import Client
 
 import equimesh as em
 from dask_processes import DaskProcesses
-from equimesh.numerics.channel import Traffic
 from equimesh_cluster import ClusterError, WorkersLostError
 from equimesh_cluster.handle import Handle, array_of, bytes_of, measures_of, own_x, own_y, summary_of, traffic_of
+from equimesh_cluster.messages import Traffic
 from meshes_on_workers import PROBLEM, handle_on, parts_on
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from equimesh import Grid
-from equimesh.numerics.channel import Traffic
+from equimesh_cluster.messages import Traffic
 from equimesh_cluster.parts.part_solution import PartStep
 from equimesh_cluster.solving import PartsProgress, Progress
 

@@ -14,9 +14,9 @@ from distributed import Client
 
 from dask_processes import DaskProcesses
 from equimesh import InputError
-from equimesh.numerics.channel import PeerLostError
 from equimesh_cluster import PartsRun, RunCancelledError, RunOptions, WorkersLostError, run_parts
 from equimesh_cluster.channel import PLUGIN
+from equimesh_cluster.messages import PeerLostError
 from equimesh_cluster.run import Attempt, AttemptFailure
 from equimesh_cluster.workers import WorkerFacts, examine_workers
 

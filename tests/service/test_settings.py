@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from equimesh.numerics.channel import available_cores
+from equimesh.numerics.threads import available_cores
 from equimesh_service import Settings
 from equimesh_service.settings import FILE_WORKERS, SERVICE_MIB, groups
 

@@ -190,7 +190,7 @@ def processors(settings: Settings) -> Finding | None:
     """Whether there is a processor for every worker and for each of its threads; None where a cluster solves."""
     if not settings.own_workers:
         return None
-    from equimesh.numerics.channel import available_cores
+    from equimesh.numerics.threads import available_cores
 
     here, allowed = available_cores(), allowed_processors()
     count = float(here) if allowed is None else min(float(here), allowed)

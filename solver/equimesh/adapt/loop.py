@@ -22,7 +22,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.tensor import Weight
-from equimesh.numerics.channel import thread_count
+from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, moved_cells, on_domain
 from equimesh.rounds.round import next_mesh

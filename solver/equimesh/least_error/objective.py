@@ -15,7 +15,7 @@ from equimesh.least_error import kernels, lagrange
 from equimesh.least_error.cells import Cells, Region
 from equimesh.least_error.charts import Chart
 from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Rule, Values
-from equimesh.numerics.channel import run_on_threads
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 
 MAX_BLOCK_POINTS = 16_384

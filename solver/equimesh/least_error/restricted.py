@@ -17,7 +17,7 @@ import numpy as np
 from equimesh.least_error.cells import Region
 from equimesh.least_error.descent import MIN_JACOBIAN_SHARE, descend
 from equimesh.least_error.objective import Objective
-from equimesh.numerics.channel import run_on_threads
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 
 SHORTENING = 0.5

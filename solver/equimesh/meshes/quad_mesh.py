@@ -12,7 +12,7 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.meshes.cell_edges import Join, joins_of
 from equimesh.meshes.mesh import ComparedWith, Mesh, largest_difference, smallest_of_cells
-from equimesh.numerics.channel import run_on_threads
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.coupled import Coupled
 from equimesh_coupling.parts import Cells, MeshParts, triangles_of_cells

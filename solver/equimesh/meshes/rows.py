@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from equimesh.numerics.channel import run_on_threads
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 
 # Strips of rows, and the binary tree over them by which sums over all rows are added.

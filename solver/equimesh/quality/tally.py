@@ -10,8 +10,8 @@ import numpy as np
 
 from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import MeshRows
-from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.compiled import compiled
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import BilinearCells, CellPoints, Cells, ChosenCells, MeshCells

@@ -20,7 +20,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
-from equimesh.numerics.channel import thread_count
+from equimesh.numerics.threads import thread_count
 from equimesh.rounds.candidates import MEASURED_POINTS, PARTS, SHARP, SMOOTH, Search
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells, on_domain
 

@@ -13,7 +13,7 @@ import scipy
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import newton
-from equimesh.numerics.channel import run_on_threads
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.line_corrections import CorrectionResult
 from equimesh.schwarz.merged_mesh import MergedMeshes

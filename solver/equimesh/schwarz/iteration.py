@@ -19,7 +19,7 @@ from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, newton_steps,
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Grid, Mesh, largest_difference
 from equimesh.monitors.monitor import require_lines
-from equimesh.numerics.channel import run_on_threads
+from equimesh.numerics.threads import run_on_threads
 from equimesh.schwarz.acceleration import AccelerationResult, accelerator
 from equimesh.schwarz.conditions import Classical, Optimized, label
 from equimesh.schwarz.decomposition import Decomposition, Ordering, SubdomainWindow, common, points, rim, turns

@@ -13,7 +13,7 @@ from equimesh.equations.newton_solve import smallest_move
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.rows import Rows
-from equimesh.numerics.channel import run_on_threads
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.decomposition import AXES, Decomposition, SubdomainWindow
 from equimesh.sweeps import kernels

@@ -19,7 +19,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, require_lines
-from equimesh.numerics.channel import thread_count
+from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode

@@ -11,8 +11,8 @@ from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.problem import Boundary
 from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.nested import padded
-from equimesh.numerics.channel import run_on_threads
 from equimesh.numerics.compiled import vectorised
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 from equimesh.sweeps.kernels import Nodes
 from equimesh.sweeps.line_sums import cell_memory, cell_metrics

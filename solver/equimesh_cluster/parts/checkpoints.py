@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array
+from equimesh_cluster.messages import Channel
 from equimesh_cluster.parts.holding import OnChannel
 
 # Iterates of which copies are kept: one part may be one iteration ahead of another.

@@ -12,18 +12,18 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh, MeshRows, largest_difference, smallest_jacobian
 from equimesh.meshes.rows import Rows
-from equimesh.numerics.channel import Channel, Counted
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, Place, SubdomainWindow, common, rim
 from equimesh.schwarz.line_corrections import LineCorrections, LineSums, Segments, added, interfaces, line_cuts
 from equimesh.schwarz.merged_mesh import MergedMeshes, Numbers, WholeWork, product
 from equimesh.sweeps.line_sums import cell_metrics
 from equimesh.sweeps.sweep import Correction, Frame, SideNodes, Sides, Sweep, memory_needed
+from equimesh_cluster.messages import Channel, Counted
 from equimesh_cluster.parts.rows import with_halos
 
 # The subdomains that one of several processes holds, and the merged mesh in their windows.
 #
-# Processes exchange messages through a :class:`~equimesh.numerics.channel.Channel`. Each holds consecutive
+# Processes exchange messages through a :class:`~equimesh_cluster.messages.Channel`. Each holds consecutive
 # subdomains. A merged mesh is, for each of them, the nodes of its window with one grid line beyond every interface.
 # Its arrays have the shape ``(1, nodes)``: the windows one after the other. Nodes that subdomains share are held by
 # each of them.

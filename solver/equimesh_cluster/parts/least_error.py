@@ -15,9 +15,9 @@ from equimesh.least_error.cells import Region
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.restricted import RestrictedDescent
 from equimesh.least_error.subdomains import Subdomains
-from equimesh.numerics.channel import Channel, gather, joined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.solving.solve import MinimiseError
+from equimesh_cluster.messages import Channel, gather, joined
 
 LEADER = 0
 """The number of the part that leads."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from equimesh.equations.problem import Problem, understood
 from equimesh.meshes.mesh import Grid, MeshRows
-from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality, equidistribution
 from equimesh.single_domain.level import Mode
@@ -16,6 +15,7 @@ from equimesh.solving.certificate import Certificate
 from equimesh.solving.solution import MeasuredMesh
 from equimesh.solving.status import Status
 from equimesh_cluster.mesh_part import MeshPart
+from equimesh_cluster.messages import Channel, Traffic
 from equimesh_cluster.parts.rows import PartRows, rows_of_part
 from equimesh_schema import Relaxed
 

@@ -12,9 +12,9 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import MeshRows
 from equimesh.meshes.rows import Node, Rows, strips_of, sum_of
-from equimesh.numerics.channel import Channel, agree, joined, summed
 from equimesh.numerics.types import Array
 from equimesh_cluster.mesh_part import MeshPart
+from equimesh_cluster.messages import Channel, agree, joined, summed
 
 # How rows are cut among processes: at nodes of the tree over the strips, in which sums are added.
 

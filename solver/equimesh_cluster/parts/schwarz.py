@@ -17,7 +17,6 @@ from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import Auto, LeastError
-from equimesh.numerics.channel import Channel, Traffic
 from equimesh.numerics.types import Array
 from equimesh.schwarz.decomposition import SubdomainWindow
 from equimesh.schwarz.iteration import iterations_on
@@ -31,6 +30,7 @@ from equimesh.solving.solution import OnBlocks, Solution
 from equimesh.solving.solve import Best, method_of
 from equimesh.solving.status import Announcer, Event, Initial, SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
+from equimesh_cluster.messages import Channel, Traffic
 from equimesh_cluster.parts.checkpoints import Checkpoints, keep, resumed
 from equimesh_cluster.parts.holding import GHOSTS, OnChannel, cuts_of_rows, holder, rows_of
 from equimesh_cluster.parts.least_error import LEADER, PartMinimiseError, PartSubdomains

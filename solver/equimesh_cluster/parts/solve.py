@@ -18,13 +18,14 @@ from equimesh.meshes.nested import nested_grids, rows_needed, square_grids
 from equimesh.meshes.rows import strips_of
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, orthogonality_of
-from equimesh.numerics.channel import Channel, Counted, ThreadChannels, run_on_threads, thread_count
+from equimesh.numerics.threads import run_on_threads, thread_count
 from equimesh.single_domain.iteration import Climb
 from equimesh.single_domain.level import MAX_RELAXED_POINTS, LevelSolution, Mode, Step, Steps
 from equimesh.solving.single_domain import is_lost_in_rounding, outcome, solution_lost_in_rounding, solution_of
 from equimesh.solving.solution import SolveError
 from equimesh.solving.status import SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
+from equimesh_cluster.messages import Channel, Counted, ThreadChannels
 from equimesh_cluster.parts.part_solution import PartSolution, PartStep
 from equimesh_cluster.parts.rows import PartRows, rows_here
 from equimesh_cluster.parts.sweeps import PartClimb
@@ -270,7 +271,7 @@ def solve_part(
     ``observe`` is called after every sweep.
 
     Raises :class:`~equimesh.errors.InputError` for more parts than :attr:`CoarseSolution.most_parts`,
-    :class:`~equimesh_cluster.parts.solve.OtherGridsNeededError`, and :class:`~equimesh.numerics.channel.PeerError`.
+    :class:`~equimesh_cluster.parts.solve.OtherGridsNeededError`, and :class:`~equimesh_cluster.messages.PeerError`.
     """
     if channel.count > coarse.most_parts:
         raise InputError(

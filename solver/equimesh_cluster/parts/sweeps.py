@@ -18,13 +18,13 @@ from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Grid, Mesh, MeshRows
 from equimesh.meshes.nested import prolong_rows, rows_needed
 from equimesh.meshes.rows import Node, Rows, strips_of, subtree
-from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array
 from equimesh.single_domain.iteration import Climb
 from equimesh.single_domain.level import Level, LevelSolution, Mode, Step, interpolated_level
 from equimesh.sweeps.kernels import Lines
 from equimesh.sweeps.line_sums import LineSums, add_up, go_down, line_levels, start_after
 from equimesh.sweeps.sweep import SideNodes, Sweep
+from equimesh_cluster.messages import Channel
 from equimesh_cluster.parts.rows import PartRows, cuts_of, nodes_across, nodes_inside, row_cuts, rows_here
 
 

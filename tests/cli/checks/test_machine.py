@@ -33,7 +33,7 @@ def test_limits_of_a_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     limits = {"a__b__memory_DOT_max": "max\n", "a__memory_DOT_max": "2147483648\n", "a__cpu_DOT_max": "150000 100000"}
     groups(tmp_path, monkeypatch, "0::/a/b\n", **limits)
     assert (installation.allowed_memory(), installation.allowed_processors()) == (2 * 1024**3, 1.5)
-    monkeypatch.setattr("equimesh.numerics.channel.available_cores", lambda: 8)
+    monkeypatch.setattr("equimesh.numerics.threads.available_cores", lambda: 8)
     two = Settings(workers=2, threads=1, memory_limit=4096)
     assert look(installation.processors, two).remedy.endswith("EQUIMESH_WORKERS=1")
     assert look(installation.memory, two).level is WARNING

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
-from equimesh.numerics.channel import Channel, ThreadChannels
+from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.checkpoints import Checkpoints, keep, resumed
 from equimesh_cluster.parts.holding import OnChannel
 

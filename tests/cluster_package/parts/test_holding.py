@@ -12,11 +12,11 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.meshes.rows import Rows
-from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.numerics.types import Array
 from equimesh.schwarz.iteration import iterations_on, schwarz_iterations
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.sweeps.sweep import Sweep, memory_needed
+from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.holding import OnChannel, WindowSweep, chain, cuts_of_rows, holder, moved, rows_of
 from solver.schwarz.bent import bent
 

@@ -14,9 +14,9 @@ from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.restricted import RestrictedDescent
 from equimesh.least_error.subdomains import Subdomains
-from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.numerics.types import Array
 from equimesh.testing.geometries import obstacle
+from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.least_error import PartDescent, PartSubdomains, holders
 from solver.bent import objective_on, uniform
 

@@ -15,13 +15,13 @@ from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.rows import Rows
-from equimesh.numerics.channel import Channel, Counted, ThreadChannels
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, SAMPLING
 from equimesh.quality.measures import MAX_GAUSS_CELLS
 from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
 from equimesh_cluster.mesh_part import cut
+from equimesh_cluster.messages import Channel, Counted, ThreadChannels
 from equimesh_cluster.parts.part_solution import PartMeasures, PartSolution, equidistribution_of_part, measure_part
 from equimesh_schema import Relaxed
 

@@ -10,10 +10,10 @@ import pytest
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Grid, Mesh, MeshRows
 from equimesh.meshes.rows import Node, Rows
-from equimesh.numerics.channel import ALONE, Channel, Counted, ThreadChannels
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import ChosenCells
 from equimesh_cluster.mesh_part import cut
+from equimesh_cluster.messages import ALONE, Channel, Counted, ThreadChannels
 from equimesh_cluster.parts.rows import PartRows, cuts_of, nodes_across, nodes_inside, rows_of_part
 
 LARGE = Mesh.uniform(Grid(n_xi=1400, n_eta=90))

@@ -11,10 +11,10 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.solving.status import Event
 from equimesh.testing.geometries import obstacle
+from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.checkpoints import Checkpoints
 from equimesh_cluster.parts.schwarz import (
     BlocksResult,

@@ -15,7 +15,7 @@ from cases import problem
 from cluster_package.parts.whole import COARSE_POINTS, in_parts, low_strips, require_equal
 from equimesh.fields import chunked_samples
 from equimesh.meshes.rows import strips_of
-from equimesh.numerics.channel import ALONE, Channel
+from equimesh_cluster.messages import ALONE, Channel
 from equimesh_cluster.parts.rows import cuts_of, nodes_across
 from equimesh_cluster.parts.solve import OtherGridsNeededError, coarse_solution, solve_in_threads, solve_part
 

@@ -7,10 +7,10 @@ import pytest
 
 from equimesh.meshes.mesh import Grid, Mesh, MeshRows
 from equimesh.meshes.rows import Rows
-from equimesh.numerics.channel import Channel, Counted, ThreadChannels, Traffic
 from equimesh.sweeps.kernels import Lines
 from equimesh.sweeps.line_sums import LineSums
 from equimesh.sweeps.sweep import SideNodes
+from equimesh_cluster.messages import Channel, Counted, ThreadChannels, Traffic
 from equimesh_cluster.parts.rows import PartRows, cuts_of, row_cuts
 from equimesh_cluster.parts.sweeps import PartLineSums, with_rows
 

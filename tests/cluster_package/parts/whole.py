@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes import rows
-from equimesh.numerics.channel import ThreadChannels
+from equimesh_cluster.messages import ThreadChannels
 from equimesh_cluster.parts.part_solution import PartSolution
 from equimesh_cluster.parts.solve import coarse_solution, solve_in_threads, solve_part
 

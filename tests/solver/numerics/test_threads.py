@@ -6,7 +6,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.numerics import channel as workers
+from equimesh.numerics import threads as workers
 
 
 def test_threads_are_checked() -> None:

@@ -10,12 +10,12 @@ import pytest
 import equimesh as em
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.rows import Rows
-from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.quality import resolution
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.interpolation import InterpolationErrors, interpolation_errors
 from equimesh.quality.measures import measure_interpolation
 from equimesh.quality.resolution import all_but_the_smallest, largest_of
+from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.rows import PartRows
 from solver.quality.handmade import uniform, wavy
 

@@ -6,9 +6,9 @@ import numpy as np
 
 import equimesh as em
 from cases import problem
-from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.functionals import Exchange, SubdomainProblem
 from equimesh.schwarz.merged_mesh import MergedMeshes
+from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.holding import OnChannel
 from solver.schwarz.bent import bent
 

@@ -9,12 +9,12 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz import line_corrections
 from equimesh.schwarz.decomposition import SubdomainWindow
 from equimesh.schwarz.line_corrections import LineCorrections, WholeLineSums, interfaces
 from equimesh.schwarz.merged_mesh import MergedMeshes
 from equimesh.schwarz.optimized import EdgeSlopes
+from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.holding import OnChannel
 from solver.schwarz.bent import bent
 from solver.schwarz.test_segments import edge_lengths
