@@ -223,7 +223,7 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
         "degree of finite volumes": (
             small(monitor={"u": X, "for": "finite_volume", "degree": 2}),
             "/monitor/degree",
-            "has no elements",
+            "compares solvers of lower degree",
         ),
         "degree on subdomains": (
             {**small(monitor={"u": X, "degree": 2}), "schwarz": {}},
