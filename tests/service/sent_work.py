@@ -125,7 +125,7 @@ def kill_at_work(store: Store, processes: Callable[[], list[int]]) -> None:
     """Kill the processes of workers while one of them has a mesh at work, so that this mesh begins again.
 
     A mesh is "running" from its lease on, which may be before it has reached a process. A process that is
-    killed then costs nothing. One whose request waits is not in the store for 50 ms. So this is repeated, each time
+    killed then costs nothing. One whose request waits is not in the store for 200 ms. So this is repeated, each time
     later, until a mesh began twice.
     """
     pause, deadline = 0.25, time.monotonic() + PATIENCE

@@ -82,7 +82,7 @@ def test_a_mesh_that_takes_longer_is_in_the_store_while_it_runs(http: httpx.Clie
 
 
 def test_a_mesh_that_is_entered_while_it_runs_is_computed_once(http: httpx.Client) -> None:
-    more = {"tolerance": None, "max_iterations": 2}
+    more = {"tolerance": None, "max_iterations": 8}
     spec = {**SLOW, "label": "entered", "schwarz": {**SLOW["schwarz"], **more}}
     posted = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=60"})
     mesh = http.get(f"{posted.headers['location']}?wait=60").json()

@@ -183,10 +183,6 @@ class Request:
     lease: Lease
 
 
-# A mesh that takes longer is entered into the store, where it can be listed, canceled and retried.
-MAX_SHORT_SECONDS = 0.05
-
-
 def answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
     """Admit a request and compute its mesh; None when the attempt was lost meanwhile.
 
@@ -234,9 +230,8 @@ def _answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
     entry = NewEntry(
         new=new, samples=admitted.upload, key=request.key, fingerprint=admitted.fingerprint(request.format)
     )
-    at_work = Attempt(store, claim, entry, request.lease, request.quota)
-    if time.perf_counter() - began > MAX_SHORT_SECONDS:
-        at_work.enter()
+    at_work = Attempt(store, claim, entry, request.lease, request.quota, began)
+    at_work.enter_if_late()
     work = Work(mesh_input=MeshInput(spec=new.spec, samples=admitted.samples, format=request.format), spec=spec)
     threads = request.settings.worker_threads
     try:

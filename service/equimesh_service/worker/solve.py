@@ -251,6 +251,8 @@ def _u_of(before: Mapping[str, Any], spec: BuiltSpec, files: Files) -> equimesh.
 _log = logging.getLogger(__name__)
 # The least number of points for which files are written in threads.
 MIN_POINTS_FOR_THREADS = 100_000
+# A mesh that takes longer is entered into the store, where it can be listed, canceled and retried.
+MAX_SHORT_SECONDS = 0.2
 
 
 def solve_mesh(job: Job) -> FinishedMesh | Ending | None:
@@ -295,8 +297,8 @@ class Work:
 class Attempt:
     """The mesh of an attempt in the store.
 
-    One with an ``entry`` is not there. It is entered, as claimed by the ``lease``, at the first report of progress: so
-    a mesh of a few milliseconds enters the store once, finished.
+    One with an ``entry`` is not there. It is entered, as claimed by the ``lease``, at the first report of progress
+    :data:`MAX_SHORT_SECONDS` after it ``began``: so a small mesh enters the store once, finished.
     """
 
     store: Store
@@ -304,6 +306,12 @@ class Attempt:
     entry: NewEntry | None = None
     lease: Lease | None = None
     quota: Quota | None = None
+    began: float = float("-inf")  # by `time.perf_counter`
+
+    def enter_if_late(self) -> None:
+        """:meth:`enter` the mesh, unless it may still be finished soon."""
+        if time.perf_counter() - self.began > MAX_SHORT_SECONDS:
+            self.enter()
 
     def enter(self) -> None:
         """Put the mesh into the store, as running.
@@ -325,8 +333,8 @@ class Attempt:
 
     def report(self, progress: Mapping[str, Any]) -> bool:
         """Store the progress; False when the attempt is lost."""
-        self.enter()
-        return self.store.queue.progress(self.claim, progress)
+        self.enter_if_late()
+        return self.entry is not None or self.store.queue.progress(self.claim, progress)
 
     def keep(self, outcome: Outcome, seconds: float) -> bool:
         """Put the outcome into the store with its files; False when the attempt was lost meanwhile."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,17 @@ def test_a_new_mesh_enters_with_its_first_progress(store: Store) -> None:
     assert attempt.keep(Outcome(result={}), 1.0)
     assert status(store, "a") == "succeeded"
     assert [event.kind for event in store.meshes.events("a")] == ["status", "status", "progress", "progress", "done"]
+
+
+def test_a_mesh_that_has_just_begun_is_not_entered(store: Store) -> None:
+    attempt = new(store)
+    attempt.began = time.perf_counter() + 3600.0
+    attempt.enter_if_late()
+    assert attempt.report({})
+    assert store.meshes.get("a") is None
+    attempt.began = float("-inf")
+    attempt.enter_if_late()
+    assert status(store, "a") == "running"
 
 
 def test_without_progress_it_enters_finished(store: Store) -> None:
