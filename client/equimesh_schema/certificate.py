@@ -237,7 +237,10 @@ class Certificate(Answer):
     degree: int = 1
     """The degree of the elements that interpolate u: that of the request, for which the mesh is made."""
     gains_by_degree: tuple[DegreeGain, ...] = ()
-    """The same for elements of degree 1, 2 and 3, on triangles 1 and 2; empty without a u, and of a failed mesh."""
+    """The same for elements of degree 1, 2 and 3, on triangles 1 and 2, and of the degree of the request.
+
+    Empty without a u, and of a failed mesh.
+    """
     solver_gain: SolverGain | None = None
     """The error of a solver on the other mesh over that on this one.
 

@@ -46,6 +46,16 @@ def test_no_unseen_function_is_worse_than_on_the_uniform_mesh(u: str, norm: str)
     check(solved(u, 33, norm=norm), norm)
 
 
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("u", UNSEEN[:4])
+def test_no_unseen_function_is_worse_for_elements_of_higher_degree(u: str, degree: int, norm: str) -> None:
+    solution = solved(u, 17, norm=norm, degree=degree)
+    assert solution.interpolation is not None
+    assert solution.interpolation.degree == degree
+    check(solution, norm)
+
+
 @pytest.mark.parametrize("cells", ["quad", "triangle"])
 @pytest.mark.parametrize("norm", ["l2", "h1"])
 @pytest.mark.parametrize(
