@@ -2,16 +2,18 @@
 
     python benchmarks/quality.py
 
-Each row: the points a side, where u comes from, milliseconds of the solve, and of the quality with u at the nodes and
-the certificate; their quotient; nanoseconds a cell. A time is the shortest of some runs, of one thread. It is processor
-time, so that other work on the machine changes it little. ``nodes`` is a step of a sequence: u at the nodes of the mesh
-before.
+Each row: the points a side, where u comes from, milliseconds of the solve, of the quality with u at the nodes, of the
+faces, and of the rest of the certificate; then the quality with the faces, and all of it, over the solve. A time is the
+shortest of some runs, of one thread, without the collection of garbage. It is processor time, so that other work on the
+machine changes it little. ``nodes`` is a step of a sequence: u at the nodes of the mesh before.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import time
+from itertools import pairwise
 
 import numpy as np
 
@@ -44,33 +46,42 @@ def problem(n: int, u: em.Field) -> em.Problem:
     return em.Problem(monitor=em.ArcLength(u=u), grid=em.Grid(n_xi=n, n_eta=n))
 
 
-def times(case: em.Problem, runs: int) -> tuple[float, float]:
-    """Seconds of the solve and of the rest, the shortest of ``runs`` after one that compiles."""
-    solving, measuring = [], []
+def times(case: em.Problem, runs: int) -> list[float]:
+    """Milliseconds of the solve, quality, faces and the rest, the shortest of ``runs`` after one that compiles."""
+    found = []
     for _ in range(runs + 1):
-        begin = time.process_time()
+        gc.collect()
+        marks = [time.process_time()]
         solution = em.solve(case, threads=1)
-        solved = time.process_time()
-        _ = solution.data(), solution.quality.summary(), solution.certificate.summary()
-        solving.append(solved - begin)
-        measuring.append(time.process_time() - solved)
-    return min(solving[1:]), min(measuring[1:])
+        marks.append(time.process_time())
+        _ = solution.quality.summary(), solution.u
+        marks.append(time.process_time())
+        _ = solution.faces
+        marks.append(time.process_time())
+        _ = solution.data(), solution.certificate.summary()
+        marks.append(time.process_time())
+        found.append([1e3 * (end - begin) for begin, end in pairwise(marks)])
+    return [min(part) for part in zip(*found[1:], strict=True)]
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=[*SIZES], help="points a side")
+    parser.add_argument("--fields", nargs="+", default=["expression", "samples", "nodes"], help="where u comes from")
     arguments = parser.parse_args()
-    print("points  u           solve, ms  quality, ms  quotient  ns a cell")
+    gc.disable()
+    print("points  u            solve, ms  quality   faces    rest  quality and faces / solve  all / solve")
     for n in arguments.sizes:
         for name, u in fields(n).items():
-            solve, measure = times(problem(n, u), SIZES.get(n, 3))
-            per_cell = 1e9 * measure / (n - 1) ** 2
-            print(
-                f"{n:6d}  {name:10s} {1e3 * solve:10.2f} {1e3 * measure:12.2f} {measure / solve:9.2f} {per_cell:10.0f}",
-                flush=True,
-            )
+            if name in arguments.fields:
+                solve, *rest = times(problem(n, u), SIZES.get(n, 3))
+                quality, faces, certificate = rest
+                print(
+                    f"{n:6d}  {name:10s} {solve:11.2f} {quality:8.2f} {faces:7.2f} {certificate:7.2f}"
+                    f" {(quality + faces) / solve:26.2f} {sum(rest) / solve:12.2f}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -31,8 +31,8 @@ from equimesh.quality.cell_maps import (
 )
 from equimesh_coupling.parts import corner_cuts, cuts_at_corners
 
-BLOCK_POINTS = 1 << 14
-"""Points of a block of cells: this bounds the memory, and a block stays in the cache."""
+BLOCK_POINTS = 1 << 12
+"""Points of a block of cells: its arrays stay in the cache, and memory that is here already has room for them."""
 
 Block: TypeAlias = slice | IntArray
 """Some cells: consecutive ones, from ``start`` to before ``stop``, or those with these numbers."""
@@ -155,12 +155,12 @@ class Cells(ABC):
     def blocks(self, points: CellPoints) -> Iterator[slice]:
         """All own cells, in pieces of about ``BLOCK_POINTS`` points that are the same for any number of holders."""
         for first, last in self.rows.strips:
-            yield from pieces(first * self.shape[1], last * self.shape[1], points)
+            yield from pieces(first * self.shape[1], last * self.shape[1], cells_of_block(points))
 
     def blocks_of(self, chosen: ChosenCells, points: CellPoints) -> Iterator[tuple[slice, IntArray]]:
         """The places and the numbers of the ``chosen`` cells, in such pieces."""
         for start, end in pairwise(chosen.ends):
-            for piece in pieces(int(start), int(end), points):
+            for piece in pieces(int(start), int(end), cells_of_block(points)):
                 yield piece, chosen.numbers[piece]
 
     def at(self, points: CellPoints, cells: Block) -> CellMap:
@@ -171,9 +171,13 @@ class Cells(ABC):
         return CellMap(*out)
 
 
-def pieces(start: int, end: int, points: CellPoints) -> Iterator[slice]:
-    """The numbers from ``start`` to before ``end`` in pieces of about ``BLOCK_POINTS`` points."""
-    size = max(1, BLOCK_POINTS // points.s.size)
+def cells_of_block(points: CellPoints) -> int:
+    """The cells of a block of about ``BLOCK_POINTS`` points."""
+    return max(1, BLOCK_POINTS // points.s.size)
+
+
+def pieces(start: int, end: int, size: int) -> Iterator[slice]:
+    """The numbers from ``start`` to before ``end`` in pieces of ``size``."""
     for first in range(start, end, size):
         yield slice(first, min(first + size, end))
 

@@ -32,7 +32,7 @@ from equimesh.quality.interpolation import (
     require_same_cells,
     sample,
 )
-from equimesh.quality.resolution import resolved_integrals, scattered
+from equimesh.quality.resolution import resolved_integrals, scattered_between
 from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 from equimesh_schema.certificate import DegreeGain
 
@@ -57,9 +57,8 @@ def gains_by_degree(
     ``errors`` say that a layer lies inside a cell.
     """
     degrees = tuple(degree for degree in DEGREES[kind] if degree != errors.degree)
-    chosen, one_of = ChosenCells.of(cells.rows), cells.count // MEASURED_CELLS
-    if one_of > 1:
-        chosen = ChosenCells.of(cells.rows, chosen.numbers[scattered(chosen.numbers, one_of)])
+    own, one_of = cells.own, cells.count // MEASURED_CELLS
+    chosen = ChosenCells.of(cells.rows, scattered_between(own.start, own.stop, one_of) if one_of > 1 else None)
     element = rule(kind, GAUSS_POINTS)
     bases = [basis(kind, degree, element) for degree in degrees]
     with np.errstate(all="ignore"):

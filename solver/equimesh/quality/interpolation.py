@@ -25,9 +25,10 @@ from equimesh.quality.cells import (
     MeshCells,
     QuadCells,
     cells_of,
+    cells_of_block,
     pieces,
 )
-from equimesh.quality.resolution import Pieces, resolved_integrals, scattered
+from equimesh.quality.resolution import Pieces, resolved_integrals, scattered_between
 from equimesh.quality.tally import ErrorRule, ErrorTally
 
 MIN_SAMPLED_CELLS = 5_000
@@ -254,12 +255,10 @@ def sample(rows: Rows) -> IntArray | None:
     for one_of, shift in SAMPLING:
         if cells * columns >= one_of * MIN_SAMPLED_CELLS:
             if columns == 1:
-                return np.flatnonzero(scattered(np.arange(cells), one_of))
-            first = (-shift * np.arange(rows.first, rows.last)) % one_of
-            lines = [
-                np.arange(start, columns, one_of) + row * columns for row, start in enumerate(first, start=rows.first)
-            ]
-            return np.concatenate(lines).astype(np.int64)
+                return scattered_between(0, cells, one_of)
+            lines = np.arange(rows.first, rows.last)[:, None]
+            places = (-shift * lines) % one_of + np.arange(0, columns, one_of)
+            return np.asarray((places + lines * columns)[places < columns], dtype=np.int64)
     return None
 
 
@@ -305,7 +304,7 @@ def _of_strip(cells: BilinearCells, first: int, last: int, u: Field) -> Iterator
     """
     columns, nodal = cells.shape[1], u.evaluate(*cells.window.nodes(first, last))[0]
     yield float(np.nanmin(nodal)), float(np.nanmax(nodal)), 0.0, np.nan, np.nan
-    for block in pieces(first * columns, last * columns, CENTRE):
+    for block in pieces(first * columns, last * columns, cells_of_block(CENTRE)):
         numbers = np.arange(block.start, block.stop)
         values = np.empty((4, numbers.size))
         gather_values(np.ascontiguousarray(nodal), numbers - first * columns, values)

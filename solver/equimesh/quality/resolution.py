@@ -158,6 +158,11 @@ def largest_of(values: Array, count: int, rows: Rows) -> IntArray:
     Of equal values the first ones are taken. NaN counts as larger than any number. No value is negative.
     """
     keys = np.abs(values).view(np.uint64)
+    if rows.are_all and 0 < count < values.size:
+        smallest = np.partition(keys, values.size - count)[values.size - count]
+        above = np.flatnonzero(keys > smallest)
+        equal = np.flatnonzero(keys == smallest)[: count - above.size]
+        return np.sort(np.concatenate([above, equal]))
     chosen, candidates, left = np.zeros(values.size, dtype=np.bool_), np.arange(values.size), count
     of_all = int(rows.summed(np.array([float(values.size)]))[0])
     most, shift = of_all if rows.are_all else MAX_SENT, 64
@@ -205,11 +210,23 @@ def scattered(numbers: IntArray, one_of: int) -> BoolArray:
     A lattice could meet the same rows of all blocks; the places are mixed instead, and are the same each time.
     """
     runs, places = np.divmod(numbers, one_of)
+    return np.asarray(_place_of(runs, one_of) == places)
+
+
+def scattered_between(first: int, last: int, one_of: int) -> IntArray:
+    """The numbers from ``first`` to before ``last`` that are :func:`scattered`, without a look at the others."""
+    runs = np.arange(first // one_of, -(-last // one_of))
+    found = runs * one_of + _place_of(runs, one_of)
+    return np.asarray(found[(found >= first) & (found < last)])
+
+
+def _place_of(runs: IntArray, one_of: int) -> IntArray:
+    """The place of the cell of the sample in each run."""
     with np.errstate(over="ignore"):
         mixed = (runs.astype(np.uint64) + np.uint64(1)) * np.uint64(MIX[0])
         mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(MIX[1])
         mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(MIX[2])
-    return np.asarray((mixed ^ (mixed >> np.uint64(31))) % np.uint64(one_of) == places.astype(np.uint64))
+    return np.asarray((mixed ^ (mixed >> np.uint64(31))) % np.uint64(one_of)).astype(np.int64)
 
 
 MAX_DIFFERENCES = np.array([0.1, 0.02])

@@ -15,7 +15,7 @@ from equimesh.monitors.monitor import Monitor, OfDerivatives
 from equimesh.numerics.compiled import compiled, vectorised
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_maps import locate, shapes, shares_and_alignments
-from equimesh.quality.cells import BilinearCells, CellPoints, MeshCells, pieces
+from equimesh.quality.cells import BilinearCells, CellPoints, MeshCells, cells_of_block, pieces
 from equimesh.quality.tally import ErrorTally, share_blocks
 
 # Compiled means of a metric over cells.
@@ -179,16 +179,16 @@ class Survey:
         is_valid = cells.all_valid  # before the threads need it
         metrics: _Metrics
         if rule is CellPoints.corners():
-            metrics = _AtNodes.of(cells, monitor)
+            metrics, size = _AtNodes.of(cells, monitor), BLOCK_CELLS
         else:
-            metrics = _Inside(cells, monitor, rule, tally if is_valid else None)
+            metrics, size = _Inside(cells, monitor, rule, tally if is_valid else None), cells_of_block(rule)
 
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
                 for number in range(thread, len(strips), threads):
                     metrics.begin(number)
                     first, last = strips[number]
-                    for block in pieces(first * cells.shape[1], last * cells.shape[1], rule):
+                    for block in pieces(first * cells.shape[1], last * cells.shape[1], size):
                         here = _places(cells, block)
                         rows = np.empty((len(ROWS), block.stop - block.start))
                         shares[number] += _measure(cells, metrics, number, block, rows)
@@ -355,6 +355,8 @@ class _AtNodes:
             return contiguous(monitor.metric_of(*derivatives))
 
 
+BLOCK_CELLS = 1 << 14
+"""Cells of a block where the metric is known at the nodes: a block has no points inside cells."""
 ALL = -1
 """The strip of a mesh of blocks, whose nodes are evaluated together."""
 
