@@ -49,8 +49,8 @@ def problem(n: int, u: em.Field) -> em.Problem:
 def times(case: em.Problem, runs: int) -> list[float]:
     """Milliseconds of the solve, quality, faces and the rest, the shortest of ``runs`` after one that compiles."""
     found = []
+    gc.collect()
     for _ in range(runs + 1):
-        gc.collect()
         marks = [time.process_time()]
         solution = em.solve(case, threads=1)
         marks.append(time.process_time())
