@@ -14,7 +14,7 @@ from equimesh.quality import resolution
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.interpolation import InterpolationErrors, interpolation_errors
 from equimesh.quality.measures import measure_interpolation
-from equimesh.quality.resolution import all_but_the_smallest, largest_of
+from equimesh.quality.resolution import all_but_the_smallest, largest_of, scattered, scattered_between
 from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.rows import PartRows
 from solver.quality.handmade import uniform, wavy
@@ -174,3 +174,9 @@ def test_nothing_is_left_of_what_is_allowed_and_nan_never() -> None:
     assert of([1.0, 2.0, 0.0], 3.5) == [False, False, False]
     assert of([1.0, 2.0, 0.0], 0.0) == [True, True, False]
     assert of([1.0, np.inf, np.nan], 2.0) == [False, True, False]
+
+
+@pytest.mark.parametrize(("first", "last", "one_of"), [(0, 1000, 3), (17, 999, 7), (5, 5, 2), (40, 41, 260)])
+def test_scattered_cells_are_found_without_a_look_at_the_others(first: int, last: int, one_of: int) -> None:
+    numbers = np.arange(first, last)
+    assert np.array_equal(scattered_between(first, last, one_of), numbers[scattered(numbers, one_of)])
