@@ -18,7 +18,7 @@ from equimesh import Decomposition, Event, Iteration, Mesh
 from equimesh.meshes.mesh import MeshRows
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.quality import ComparedMesh, UniformComparison, compare_with_uniform
-from equimesh.solving.solution import MeasuredMesh, OnBlocks, interpolated_cells
+from equimesh.solving.solution import MeasuredMesh, OnBlocks, degree_of, interpolated_cells
 from equimesh.specs import subdomains_of
 from equimesh_service.assembly.problem import SamplesOf, build
 from equimesh_service.problems.problem import Problem
@@ -268,7 +268,8 @@ def draw_mesh_row(
     if isinstance(mesh, QuadMesh):
         return pack(document, arrays_of(of_blocks(mesh, problem).against_uniform, is_folded=False))
     monitor = problem.monitor
-    compared = compare_with_uniform(mesh, monitor, domain=problem.domain, kind=interpolated_cells(monitor))
+    kind, degree = interpolated_cells(monitor), degree_of(monitor)
+    compared = compare_with_uniform(mesh, monitor, domain=problem.domain, kind=kind, degree=degree)
     return pack(document, arrays_of(compared, is_folded=False))
 
 

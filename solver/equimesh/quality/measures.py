@@ -374,12 +374,19 @@ def measure_interpolation(
 
 
 def measure_alone(
-    mesh: Mesh | QuadMesh, u: Field, *, kind: Literal["quad", "triangle"] = "quad", threads: int = 1
+    mesh: Mesh | QuadMesh,
+    u: Field,
+    *,
+    kind: Literal["quad", "triangle"] = "quad",
+    degree: int = 1,
+    threads: int = 1,
 ) -> InterpolationErrors:
     """The errors of interpolating u on this mesh, which is compared with no other: its gains are NaN.
 
     Else as :func:`measure_interpolation`.
     """
+    if degree > 1:
+        return degree_errors(cells_of(mesh), None, u, degree, kind)
     if kind == "triangle":
         return triangle_errors(mesh, u)
     cells = cells_of(mesh)

@@ -22,7 +22,7 @@ from equimesh.quality.measures import measure_alone
 from equimesh.rounds.recovery import KEPT, Round
 from equimesh.rounds.round import adapt_round
 from equimesh.solving.orthogonality import Corners
-from equimesh.solving.solution import AnySolution, Solution, interpolated_cells, status_unless_folded
+from equimesh.solving.solution import AnySolution, Solution, degree_of, interpolated_cells, status_unless_folded
 from equimesh.solving.status import DescentProgress, Initial, SolveOptions, Status, descent_work
 from equimesh_schema import Candidate, Estimate
 
@@ -120,7 +120,8 @@ def _or_given(found: AnySolution, start: Mesh | QuadMesh, norm: str) -> AnySolut
     monitor, errors = found.problem.monitor, found.interpolation
     if errors is None or monitor.u is None:
         return found
-    others = measure_alone(given.mesh, monitor.u, kind=interpolated_cells(monitor), threads=found.threads)
+    kind, degree = interpolated_cells(monitor), degree_of(monitor)
+    others = measure_alone(given.mesh, monitor.u, kind=kind, degree=degree, threads=found.threads)
     is_kept = others.l2 < errors.l2 if norm == "l2" else others.h1 < errors.h1
     return given if is_kept and not given.cut_off.is_much else found
 
