@@ -50,12 +50,12 @@ def test_a_document_is_plain_json_also_where_a_solve_failed() -> None:
     solved = solution()
     error = {"title": "Mesh folded", "detail": "A cell is inverted.", "remedy": "Add points."}
     result = {"solution": summary_of(solved), "certificate": solved.certificate.summary(), "quality": None}
-    mesh, schwarz = solved.mesh, solved.schwarz
-    document = document_of(SPEC, result, error=error, convergence=None, schwarz=schwarz, mesh=mesh)
+    mesh, parts = solved.mesh, solved.decomposition
+    document = document_of(SPEC, result, error=error, convergence=None, decomposition=parts, mesh=mesh)
     assert json.loads(json.dumps(document, allow_nan=False))["status"] == "failed"
     assert document["sentences"][0]["tone"] == "bad"
     assert document["subdomains"] == [{"xi": [0, 5], "eta": [0, 7]}, {"xi": [4, 8], "eta": [0, 7]}]
-    plain = document_of(SPEC, result, error=None, convergence=None, schwarz=None, mesh=mesh)
+    plain = document_of(SPEC, result, error=None, convergence=None, decomposition=None, mesh=mesh)
     assert (plain["status"], plain["subdomains"], plain["ordering"]) == ("succeeded", None, None)
 
 
