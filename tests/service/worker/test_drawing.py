@@ -51,7 +51,8 @@ def test_a_document_is_plain_json_also_where_a_solve_failed() -> None:
     error = {"title": "Mesh folded", "detail": "A cell is inverted.", "remedy": "Add points."}
     result = {"solution": summary_of(solved), "certificate": solved.certificate.summary(), "quality": None}
     mesh, parts = solved.mesh, solved.decomposition
-    document = document_of(SPEC, result, error=error, convergence=None, decomposition=parts, mesh=mesh)
+    spec = {**SPEC, "schwarz": {"ordering": "parallel"}}
+    document = document_of(spec, result, error=error, convergence=None, decomposition=parts, mesh=mesh)
     assert json.loads(json.dumps(document, allow_nan=False))["status"] == "failed"
     assert document["sentences"][0]["tone"] == "bad"
     assert document["subdomains"] == [{"xi": [0, 5], "eta": [0, 7]}, {"xi": [4, 8], "eta": [0, 7]}]
