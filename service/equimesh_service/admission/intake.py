@@ -7,7 +7,7 @@ import pickle
 import secrets
 import time
 from collections.abc import Awaitable, Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -138,9 +138,11 @@ class Intake:
             raise
         began = time.monotonic()
         await self._wait_for(ended, claim.mesh_id, min(request.seconds, self.settings.max_wait))
+        if _was_taken_away(ended) and not self.wakeups.closing:
+            return AcceptedMesh(claim.mesh_id, None, time.monotonic() - began)
         if await self._is_entered(ended, claim.mesh_id):
             return AcceptedMesh(claim.mesh_id, ended, time.monotonic() - began)
-        if ended.cancelled() or ended.exception() is not None or ended.result() is None:
+        if _was_taken_away(ended) or ended.exception() is not None:
             is_stored = await self._is_stored(claim.mesh_id)
             return AcceptedMesh(claim.mesh_id, None, time.monotonic() - began) if is_stored else None
         if isinstance(end := ended.result(), NoMesh):
@@ -288,6 +290,14 @@ class Intake:
         deadline = time.monotonic() + seconds
         while not task.done() and (left := deadline - time.monotonic()) > 0 and not self.wakeups.closing:
             await self.wakeups.wait(mesh_id, min(left, self.settings.poll))
+
+
+def _was_taken_away(ended: Future[Any]) -> bool:
+    """Whether a mesh was canceled, deleted, or given to another attempt: it was in the store, and may be gone."""
+    if not ended.done():
+        return False
+    error = None if ended.cancelled() else ended.exception()
+    return ended.cancelled() or isinstance(error, CancelledError) or (error is None and ended.result() is None)
 
 
 def _new_claim(caller: Caller) -> Claim:
