@@ -55,7 +55,7 @@ def build_parser(command: str = "") -> Parser:
     """
     parser = GroupedParser(
         prog="equimesh",
-        description="Adaptive 2D meshes for PDE solvers, by equidistribution, with a service or without.",
+        description="Adaptive 2D meshes of quadrilaterals for PDE solvers, with a service or without.",
         epilog=EXAMPLES + table_of_exits(GENERAL),
         groups=GROUPS,
     )

@@ -324,7 +324,7 @@ class Certificate(Answer):
             lines.append(f"  by degree             {'; '.join(map(str, self.gains_by_degree))}")
         if self.solver_gain is not None:
             gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.solver_gain.items())
-            lines.append(f"  solver gain           {gains}  (the same of a finite element solution that is u)")
+            lines.append(f"  solver gain           {gains}  (the same of a finite element solver whose solution is u)")
         if self.target is not None:
             lines.append(f"  target                {self.target}")
         lines += [f"  compared              {candidate}" for candidate in self.comparison]

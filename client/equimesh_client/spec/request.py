@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from enum import Enum
 from typing import Any, Literal, TypeAlias, TypedDict
@@ -16,9 +16,18 @@ from equimesh_client.spec.sources import Upload, needs_box, source_of, upload_of
 from equimesh_coupling.samples import UNIT_BOX, Box
 from equimesh_schema.document import keys_of, without_usual
 from equimesh_schema.mesh import Grid, MeshSpec, Target
-from equimesh_schema.monitors import FUNCTIONS, ArcLength, Auto, Curvature, Intersection, MonitorDocument, PlainMonitor
+from equimesh_schema.monitors import (
+    FUNCTIONS,
+    MONITORS,
+    ArcLength,
+    Auto,
+    Curvature,
+    Intersection,
+    MonitorDocument,
+    PlainMonitor,
+)
 from equimesh_schema.monitors import AnyMonitor as Monitor
-from equimesh_schema.schwarz import BlockSchwarz, Condition, Schwarz
+from equimesh_schema.schwarz import TRANSMISSIONS, BlockSchwarz, Condition, Schwarz
 from equimesh_schema.sources import functions_of
 
 # Monitors as JSON: their functions are read, and the u of a request gets its place.
@@ -55,7 +64,7 @@ def _member(monitor: object, read: Read, u: object) -> Json:
     if isinstance(monitor, PlainMonitor):
         return _of_fields(monitor, read, u)
     raise BadArgument(
-        "a monitor is an ArcLength, Curvature, Weight or Tensor, or at the top an Auto, a LeastError, an"
+        "a monitor is an ArcLength, Curvature, Weight or Tensor, or at the top an Auto, a LeastError, a"
         f" NodalSolution or an Intersection; not {monitor!r:.80}"
     )
 
@@ -202,8 +211,18 @@ def complete_options(options: MeshOptions, method: Callable[..., object]) -> Mes
         names = [*DEFAULTS, *(name for name in inspect.signature(method).parameters if name not in ("self", "options"))]
         nearest = get_close_matches(unknown[0], names, n=1)
         advice = f"did you mean {nearest[0]!r}?" if nearest else f"it has {', '.join(names)}"
+        advice = _where_it_belongs(unknown[0]) or advice
         raise TypeError(f"{method.__name__}() has no option {unknown[0]!r}; {advice}")
     return {**DEFAULTS, **options}
+
+
+def _where_it_belongs(name: str) -> str | None:
+    """The remedy for a setting of a monitor, or of the Schwarz iteration, that was given as an option."""
+    for option, kinds in (("monitor", MONITORS.documents.values()), ("schwarz", (Schwarz,))):
+        for kind in kinds:
+            if name != "kind" and name in (one.name for one in fields(kind)):
+                return f"it is a setting of {option}, as in {option}={kind.__name__}({name}=...)"
+    return None
 
 
 def points_per_side(n: int | tuple[int, int]) -> tuple[int, int]:
@@ -232,8 +251,8 @@ def _schwarz_json(schwarz: object) -> Json | None:
         )
     if isinstance(schwarz, Schwarz) and not isinstance(schwarz.transmission, Condition):
         raise BadArgument(
-            f"transmission = {str(schwarz.transmission)[:40]!r}: give Optimized(), Classical(), LinearRobin() or"
-            " NonlinearRobin()"
+            f"transmission = {str(schwarz.transmission)[:40]!r}: give one of"
+            f" {', '.join(f'{kind.__name__}()' for kind in TRANSMISSIONS.documents.values())}"
         )
     return without_usual(schwarz)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from equimesh.io.formats import FORMATS
+from equimesh_schema.mesh import SUFFIXES
 from equimesh_service.problems.problem import Problem, did_you_mean
 from equimesh_service.worker.in_parts import HEADED, PART_FORMATS
 
@@ -14,7 +15,8 @@ def known_format(name: str) -> str:
     """The name of a format of meshes, whole or in parts, checked; raises a 406 problem."""
     known = [*FORMATS, *(head for head in HEADED if head not in FORMATS)]
     if name not in known:
-        near = did_you_mean(name, known) or "."
+        named = SUFFIXES.get(f".{name.lower()}")  # people know the suffix of their file: inp is abaqus
+        near = did_you_mean(named or name, known) or "."
         raise Problem("not-acceptable", f"{name[:40]!r} is not a mesh format; there are {', '.join(known)}{near}")
     return name
 

@@ -11,6 +11,7 @@ import io
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
+from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
@@ -35,7 +36,8 @@ def draw_on(mesh: Mesh | QuadMesh, error: Array | None, axes: Axes | None = None
     """Draw a mesh on ``axes``, every cell with the colour of its ``error``, and return the axes.
 
     Without ``axes`` those of pyplot are taken. The colours are even in the logarithm; ``error`` has the ``cell_shape``
-    of the mesh, and is ``None`` where there is none. Raises ``ImportError`` without matplotlib.
+    of the mesh, and is ``None`` where there is none. Raises ``ImportError`` without matplotlib, and
+    :class:`equimesh.InputError` for what is no axes, such as the name of a file.
     """
     if axes is None:
         try:
@@ -43,6 +45,9 @@ def draw_on(mesh: Mesh | QuadMesh, error: Array | None, axes: Axes | None = None
         except ImportError as missing:
             raise ImportError("drawing needs matplotlib: pip install 'equimesh[plot]'") from missing
         axes = plt.gca()
+    elif not hasattr(axes, "pcolormesh"):
+        remedy = "give axes of matplotlib, or save the picture with .plot().figure.savefig('mesh.png')"
+        raise InputError(f"axes = {axes!r:.40}: {remedy}", field="axes")
     scale = colours_of([] if error is None else [error])
     draw_cells(axes, mesh, error, scale)
     axes.set_aspect("equal")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from numbers import Integral
-from typing import Literal, TypeAlias, TypeGuard
+from typing import Literal, TypeAlias, TypeGuard, get_args
 
 from equimesh.errors import InputError
 from equimesh.inputs import choice
@@ -122,8 +122,8 @@ class Schwarz:
         self._check_numbers()
         if not isinstance(self.transmission, TransmissionCondition):
             raise InputError(
-                f"transmission = {str(self.transmission)[:40]!r}: give Optimized(), Classical(), LinearRobin() or"
-                " NonlinearRobin()",
+                f"transmission = {str(self.transmission)[:40]!r}: give one of"
+                f" {', '.join(f'{kind.__name__}()' for kind in get_args(TransmissionCondition))}",
                 field="schwarz.transmission",
             )
         object.__setattr__(self, "ordering", choice(Ordering, self.ordering, "schwarz.ordering"))

@@ -251,7 +251,7 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
     """
     monitor = problem.monitor
     if not isinstance(monitor, NodalSolution):
-        raise TypeError("a round needs an NodalSolution monitor")
+        raise TypeError("a round needs a NodalSolution monitor")
     if problem.grid is not None:
         monitor.require_grid(problem.grid)
     nodal: Any = monitor.nodal

@@ -281,8 +281,8 @@ class Solution(Generic[D, M]):
         return {one.name: getattr(self, one.name) for one in fields(self)}
 
     def __repr__(self) -> str:
-        size, grid = " x ".join(map(str, self.mesh.node_shape)), self.problem.grid
-        steps = "" if grid is None else f", {len(self.iterations)} iterations"
+        size = " x ".join(map(str, self.mesh.node_shape))
+        steps = f", {len(self.iterations)} iterations" if self.iterations else ""  # a descent counts none
         return f"<Solution: {size} points, {self.status}{steps}>"
 
     @property

@@ -103,7 +103,7 @@ def _grid(given: int | tuple[int, int] | Grid | None) -> Grid:
     if given is None or isinstance(given, int):
         n = 33 if given is None else given
         return Grid(n_xi=n, n_eta=n)
-    raise InputError(f"grid = {str(given)[:40]}: give a number of points a side, such as 33, or (33, 17)", field="grid")
+    raise InputError(f"grid = {given!r:.40}: give a number of points a side, such as 33, or (33, 17)", field="grid")
 
 
 def _require_known(make: Callable[..., Monitor], kind: str, settings: Mapping[str, Any]) -> None:

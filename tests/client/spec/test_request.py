@@ -137,6 +137,8 @@ def test_an_unknown_option_names_the_nearest(connect: Any, service: Any) -> None
         (client.generate, "bounday", r"generate\(\) has no option 'bounday'; did you mean 'boundary'\?"),
         (client.generate, "deadlin", "did you mean 'deadline'"),
         (client.generate, "xyz", "it has monitor, domain, a, b, "),
+        (client.generate, "degree", r"it is a setting of monitor, as in monitor=Auto\(degree=\.\.\.\)"),
+        (client.generate, "overlap", r"as in schwarz=Schwarz\(overlap=\.\.\.\)"),
         (client.sequences.start, "kep", "did you mean 'keep'"),
         (client.sequences.start, "initial", "has no option 'initial'"),
     ):
@@ -248,7 +250,7 @@ def test_monitors_as_json(monitor: Any, u: Any, json: dict[str, Any]) -> None:
         (
             Intersection([Intersection([]), Weight("x")]),
             None,
-            "an NodalSolution or an Intersection",
+            "a NodalSolution or an Intersection",
         ),
         (Intersection(3), "x", "list of monitors"),  # type: ignore[arg-type]
         ("curvature", "x", "a monitor is"),
@@ -291,5 +293,5 @@ def test_the_iteration_between_blocks_as_json() -> None:
 
 def test_what_is_no_condition_is_refused() -> None:
     wrong = Schwarz(transmission="classical")  # type: ignore[arg-type]
-    with pytest.raises(BadArgument, match="transmission = 'classical': give Optimized"):
+    with pytest.raises(BadArgument, match=r"transmission = 'classical': give one of Optimized\(\), Classical\(\), L"):
         mesh_spec({}, 8, {"schwarz": wrong})

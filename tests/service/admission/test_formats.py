@@ -28,3 +28,6 @@ def test_formats_that_do_not() -> None:
         check_part("vtu")
     with pytest.raises(Problem, match=r"'xyz' is not a mesh format; there are vtu, .*pvtu"):
         known_format("xyz")
+    for suffix, name in (("inp", "abaqus"), ("MESH", "medit")):
+        with pytest.raises(Problem, match=f"did you mean '{name}'"):
+            known_format(suffix)

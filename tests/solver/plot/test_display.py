@@ -77,6 +77,12 @@ def test_it_is_drawn_on_the_axes_that_are_given(front: em.Solution) -> None:
     assert right.get_xlim() == pytest.approx((0.0, 1.0), abs=0.1)
 
 
+def test_the_name_of_a_file_is_no_axes(front: em.Solution) -> None:
+    with pytest.raises(em.InputError, match=r"axes = 'front\.png': .* \.plot\(\)\.figure\.savefig") as caught:
+        front.plot("front.png")  # type: ignore[arg-type]
+    assert caught.value.field == "axes"
+
+
 def test_write_takes_the_format_of_the_suffix(front: em.Solution, tmp_path: Path) -> None:
     (path,) = front.write(tmp_path / "mesh.vtu", cells="triangle")
     assert meshio.read(path).cells_dict["triangle"].shape == (2 * 16 * 16, 3)

@@ -64,6 +64,7 @@ def test_a_solve_may_start_from_a_mesh() -> None:
     assert_same(far, cold, 1e-9)
     assert "too far from the solution to start from" in far.message
     assert repr(far) == f"<Solution: 33 x 33 points, converged, {len(far.iterations)} iterations>"
+    assert repr(cold) == "<Solution: 33 x 33 points, converged>"
     for wrong in (em.solve(PAPER).reference, em.Mesh(start.x[::-1].copy(), start.y)):
         with pytest.raises(em.InputError, match="the mesh to start from"):
             em.solve(now, initial=wrong)

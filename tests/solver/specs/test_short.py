@@ -74,7 +74,7 @@ def test_values_of_blocks() -> None:
         ({"u": lambda x, y: float(x) + y}, "u", r"numpy\.vectorize"),
         ({"u": np.full((3, 3), np.nan)}, "u", "samples must be finite"),
         ({"u": np.ones((3, 3)), "t": 2.0}, "parameters", "belong to a formula"),
-        ({"u": "x", "grid": "a"}, "grid", "give a number of points a side"),
+        ({"u": "x", "grid": "9"}, "grid", "grid = '9': give a number of points a side"),
         ({"u": "x", "grid": 1}, "grid.n_xi", "at least"),
         ({"u": "x", "monitor": "weight"}, "monitor", "choose one of auto, least_error, arc_length, curvature"),
         ({"u": "x", "distrotion": 2.0, "monitor": "least_error"}, "distrotion", "perhaps distortion is meant"),
