@@ -134,10 +134,12 @@ def write_mesh(
     sides, which ``foam`` names as a pair of cyclic patches and ``msh`` as periodic curves.
 
     Files appear whole or not at all, and the same mesh gives the same bytes. Raises
-    :class:`~equimesh.errors.InputError` for an unknown format, suffix or kind of cell and for a folder that
-    does not exist, for triangles in structured grids (``vts``, ``vtm``, ``p3d``), for blocks in one such grid
-    (``vts``), and ``OSError`` where a file cannot be written.
+    :class:`~equimesh.errors.InputError` for what is no data, for an unknown format, suffix or kind of cell, for a
+    folder that does not exist, for triangles in structured grids (``vts``, ``vtm``, ``p3d``), for blocks in one such
+    grid (``vts``), and ``OSError`` where a file cannot be written.
     """
+    if not isinstance(data, MeshData):
+        raise InputError(f"data = {data!r:.60}: give the data of a solution, solution.data()", field="data")
     path = Path(path)
     unpacked, case = format is None and path.suffix in UNPACKED, format in (None, "foam") and path.is_dir()
     if format is None:

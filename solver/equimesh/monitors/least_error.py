@@ -41,8 +41,7 @@ def require_degree(degree: object, cells: Literal["quad", "triangle"]) -> None:
     most = MAX_DEGREES[cells]
     if isinstance(degree, bool) or not (isinstance(degree, int) and 1 <= degree <= MAX_DEGREES["quad"]):
         raise InputError(
-            f"degree = {str(degree)[:20]}: give the degree of the elements, a whole number from 1 to"
-            f" {MAX_DEGREES['quad']}",
+            f"degree = {degree!r:.20}: give the degree of the elements, a whole number from 1 to {MAX_DEGREES['quad']}",
             field="degree",
         )
     if degree > most:

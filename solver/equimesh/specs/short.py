@@ -60,7 +60,8 @@ def mesh(
     """
     make = KINDS.get(monitor) if isinstance(monitor, str) else None
     if make is None:
-        raise InputError(f"monitor = {str(monitor)[:40]!r}: choose one of {', '.join(KINDS)}", field="monitor")
+        rest = "" if isinstance(monitor, str) else "; solve(Problem(monitor=...)) takes monitors as objects"
+        raise InputError(f"monitor = {monitor!r:.40}: choose one of {', '.join(KINDS)}{rest}", field="monitor")
     formula = {name: settings.pop(name) for name in ("parameters", "t") if name in settings}
     _require_known(make, monitor, settings)
     function = field_of(u, domain, **formula)

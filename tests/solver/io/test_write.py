@@ -153,6 +153,12 @@ class TestRefusals:
         assert caught.value.field == "path"
         assert str(caught.value) == f"{path}: there is no folder {path.parent}; make it first"
 
+    def test_what_is_no_data(self, tmp_path: Path) -> None:
+        with pytest.raises(InputError, match=r"give the data of a solution, solution\.data\(\)") as caught:
+            write_mesh(tmp_path / "mesh.vtu", DATA.mesh)  # type: ignore[arg-type]
+        assert caught.value.field == "data"
+        assert list(tmp_path.iterdir()) == []
+
     def test_triangles_in_a_structured_grid(self, tmp_path: Path) -> None:
         with pytest.raises(InputError, match="a vts file holds no triangles: choose another format, or quad") as caught:
             write_mesh(tmp_path / "mesh.vts", DATA, cells="triangle")
