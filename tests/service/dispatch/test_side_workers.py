@@ -13,7 +13,6 @@ from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError, WorkerLostError
 from service.conftest import small
 from service.guarded import Guarded
-from service.requests import solved
 
 
 class ByHand:
@@ -116,7 +115,10 @@ def test_samples_and_files_take_the_turns_of_their_key(
     monkeypatch.setattr(SideWorkers, "submit", note)
     scattered = {"points": [[i / 4, j / 4] for i in range(5) for j in range(5)], "values": [0.1 * k for k in range(25)]}
     with guarded_service.having(secret) as client:
-        mesh = solved(client, small(monitor={"kind": "arc_length", "u": {"scattered": scattered}}))
+        # Without a wait: a worker reads the samples of a request that waits.
+        posted = client.post("/v1/meshes", json=small(monitor={"kind": "arc_length", "u": {"scattered": scattered}}))
+        mesh = client.get(posted.headers["Location"], params={"wait": 30}).json()
+        assert mesh["status"] == "succeeded", mesh["error"]
         samples = len(keys)
         assert samples >= 1
         assert client.get(mesh["links"]["plot"]).status_code == 200

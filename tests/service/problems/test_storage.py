@@ -105,8 +105,8 @@ async def _outlive(data: Path, files: Path) -> None:
             await _database_without_writes(http, data, app.state.service, mesh)
 
 
-async def _mesh(http: httpx.AsyncClient, **more: Any) -> dict[str, Any]:
-    answer = await http.post("/v1/meshes", json=small(**more), headers={"Prefer": "wait=30"})
+async def _mesh(http: httpx.AsyncClient, wait: int = 30, **more: Any) -> dict[str, Any]:
+    answer = await http.post("/v1/meshes", json=small(**more), headers={"Prefer": f"wait={wait}"})
     mesh: dict[str, Any] = answer.json()
     while answer.status_code in (200, 202) and mesh["finished_at"] is None:
         answer = await http.get(mesh["links"]["self"] + "?wait=30")
@@ -131,8 +131,10 @@ async def _full_files(http: httpx.AsyncClient, files: Path, mesh: dict[str, Any]
     _expect(await _upload(http, 1), 507, "storage-full")
     _expect(await http.get(mesh["links"]["file"], params={"format": "msh"}), 507, "storage-full")
     _expect(await http.get(mesh["links"]["file"], params={"format": "xdmf"}), 507, "storage-full")
-    failed = await _mesh(http)
-    assert (failed["status"], failed["error"]["type"]) == ("failed", "/problems/storage-full"), failed
+    for wait in (0, 30):
+        assert (await _mesh(http, wait))["status"] == "succeeded"  # small files are rows of the database
+        failed = await _mesh(http, wait, grid={"n_xi": 200, "n_eta": 200})
+        assert (failed["status"], failed["error"]["type"]) == ("failed", "/problems/storage-full"), failed
     assert (await http.get(mesh["links"]["quality"])).status_code == 200  # what is there is served
     ballast.unlink()
     assert not list((files / "unfinished").iterdir())
