@@ -535,6 +535,10 @@ def raise_culprit(program: Program, at: tuple[float, float], wrong: str, limit: 
 
 def check_parameters(parameters: Mapping[str, float]) -> dict[str, float]:
     """``parameters`` as floats; raises :class:`~equimesh.errors.ExpressionError` for names that cannot be used."""
+    if not isinstance(parameters, Mapping):
+        shown = shorten(repr(parameters))  # type: ignore[unreachable]
+        message = f"parameters = {shown}: give the numbers by their names, such as {{'a': 2.0}}"
+        raise ExpressionError(message, field="parameters")
     if len(parameters) > LIMITS.parameters:
         message = f"{len(parameters)} parameters: at most {LIMITS.parameters} are allowed"
         raise ExpressionError(message, field="parameters")

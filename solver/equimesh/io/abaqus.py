@@ -6,11 +6,15 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from equimesh.io.solver_files import integer_rows, words
+from equimesh.io.solver_files import integer_rows, labels
 from equimesh.numerics.types import Array, IntArray
 
 DOMAIN = "domain"
 """The set of all cells."""
+EDGES = "_edges"
+"""The end of the name of a surface, after that of its side."""
+MAX_NAME = 80
+"""Characters of a name, at most: CalculiX refuses longer ones."""
 PER_ROW = 10
 """Numbers of a row of a set; Abaqus takes 16."""
 MAX_WIDTH = 20
@@ -22,17 +26,17 @@ def abaqus_text(points: Array, cells: IntArray, sides: Mapping[str, IntArray], *
 
     ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 3)`` or ``(m, 4)``, counter-clockwise, each side ``(k, 2)``, with
     the domain on its left; numbering starts at 0, and at 1 in the file. Cells are plane elements ``CPS3`` or ``CPS4``
-    of the set ``domain``, or ``cells`` where a side is called so. The nodes of a side are a node set with its name, its
-    edges a surface ``NAME_edges`` of faces of elements: a code that takes an edge for one of a side because both nodes
-    are in its set needs the first. Where there are several subdomains, the cells of each are the set ``subdomain_1``,
-    and so on.
+    of the set ``domain``. The nodes of a side are a node set with its name, its edges a surface ``NAME_edges`` of faces
+    of elements: a code that takes an edge for one of a side because both nodes are in its set needs the first. Where
+    there are several subdomains, the cells of each are the set ``subdomain_1``, and so on. Names of sides that differ
+    only in their case, which readers do not see, get a number, as does ``domain``; long ones are cut.
 
     A coordinate has all its digits, unless these take more than ``MAX_WIDTH`` characters.
 
     Source: Abaqus, "Keywords reference": NODE, ELEMENT, NSET, ELSET, SURFACE.
     """
     corners = cells.shape[1]
-    named = words(sides, [DOMAIN])
+    named = labels(sides, [DOMAIN], MAX_NAME - len(EDGES))
     lines = ["*HEADING", " equimesh", "*NODE"]
     lines += [f"{k}, {number(x)}, {number(y)}, 0.0" for k, (x, y) in enumerate(points.tolist(), start=1)]
     lines.append(f"*ELEMENT, type=CPS{corners}, ELSET={DOMAIN}")
@@ -41,7 +45,7 @@ def abaqus_text(points: Array, cells: IntArray, sides: Mapping[str, IntArray], *
     for side, edges in sides.items():
         lines += [f"*NSET,NSET={named[side]}", *_set_rows(np.unique(edges) + 1)]
     for side, edges in sides.items():
-        lines.append(f"*SURFACE, NAME={named[side]}_edges, TYPE=ELEMENT")
+        lines.append(f"*SURFACE, NAME={named[side]}{EDGES}, TYPE=ELEMENT")
         lines += integer_rows("%d, S%d", _faces(cells, edges) + 1)
     if subdomain.max(initial=0) > 0:
         for one in np.unique(subdomain).tolist():

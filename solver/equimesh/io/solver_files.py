@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -43,23 +43,39 @@ def words(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
     return _distinct(names, NOT_IN_WORDS, taken)
 
 
+def labels(names: Iterable[str], taken: Iterable[str], longest: int) -> dict[str, str]:
+    """See :func:`words`, for readers that take words of at most ``longest`` characters, and any case for the same."""
+    return _distinct(names, NOT_IN_WORDS, taken, longest, str.lower)
+
+
 def quoted(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
     """See :func:`words`, for names between quotes, which may have spaces."""
     return _distinct(names, NOT_IN_QUOTES, taken)
 
 
-def _distinct(names: Iterable[str], refused: re.Pattern[str], taken: Iterable[str]) -> dict[str, str]:
-    names, used, found = [*names], {*taken}, dict[str, str]()
-    own = {name for name in names if name and not refused.search(name) and name not in used}
+def _distinct(
+    names: Iterable[str],
+    refused: re.Pattern[str],
+    taken: Iterable[str],
+    longest: int | None = None,
+    read: Callable[[str], str] = str,
+) -> dict[str, str]:
+    """The words, which differ as ``read`` by readers."""
+    names, used, found = [*names], {read(word) for word in taken}, dict[str, str]()
+    own = dict[str, str]()
     for name in names:
-        if name in own:
+        if name and not refused.search(name) and name == name[:longest] and read(name) not in used:
+            own.setdefault(read(name), name)
+    for name in names:
+        if own.get(read(name)) == name:
             found[name] = name
             continue
-        word = plain = refused.sub("_", name) or "side"
+        word = plain = refused.sub("_", name)[:longest] or "side"
         number = 2
-        while word in used | own:
-            word, number = f"{plain}_{number}", number + 1
-        used.add(word)
+        while read(word) in used or read(word) in own:
+            ending = f"_{number}"
+            word, number = plain[: longest and longest - len(ending)] + ending, number + 1
+        used.add(read(word))
         found[name] = word
     return found
 

@@ -9,7 +9,7 @@ from enum import StrEnum
 from numbers import Integral
 from typing import Literal, TypeAlias, TypeGuard, get_args
 
-from equimesh.errors import InputError
+from equimesh.errors import DecompositionError, InputError
 from equimesh.inputs import choice
 from equimesh.meshes.mesh import Grid
 from equimesh.numerics.types import IntArray
@@ -233,7 +233,8 @@ class Schwarz:
     def owner_of_cells(self, grid: Grid) -> IntArray:
         """The number of the subdomain that owns each cell, shape ``(cells,)``, for least error on a grid.
 
-        Raises :class:`~equimesh.errors.InputError` for subdomains of less than ``MIN_CELLS`` in a direction.
+        Raises :class:`~equimesh.errors.InputError` for subdomains of less than ``MIN_CELLS`` in a direction, and for
+        grid lines that subdomains cannot meet at.
         """
         for direction, points, count in zip(("xi", "eta"), grid.shape, self.counts, strict=True):
             most = (points - 1) // MIN_CELLS
@@ -243,7 +244,10 @@ class Schwarz:
                     f" give 1 to {most}, or take more grid points",
                     field="schwarz.subdomains",
                 )
-        return self.rectangles(grid).owner_of_cells().ravel()
+        try:
+            return self.rectangles(grid).owner_of_cells().ravel()
+        except DecompositionError as error:
+            raise InputError(str(error), field=f"schwarz.{error.field}") from None
 
     def rectangles(self, grid: Grid) -> Decomposition:
         """The rectangles of a grid for least error, without the layers of cells of their neighbours."""

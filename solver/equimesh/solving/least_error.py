@@ -49,7 +49,7 @@ def solve_least_error(
     The descent lowers the error by the quadrature of its meshes. Where the measures of the certificate see no gain, the
     mesh from the uniform start is tried, then for H1 that of L2, and at last the uniform or initial mesh itself is the
     result. ``coarse`` is a mesh of a coarse level from which the same solve continues. ``subdomains`` descend on the
-    finest mesh; no other ways are tried then.
+    finest mesh.
     """
     monitor = problem.monitor
     if not isinstance(monitor, LeastError):
@@ -65,7 +65,7 @@ def solve_least_error(
         found = _or_given(found, start, monitor.norm)
     if is_no_worse(found, monitor.norm):
         return found
-    for other in () if subdomains is not None else other_ways(solve, records[-1].start):
+    for other in other_ways(solve, records[-1].start):
         telling = options.part(None, doing="another way", course=_course(solve, None, initial, None))
         again = _finish(problem, solve, other, telling, records)
         if is_no_worse(again, monitor.norm):
@@ -106,17 +106,20 @@ def _course(
 def other_ways(solve: LeastErrorSolve, start: str) -> Iterator[Iterator[Descent]]:
     """Further ways than from a ``start``: from the uniform or initial mesh, and by the error of u itself.
 
-    The least error of the gradient of a steep front can cost the values of u more than it gains.
+    The least error of the gradient of a steep front can cost the values of u more than it gains. Subdomains, which
+    other processes may hold, know the norm of the monitor alone.
     """
     if start not in {"uniform", "initial"}:
         yield solve.steps(uniform_only=True)
-    if solve.monitor.norm == "h1":
+    if solve.monitor.norm == "h1" and solve.subdomains is None:
         yield replace(solve, monitor=replace(solve.monitor, norm="l2").on(solve.domain)).steps()
 
 
 def _or_given(found: AnySolution, start: Mesh | QuadMesh, norm: str) -> AnySolution:
     """The solution, with the mesh that was given to start from where that has the smaller error in ``norm``."""
-    given = replace(found, **_placed(found.problem, start), note=GIVEN_IS_KEPT)
+    placed = _placed(found.problem, start)
+    status = status_unless_folded(Status.COMPLETED, folded=placed["mesh"].is_folded_on(found.threads))
+    given = replace(found, **placed, status=status, note=GIVEN_IS_KEPT)
     monitor, errors = found.problem.monitor, found.interpolation
     if errors is None or monitor.u is None:
         return found
@@ -170,10 +173,11 @@ def _placed(problem: Problem[Any], mesh: Mesh | QuadMesh) -> dict[str, Any]:
 
 
 def _initial(problem: Problem[Any]) -> dict[str, Any]:
-    """The mesh with which others are compared, and its note."""
+    """The mesh with which others are compared, which is valid whatever was found, and its note."""
     initial = problem.initial
     reference = initial if problem.grid is None else Mesh.uniform(problem.grid)
-    return {"mesh": initial, "reference": reference, "note": NO_BETTER.format(initial.compared_with)}
+    note = NO_BETTER.format(initial.compared_with)
+    return {"mesh": initial, "reference": reference, "status": Status.COMPLETED, "note": note}
 
 
 def end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) -> DescentEnd:

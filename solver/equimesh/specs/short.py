@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
+from numbers import Integral
 from typing import Any, TypeAlias, cast
 
 import numpy.typing as npt
@@ -86,7 +87,7 @@ def field_of(
         return Expression(u, parameters=parameters or {}, t=t)
     if parameters or t != 0.0:
         raise InputError("parameters and t belong to a formula: u is not a text here", field="parameters")
-    if callable(getattr(u, "evaluate", None)):
+    if callable(getattr(u, "evaluate", None)) and not isinstance(u, type):
         return cast("Field", u)
     try:
         pieces = pieces_of(u, domain.box)
@@ -99,12 +100,10 @@ def _grid(given: int | tuple[int, int] | Grid | None) -> Grid:
     """The grid of one number of points a side, of two, or the usual one."""
     if isinstance(given, Grid):
         return given
-    if isinstance(given, tuple | list) and len(given) == 2:
-        return Grid(n_xi=given[0], n_eta=given[1])
-    if given is None or isinstance(given, int):
-        n = 33 if given is None else given
-        return Grid(n_xi=n, n_eta=n)
-    raise InputError(f"grid = {given!r:.40}: give a number of points a side, such as 33, or (33, 17)", field="grid")
+    numbers: Any = (33,) if given is None else given if isinstance(given, tuple | list) else (given,)
+    if not (1 <= len(numbers) <= 2 and all(isinstance(number, Integral) for number in numbers)):
+        raise InputError(f"grid = {given!r:.40}: give a number of points a side, such as 33, or (33, 17)", field="grid")
+    return Grid(*map(int, numbers))
 
 
 def _require_known(make: Callable[..., Monitor], kind: str, settings: Mapping[str, Any]) -> None:

@@ -93,6 +93,15 @@ def test_a_side_called_domain_leaves_the_name_to_the_cells(data: MeshData) -> No
     assert "type=CPS4, ELSET=domain\n" in text
 
 
+def test_names_differ_for_readers_that_see_no_case_and_80_characters(data: MeshData) -> None:
+    left, right = data.mesh.sides["left"], data.mesh.sides["right"]
+    sides = {"Wall": left, "wall": right, "a" * 90: left, "a" * 91: right, "a" * 74: left}
+    text = abaqus_text(data.mesh.points, data.mesh.cells, sides, subdomain=data.subdomain.ravel())
+    nodes = re.findall(r"^\*NSET,NSET=(.*)$", text, re.MULTILINE)
+    assert nodes == ["Wall", "wall_2", "a" * 72 + "_2", "a" * 72 + "_3", "a" * 74]
+    assert re.findall(r"NAME=(.*), TYPE", text) == [f"{name}_edges" for name in nodes]
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [

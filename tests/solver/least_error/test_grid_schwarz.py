@@ -74,6 +74,15 @@ def test_a_mesh_is_never_worse_than_the_uniform_one() -> None:
     assert solution.mesh.distance(em.Mesh.uniform(em.Grid(n_xi=25, n_eta=25))) < 1e-14
 
 
+def test_the_uniform_start_is_tried_where_the_other_one_is_folded() -> None:
+    slit = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 360.0))
+    monitor = em.LeastError(em.Expression("exp(-20*((x - 1.5)**2 + y**2))"), degree=3)
+    solution = em.solve(em.Problem(monitor, em.Grid(9, 17), domain=slit), em.Schwarz(subdomains=(2, 2)), threads=1)
+    assert {record["start"] for record in solution.descent} == {"rectilinear", "uniform"}
+    assert not solution.mesh.is_folded
+    assert errors_of(solution).gain_l2 > 50.0
+
+
 def test_exchanges_are_records_with_progress() -> None:
     heard: list[Descent] = []
     settings = em.Schwarz(subdomains=(2, 2), local_steps=4, max_exchanges=3)
@@ -143,6 +152,7 @@ def test_settings_of_equidistribution_are_refused_with_what_to_give(name: str) -
         ({"overlap": 65}, "overlap", "a whole number from 1 to 64"),
         ({"subdomains": (13, 1)}, "subdomains", "13 subdomains in xi .* give 1 to 12"),
         ({"subdomains": (0, 1)}, "subdomains", "give 1 to 12"),
+        ({"subdomains": ((24,), 1)}, "subdomains", "subdomains meet at line 24 in xi"),
     ],
 )
 def test_subdomains_that_do_not_fit_are_refused(settings: dict[str, Any], field: str, words: str) -> None:

@@ -84,6 +84,15 @@ def test_the_uniform_mesh_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) ->
     assert solution.interpolation.gain_l2 == 1.0
 
 
+def test_the_last_resort_is_a_success_where_all_others_are_folded(monkeypatch: pytest.MonkeyPatch) -> None:
+    grid, finish = em.Grid(n_xi=5, n_eta=5), least_error._finish
+    monkeypatch.setattr(least_error, "_finish", lambda *given: replace(finish(*given), status=em.Status.FOLDED))
+    monkeypatch.setattr(least_error, "is_no_worse", lambda *_: False)
+    solution = em.solve(problem(grid=grid), threads=1)
+    assert solution.mesh.distance(em.Mesh.uniform(grid)) == 0.0
+    assert solution.status is em.Status.COMPLETED
+
+
 @pytest.mark.parametrize(
     ("l2", "h1", "norm", "kept"),
     [(0.5, 2.0, "l2", True), (0.5, 2.0, "h1", False), (2.0, 0.5, "l2", False), (2.0, 0.5, "h1", False)],

@@ -23,7 +23,7 @@ def test_it_is_the_solution_of_the_problem() -> None:
     assert short.gain == long.certificate.solver_gain["l2"] > 1.5
 
 
-@pytest.mark.parametrize("grid", [(9, 7), em.Grid(n_xi=9, n_eta=7)])
+@pytest.mark.parametrize("grid", [(9, 7), em.Grid(n_xi=9, n_eta=7), (np.int64(9), 7)])
 def test_settings_are_those_of_the_monitor(grid: Any) -> None:
     found = em.mesh("k*x*y", grid, RECTANGLE, monitor="arc_length", b=0.5, parameters={"k": 3.0})
     monitor = found.problem.monitor
@@ -75,10 +75,15 @@ def test_values_of_blocks() -> None:
         ({"u": np.full((3, 3), np.nan)}, "u", "samples must be finite"),
         ({"u": np.ones((3, 3)), "t": 2.0}, "parameters", "belong to a formula"),
         ({"u": "x", "grid": "9"}, "grid", "grid = '9': give a number of points a side"),
+        ({"u": "x", "grid": (9.0, 9)}, "grid", "give a number of points a side"),
+        ({"u": "x", "grid": ("a", "b")}, "grid", "give a number of points a side"),
+        ({"u": "x", "grid": (9, 9, 9)}, "grid", "give a number of points a side"),
         ({"u": "x", "grid": 1}, "grid.n_xi", "at least"),
         ({"u": "x", "monitor": "weight"}, "monitor", "choose one of auto, least_error, arc_length, curvature$"),
         ({"u": "x", "monitor": em.Auto(u="x")}, "monitor", r"solve\(Problem\(monitor=\.\.\.\)\) takes"),
         ({"u": "x", "degree": "2"}, "degree", "degree = '2': give"),
+        ({"u": em.Expression}, "u", r"u\(x, y\) must take arrays"),
+        ({"u": "x", "parameters": 3}, "parameters", "by their names"),
         ({"u": "x", "distrotion": 2.0, "monitor": "least_error"}, "distrotion", "perhaps distortion is meant"),
         ({"u": "x", "mode": "tight"}, "mode", "has no setting 'mode'"),
     ],
