@@ -29,6 +29,8 @@ from equimesh_service.store.store import Store
 from service.conftest import PAPER, until
 
 _CLIENTS = 4
+# Settings of a mesh that takes seconds.
+SLOW = {"transmission": {"kind": "classical"}, "tolerance": None, "max_iterations": 1000, "subdomains": [4, 1]}
 PATIENCE = 120.0  # seconds; for one request, over all its repetitions
 _HOURS = 8 * 3600.0
 
@@ -84,12 +86,14 @@ class Work:
 
 
 def _request(job: int) -> dict[str, Any]:
-    """One of four ways to request a mesh of 8 x 8 points; every job has its own mesh."""
+    """One of four ways to request a mesh of 8 x 8 points; every job has its own mesh, and the first one takes long."""
     spec: dict[str, Any] = {
         "monitor": {"kind": "arc_length", "u": {"expression": PAPER}, "a": 0.5 + job / 1000},
         "grid": {"n_xi": 8, "n_eta": 8},
         "label": f"job {job}",
     }
+    if job == 0:
+        spec |= {"grid": {"n_xi": 33, "n_eta": 33}, "schwarz": SLOW}
     headers = {"Idempotency-Key": f"job-{job}"}
     match job % 4:
         case 0:
@@ -125,15 +129,20 @@ def kill_at_work(store: Store, processes: Callable[[], list[int]]) -> None:
     """Kill the processes of workers while one of them has a mesh at work, so that this mesh begins again.
 
     A mesh is "running" from its lease on, which may be before it has reached a process. A process that is
-    killed then costs nothing. One whose request waits is not in the store for 200 ms. So this is repeated, each time
-    later, until a mesh began twice.
+    killed then costs nothing. One whose request waits is not in the store for 200 ms, and the first one takes seconds.
+    So this is repeated, each time later, until a mesh began twice.
     """
+
+    def running() -> set[str]:
+        return {row.id for row in store.meshes.page(status="running", limit=1000)}
+
     pause, deadline = 0.25, time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
+        until(running, PATIENCE)
         held = until(processes, PATIENCE)
         _signal(held, signal.SIGSTOP)
         time.sleep(pause)
-        names = {row.id for row in store.meshes.page(status="running", limit=1000)}
+        names = running()
         _signal(held, signal.SIGKILL)
         if names and max(until(partial(_attempts_after, store, names), PATIENCE)) > 1:
             return
@@ -186,7 +195,7 @@ def check_downloads(url: str, store: Store) -> None:
             assert answer.status_code == 200
             assert answer.headers["ETag"] == f'"{hashlib.sha256(answer.content).hexdigest()}"'
             with np.load(io.BytesIO(answer.content)) as file:
-                assert file["x"].shape == (8, 8)
+                assert file["x"].shape == ((33, 33) if row.label == "job 0" else (8, 8))
 
 
 def check_files(url: str, folder: Path) -> None:
