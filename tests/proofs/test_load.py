@@ -16,6 +16,7 @@ def test_every_request_is_a_mesh_of_its_own(http: httpx.Client, url: str) -> Non
         found = load.measure(url, SMALL, 1, warm_up=1)
         if found["made"] > 0:
             break
+    assert found["made"] > 0
     assert found["refused"] == found["failed"] == 0
     # Those of the warm-up are there, too, and those that were under way at an end.
     assert meshes(http) - before >= found["made"]
