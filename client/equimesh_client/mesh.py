@@ -3,23 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
-from equimesh_client.errors import DeadlineExceeded
+from equimesh_client.errors import DeadlineExceeded, EquimeshClientError
 from equimesh_client.operation import Awaiting, Blocking, finish, operation
 from equimesh_client.progress_bar import Watch
 from equimesh_client.records.measures import Array, Convergence, IntArray, Quality
 from equimesh_client.records.resources import MeshState
 from equimesh_client.wire import flows, part_downloads, protocol
-from equimesh_client.wire.arrays import MeshArrays, Plot, arrays_of, meshio_mesh, plot_format, raise_unless_succeeded
+from equimesh_client.wire.arrays import (
+    Drawn,
+    MeshArrays,
+    Plot,
+    arrays_of,
+    drawn_of,
+    meshio_mesh,
+    plot_format,
+    raise_unless_succeeded,
+)
 from equimesh_client.wire.downloads import PartFile, unpack_foam, unpack_xdmf
 from equimesh_client.wire.part_downloads import DEFAULT_FORMAT, PartArrays
 from equimesh_client.wire.settings import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.stream import Event, StreamPosition
 from equimesh_client.wire.transport import Session
+from equimesh_coupling.display import draw_on, is_axes, picture
 from equimesh_coupling.parts import Cells, MeshParts
 from equimesh_schema.answers import Parts
+from equimesh_schema.notebook import html_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PICTURE_SECONDS = 10.0
+"""Seconds that a notebook waits for the picture of a mesh."""
 
 M = TypeVar("M", bound="MeshOperations[Any]")
 """The class of the meshes of a client."""
@@ -39,6 +57,7 @@ class MeshOperations(MeshState, Generic[M]):
         super().__init__(record)
         self._session = session
         self._arrays: MeshArrays | None = None
+        self._drawn: Drawn | None = None
         self._quality: Quality | None = None
         self._convergence: Convergence | None = None
 
@@ -209,17 +228,23 @@ class MeshOperations(MeshState, Generic[M]):
     @operation
     async def plot(
         self,
-        path: str | Path | None = None,
+        path: str | Path | Axes | None = None,
         kind: str = "mesh",
         *,
         format: str | None = None,
         deadline: float | None = None,
-    ) -> Plot:
-        """A picture drawn by the service, written to ``path`` if given. A notebook shows it.
+    ) -> Any:
+        """A :class:`Plot` drawn by the service, written to ``path`` if given. A notebook shows it.
+
+        Axes of matplotlib in place of a path are drawn on, every cell with the colour of its error, and returned.
 
         ``kind`` is ``"mesh"``, ``"quality"``, ``"convergence"`` or ``"comparison"``: the mesh next to the uniform one,
         with the error of each cell. The format is svg, unless the suffix or ``format`` is png.
         """
+        if is_axes(path):
+            drawn = await self._drawing(deadline)
+            return draw_on(drawn, drawn.error, cast("Axes", path))
+        path = cast("str | Path | None", path)
         format, settings = plot_format(path, format), self._session.settings
         flow = flows.request(protocol.mesh_plot(self.id, kind, format), settings, settings.deadline(deadline))
         plot = Plot(data=(await self._session.run(flow)).body, format=format)
@@ -238,6 +263,25 @@ class MeshOperations(MeshState, Generic[M]):
         except DeadlineExceeded as error:
             error.mesh = self
             raise
+
+    async def _drawing(self, deadline: float | None = None) -> Drawn:
+        if self._drawn is None:
+            settings = self._session.settings
+            flow = flows.fetch_file(protocol.mesh_drawing(self.id), settings, settings.deadline(deadline))
+            self._drawn = drawn_of(await self._session.run(flow))
+        return self._drawn
+
+    def _repr_html_(self) -> str:
+        """A picture and a table, for notebooks; the picture once the drawing has been fetched."""
+        certificate, drawn = self.certificate, self._drawn
+        facts = [("id", self.id), ("status", self.status)]
+        if drawn is not None:
+            facts.append(("points", " x ".join(map(str, drawn.x.shape))))
+        if certificate is None:
+            return html_of(f"A mesh at the service, {self.progress.phase or self.status}", facts)
+        facts += certificate.facts[1:]
+        image = None if drawn is None else picture(drawn, drawn.error)
+        return html_of(certificate.headline, facts, self.warnings, image)
 
     async def _fetched(self, deadline: float) -> MeshArrays:
         if self._arrays is None:
@@ -261,6 +305,13 @@ class MeshOperations(MeshState, Generic[M]):
 
 class Mesh(Blocking, MeshOperations["Mesh"]):
     """A mesh at the service. Arrays, quality and convergence are fetched on first use, and stored."""
+
+    def _repr_html_(self) -> str:
+        """A picture and a table, for notebooks. The picture is fetched on first use, where the service answers."""
+        if self.status == "succeeded":
+            with suppress(EquimeshClientError):
+                finish(self._drawing(PICTURE_SECONDS))
+        return super()._repr_html_()
 
     @property
     def quality(self) -> Quality:

@@ -68,6 +68,10 @@ class SequenceOperations(SequenceState, Generic[M]):
         """The current mesh, with its quality, its files and its pictures."""
         return self._mesh(self._session, await self._session.fetch(protocol.get_mesh(self.current.mesh_id), deadline))
 
+    def _repr_html_(self) -> str:
+        """A picture and a table, for notebooks."""
+        return self.current._repr_html_()
+
     @operation
     async def delete(self, *, deadline: float | None = None) -> None:
         """Delete the sequence and its meshes at the service."""

@@ -9,8 +9,10 @@ from typing import Any, Final, Generic, Literal, TypeVar
 
 import numpy as np
 
+from equimesh_coupling.display import draw_on, picture_if_known
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array
+from equimesh_schema.notebook import html_of
 
 MIN_FALL = 0.15
 """The share by which the estimate has to fall below the best one before, for a round to count."""
@@ -101,6 +103,8 @@ def count_of(rounds: int) -> str:
     return f"{rounds} round{'' if rounds == 1 else 's'}"
 
 
+MAX_SHOWN = 12
+"""Rounds in the table of a notebook."""
 M = TypeVar("M")
 """The class of the meshes: of the solver, or of the client."""
 
@@ -183,6 +187,19 @@ class Adaptation(Generic[M]):
     def estimate(self) -> float:
         """The estimated L2 error of the best round, or what its error indicator sums up to."""
         return self.rounds[self.best].estimate
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the mesh of the best round on ``axes`` of matplotlib, or on those of pyplot, and return the axes."""
+        return draw_on(self.mesh, None, axes)
+
+    def _repr_html_(self) -> str:
+        """A picture and a table of the rounds, for notebooks."""
+        facts = [
+            ("best", f"round {self.best}, estimate {self.estimate:.3g}"),
+            ("resolved", "yes" if self.resolved else "no: layers may be there that no mesh of this size has met"),
+        ]
+        facts += [(f"round {one.number}", f"estimate {one.estimate:.3g}") for one in self.rounds[:MAX_SHOWN]]
+        return html_of(self.reason, facts, picture=picture_if_known(self.mesh), alternative="the best mesh")
 
     def __repr__(self) -> str:
         how = "resolved" if self.resolved else "not resolved"

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from equimesh_coupling.adaptors import dmplex, dolfinx, fipy, mfem, ngsolve, pyvista, sfepy, skfem
+from equimesh_coupling.display import draw_on, facts_of, picture
 from equimesh_coupling.parts import Cells, MeshParts
+from equimesh_schema.notebook import html_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 class Coupled(ABC):
@@ -24,6 +29,14 @@ class Coupled(ABC):
     @abstractmethod
     def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
         """Points, cells and sides as plain arrays."""
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the mesh on ``axes`` of matplotlib, or on those of pyplot, and return them; needs matplotlib."""
+        return draw_on(self, None, axes)
+
+    def _repr_html_(self) -> str:
+        """A picture and a table, for notebooks."""
+        return html_of("A mesh", facts_of(self.mesh_parts()), picture=picture(self), alternative="the mesh")
 
     def to_skfem(self, *, cells: Cells | None = None) -> Any:
         """A ``skfem.MeshQuad`` or ``MeshTri`` with the sides as ``boundaries``; needs scikit-fem."""

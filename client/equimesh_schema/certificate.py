@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 from equimesh_schema.document import Answer, Json, Number
+from equimesh_schema.notebook import html_of
 
 NAMES = {
     "a": "a of the arc length",
@@ -296,41 +297,46 @@ class Certificate(Answer):
         return f"{here} {word} on the {'uniform' if self.compared_with == 'uniform' else 'initial'} mesh"
 
     @property
-    def details(self) -> str:
-        """The numbers behind the headline, one on each line, without the warnings."""
+    def facts(self) -> list[tuple[str, str]]:
+        """The numbers behind the headline, each with its name, without the warnings."""
         status = self.status.replace("_", " ") + (f", mode {self.mode}" if self.mode else "")
-        lines = [f"  status                {status}"]
-        lines += [f"  read as               {place} = {text}" for place, text in self.understood.items()]
-        lines += [f"  relaxed               {part}" for part in self.relaxed]
+        rows = [("status", status)]
+        rows += [("read as", f"{place} = {text}") for place, text in self.understood.items()]
+        rows += [("relaxed", str(part)) for part in self.relaxed]
         if self.equation_residual is not None and math.isfinite(self.equation_residual):
             residual = _short(self.equation_residual)
-            lines.append(f"  equation residual     {residual}  (of squared metric lengths, relative)")
+            rows.append(("equation residual", f"{residual}  (of squared metric lengths, relative)"))
             grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
-            lines.append(
-                f"  estimated error       {grid}"
-                + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
-            )
+            rest = "" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it"
+            rows.append(("estimated error", grid + rest))
         one = "the uniform mesh" if self.compared_with == "uniform" else "a parallelogram of the mean area"
-        lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for {one})")
+        rows.append(("smallest Jacobian", f"{_short(self.min_jacobian)}  (1 for {one})"))
         if math.isfinite(self.non_orthogonality):
             angles = f"{_short(self.non_orthogonality)} degrees, {_short(self.mean_non_orthogonality)} mean"
-            lines.append(f"  non-orthogonality     {angles}; skewness {_short(self.skewness)}")
+            rows.append(("non-orthogonality", f"{angles}; skewness {_short(self.skewness)}"))
         if self.interpolation_gain is not None:
-            gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
-            lines.append(
-                f"  interpolation gain    {gains}  (error on the {self.compared_with} mesh over that on this one)"
-            )
+            of = f"(error on the {self.compared_with} mesh over that on this one)"
+            rows.append(("interpolation gain", f"{_of_norms(self.interpolation_gain)}  {of}"))
         if self.gains_by_degree:
-            lines.append(f"  by degree             {'; '.join(map(str, self.gains_by_degree))}")
+            rows.append(("by degree", "; ".join(map(str, self.gains_by_degree))))
         if self.solver_gain is not None:
-            gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.solver_gain.items())
-            lines.append(f"  solver gain           {gains}  (the same of a finite element solver whose solution is u)")
+            of = "(the same of a finite element solver whose solution is u)"
+            rows.append(("solver gain", f"{_of_norms(self.solver_gain)}  {of}"))
         if self.target is not None:
-            lines.append(f"  target                {self.target}")
-        lines += [f"  compared              {candidate}" for candidate in self.comparison]
+            rows.append(("target", str(self.target)))
+        rows += [("compared", str(candidate)) for candidate in self.comparison]
         if self.estimate is not None:
-            lines.append(f"  estimate              {self.estimate}  (of the given values, on their own mesh)")
-        return "\n".join(lines)
+            rows.append(("estimate", f"{self.estimate}  (of the given values, on their own mesh)"))
+        return rows
+
+    @property
+    def details(self) -> str:
+        """The :attr:`facts`, one on each line."""
+        return "\n".join(f"  {name:<20}  {text}" for name, text in self.facts)
+
+    def _repr_html_(self) -> str:
+        """A table, for notebooks."""
+        return html_of(self.headline, self.facts, self.warnings)
 
     def table(self) -> str:
         """The certificate in a few lines: the headline first, the warnings last."""
@@ -345,6 +351,10 @@ def _short(value: float | None) -> str:
     if value is None or not math.isfinite(value):
         return UNKNOWN
     return f"{value:.0f}" if 99.5 <= abs(value) < 1e5 else f"{value:.2g}"
+
+
+def _of_norms(gains: Mapping[str, float]) -> str:
+    return ", ".join(f"{_short(value)} in {name.upper()}" for name, value in gains.items())
 
 
 def _error(value: float | None) -> str:

@@ -65,6 +65,7 @@ from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.transfer import transfer
 from equimesh_coupling.adaptation import Adaptation, AdaptRound
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
+from equimesh_coupling.progress_bar import ProgressBar
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator
 from equimesh_schema import Aim, Candidate, Relaxed
 
@@ -148,6 +149,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "iterate",
     "Initial",
     "Mode",
+    "ProgressBar",
     # Meshes that follow a solution in time
     "Sequence",
     "SequenceStep",

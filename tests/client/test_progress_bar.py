@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_client.progress_bar import Bar, Watch
+from equimesh_client.progress_bar import Watch
 
 RECORD = {
     "status": "running",
@@ -68,12 +68,3 @@ def test_where_nobody_knows_the_work_ahead_it_shows_no_percentage(capsys: pytest
     assert "queued" in shown
     assert "relaxing, step 12" in shown
     assert "%" not in shown
-
-
-def test_a_long_phase_is_cut_to_the_width_of_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    with Bar(True) as bar:
-        bar._line.ncols = 80
-        bar.show(0.5, "comparing monitors, 2 of 4: " + 20 * "word ")
-    lines = capsys.readouterr().err.split("\r")
-    assert max(map(len, lines)) <= 80
-    assert any("word" in line and line.endswith("…") for line in lines)

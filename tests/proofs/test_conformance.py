@@ -119,6 +119,25 @@ def test_the_papers_mesh(client: Any) -> None:
     assert mesh.progress.fraction == 1.0
 
 
+def test_notebooks_show_meshes_and_sequences(client: Any) -> None:
+    figure = pytest.importorskip("matplotlib.figure")
+    mesh = client.generate("tanh(9*(x-y))", 9)
+    axes = figure.Figure().subplots()
+    assert mesh.plot(axes) is axes
+    colours = axes.collections[0].get_array()
+    assert colours.size == 64
+    assert colours.max() > 2 * colours.min() > 0.0
+    told = mesh._repr_html_()
+    assert mesh.certificate.headline in told
+    assert told.count("data:image/png;base64,") == 1
+    assert "data:image" in mesh.arrays()._repr_html_()
+    sequence = client.sequences.start("tanh(9*(x-y))", 9)
+    page = sequence._repr_html_()
+    assert sequence.current.mesh_id in page
+    assert "81" in page or "9 x 9" in page
+    sequence.delete()
+
+
 def test_the_arrays_belong_together(client: Any) -> None:
     mesh = client.generate("x*y", (9, 7), a=0.7)
     assert mesh.x.shape == (9, 7)

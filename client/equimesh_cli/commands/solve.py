@@ -15,7 +15,7 @@ from equimesh_cli.report import announce_compiling, load_solver, told
 
 if TYPE_CHECKING:
     import equimesh
-    from equimesh import Event, Solution
+    from equimesh import Solution
 
 BYTES_PER_POINT = 600
 """Memory of a solve and its quality measures, measured at 1025 x 1025 points."""
@@ -77,18 +77,20 @@ def run(options: argparse.Namespace) -> int:
     from equimesh_cli.options.problem import build
     from equimesh_cli.report import print_report
     from equimesh_client import Certificate, Convergence, Quality
+    from equimesh_coupling.progress_bar import ProgressBar
 
     n_xi, n_eta = points_of(options)
     _check_memory(em.Grid(n_xi=n_xi, n_eta=n_eta))
     picture = picture_of(options)
     if picture is not None and find_spec("matplotlib") is None:
         raise CommandError("a picture needs matplotlib: pip install 'equimesh[plot]'")
+    bar = ProgressBar(False if options.quiet else None, share=SOLVE_SHARE, delay=0.0)
     try:
-        with announce_compiling(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
-            solution = build(options).solve(threads=options.threads, observe=observer)
-            observer.measuring()
+        with announce_compiling(shown=not options.quiet), bar:
+            solution = build(options).solve(threads=options.threads, observe=bar)
+            bar.show(SOLVE_SHARE, "measuring the quality")
             quality = solution.quality.summary()
-            observer.writing()
+            bar.show(MEASURED_SHARE, "writing the files")
             files = _write(options, solution, picture)
     except em.SolveError as error:
         _report_failure(options, error.solution, picture)
@@ -166,41 +168,3 @@ def _write(options: argparse.Namespace, solution: Solution[Any, Any], picture: P
                 meshes.draw_mesh(solution.data(), picture.path, decomposition=solution.decomposition)
         files.append(str(picture.path))
     return files
-
-
-class Observer:
-    """Shows every step of a solve in one line, on a terminal only; a context manager."""
-
-    def __init__(self, *, shown: bool) -> None:
-        from equimesh_client.progress_bar import Bar
-
-        self._bar = Bar(None if shown else False)
-
-    def __call__(self, event: Event) -> None:
-        from equimesh import Descent, Iteration
-
-        if isinstance(event, Iteration):
-            number = f"change {event.change:.1e}"
-        elif isinstance(event, Descent):
-            before = "initial" if event.start == "initial" else "uniform"
-            gain = f", {event.gain:.1f} times smaller than on the {before} mesh" if event.gain else ""
-            number = f"error {event.error:.1e}{gain}"
-        else:
-            number = f"residual {event.residual:.1e}"
-        done = None if event.fraction is None else SOLVE_SHARE * event.fraction
-        self._bar.show(done, f"{event.phase}, {number}")
-
-    def measuring(self) -> None:
-        """Show that the solve is over."""
-        self._bar.show(SOLVE_SHARE, "measuring the quality")
-
-    def writing(self) -> None:
-        """Show that the quality is known."""
-        self._bar.show(MEASURED_SHARE, "writing the files")
-
-    def __enter__(self) -> Observer:
-        self._bar.__enter__()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.__exit__()

@@ -162,6 +162,39 @@ def _reference(arrays: MeshArrays) -> dict[str, Array]:
     return {"xi": xi.ravel(), "eta": eta.ravel()}
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawn:
+    """A mesh as the service draws it: its nodes, and the error of every cell, None where there is no u.
+
+    Of a grid ``x`` and ``y`` have shape ``(n_xi, n_eta)``. Of blocks all arrays are flat, block by block, and
+    ``blocks`` has the places of the nodes of each.
+    """
+
+    x: Array
+    y: Array
+    error: Array | None
+    blocks: tuple[IntArray, ...] = ()
+
+    @property
+    def points(self) -> Array:
+        """The nodes in one row, shape ``(n, 2)``."""
+        return np.column_stack([self.x.ravel(), self.y.ravel()])
+
+
+def drawn_of(npz: bytes) -> Drawn:
+    """The mesh in a drawing of the service. Raises :class:`DownloadDamaged` when it is not one."""
+    try:
+        with np.load(io.BytesIO(npz), allow_pickle=False) as file:
+            document = json.loads(file["document"].tobytes())
+            shapes = [tuple(block["shape"]) for block in document["blocks"] or ()]
+            ends = np.cumsum([0, *(n * m for n, m in shapes)])
+            places = [np.arange(end - n * m, end).reshape(n, m) for (n, m), end in zip(shapes, ends[1:], strict=True)]
+            error = file["error"].astype(np.float64) if "error" in file.files else None
+            return Drawn(x=file["x"], y=file["y"], error=error, blocks=tuple(places))
+    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise DownloadDamaged(f"the drawing of the mesh cannot be read: {error}") from error
+
+
 @dataclass(frozen=True, kw_only=True)
 class Plot:
     """A picture: its bytes ``data`` and ``format`` (``svg`` or ``png``). Shows itself in a notebook."""

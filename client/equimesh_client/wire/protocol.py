@@ -165,6 +165,12 @@ def mesh_part(mesh_id: str, part: str, **query: str) -> Call:
     return _get(_mesh(mesh_id, part), query=query)
 
 
+def mesh_drawing(mesh_id: str) -> Call:
+    """What is needed to draw a mesh: an npz with the error of every cell."""
+    headers = {"Accept": "application/x-npz, application/octet-stream, */*", "Accept-Encoding": "identity"}
+    return Call(method="GET", path=_mesh(mesh_id, "drawing"), query={}, headers=headers)
+
+
 def mesh_plot(mesh_id: str, kind: str, format: str) -> Call:
     """A picture of a mesh. Raises :class:`BadArgument` for a format other than svg and png."""
     if format not in PLOTS:

@@ -21,9 +21,11 @@ from equimesh_client.wire.arrays import MeshArrays, arrays_of, raise_unless_succ
 from equimesh_client.wire.flows import LONG_POLL_SECONDS, Flow, hold_seconds
 from equimesh_client.wire.protocol import Call, Reply
 from equimesh_client.wire.settings import Deadline, Settings
+from equimesh_coupling.display import facts_of, picture
 from equimesh_coupling.values import is_field
 from equimesh_schema import Certificate
 from equimesh_schema.monitors import AnyMonitor as Monitor
+from equimesh_schema.notebook import html_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,6 +54,15 @@ class SequenceStep:
             status=str(said.get("status") or "succeeded"),
             certificate=Certificate.from_json(certificate) if isinstance(certificate, dict) else None,
         )
+
+    def _repr_html_(self) -> str:
+        """A picture and a table, for notebooks."""
+        facts = [("step", str(self.number)), ("mesh", self.mesh_id), ("status", self.status)]
+        facts += facts_of(self.arrays.mesh_parts())
+        if self.arrays.fields:
+            facts.append(("fields", ", ".join(self.arrays.fields)))
+        title = "A step of a sequence" if self.certificate is None else self.certificate.headline
+        return html_of(title, facts, self.warnings, picture(self.arrays), "the mesh of the step")
 
     @property
     def warnings(self) -> tuple[str, ...]:

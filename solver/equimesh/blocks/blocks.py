@@ -218,6 +218,14 @@ class Blocks:
             _document=document,
         )
 
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the initial mesh on ``axes`` of matplotlib, or on those of pyplot, and return the axes."""
+        return self.mesh.plot(axes)
+
+    def _repr_html_(self) -> str:
+        """The picture and the table of the initial mesh, for notebooks."""
+        return self.mesh._repr_html_()
+
     @property
     def points(self) -> int:
         """The number of nodes of the initial mesh."""

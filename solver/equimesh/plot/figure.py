@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.decomposition import Decomposition
+from equimesh_coupling.display import drawing, pieces_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,17 +40,6 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 LINE_STYLES = ("-", "--", ":")
 MAX_ZERO = 1e-250
 """A logarithmic axis shows smaller values as zero."""
-STYLE = {
-    "svg.hashsalt": "equimesh",
-    "font.size": 10.0,
-    "axes.titlesize": 11.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "grid.color": "#dddddd",
-    "grid.linewidth": 0.6,
-}
-_ONE_AT_A_TIME = threading.Lock()  # matplotlib's settings are the process's while a figure is drawn
 
 
 @contextmanager
@@ -68,21 +57,6 @@ def figure_file(path: str | Path, width: float, height: float) -> Iterator[Figur
         figure.set_layout_engine("constrained")
         yield figure
         figure.savefig(path, format=suffix[1:], dpi=RESOLUTION, metadata=METADATA[suffix])
-
-
-@contextmanager
-def drawing(width: float, height: float) -> Iterator[Figure]:
-    """A figure of ``width`` x ``height`` inches in our style, which the block draws and saves.
-
-    Raises ``ImportError`` without matplotlib.
-    """
-    try:
-        import matplotlib.style
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("drawing needs matplotlib: pip install 'equimesh[plot]'") from error
-    with _ONE_AT_A_TIME, matplotlib.style.context(["default", STYLE]):
-        yield Figure(figsize=(width, height))
 
 
 def semilog(axes: Axes, series: Series) -> None:
@@ -252,18 +226,7 @@ def colour_cells(axes: Axes, mesh: Mesh | QuadMesh, values: Array, **style: Any)
 
     ``style`` is that of matplotlib's ``pcolormesh``, with a ``norm``.
     """
-    if isinstance(mesh, Mesh):
-        return axes.pcolormesh(mesh.x, mesh.y, values, **style)
-    if not mesh.blocks:
-        from matplotlib.collections import PolyCollection
-
-        cells = PolyCollection([*mesh.points[mesh.cells]], array=values, edgecolors="face", linewidths=0.1, **style)
-        axes.add_collection(cells)
-        return cells
-    drawn = [
-        axes.pcolormesh(mesh.x[block], mesh.y[block], values[cells], **style)
-        for block, cells in zip(mesh.blocks, mesh.block_cells, strict=True)
-    ]
+    drawn = [piece.draw(axes, **style) for piece in pieces_of(mesh, values)]
     return drawn[0]
 
 

@@ -30,23 +30,14 @@ from equimesh.plot.figure import (
 )
 from equimesh.quality.comparison import UniformComparison
 from equimesh.schwarz.decomposition import Decomposition
+from equimesh_coupling.display import colours_of, draw_cells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LogNorm
 
 
 # A picture of the uniform mesh next to the adapted one, both coloured by the error of each cell.
 
-MAX_COMPARED_WITH_EDGES = 128
-"""Cells in a direction, of a grid or of a block, up to which their edges are drawn."""
-MAX_VECTOR_CELLS = 80**2
-"""More cells than this are drawn as dots in an SVG, too."""
-DECADES = 3.0
-"""The scale of colours ends this many powers of ten below the largest error. Smaller errors have its palest colour."""
-MIN_DECADES = 1.0
-"""The scale of colours spans at least this many powers of ten."""
 STACKED_FROM = 1.5
 """Two meshes are drawn one below the other where the width of the domain over its height is larger than this."""
 WIDTH = 7.0
@@ -57,12 +48,6 @@ GAP = 0.3
 """Inches between the meshes and around them."""
 BELOW = 1.35
 """Inches for the scale of colours, and for the words below it."""
-PALETTE = "YlOrRd"
-"""Pale where the error is small, dark red where it is large."""
-EDGES = "#00000070"
-"""The edges of the cells: where they crowd, the colours below still show."""
-UNKNOWN = "#777777"
-"""Cells without a finite error."""
 SAME = 1.005
 """A gain is called equal where neither it nor its inverse is larger than this."""
 
@@ -112,50 +97,6 @@ def words(comparison: UniformComparison) -> str:
     if gain > 1.0:
         return f"error {gain:.3g} times smaller, with the same {points}"
     return f"error {1.0 / gain:.3g} times larger, with the same {points}"
-
-
-def colours_of(errors: list[Array]) -> LogNorm:
-    """The scale of colours: from the largest error down, over ``MIN_DECADES`` to ``DECADES`` powers of ten."""
-    from matplotlib.colors import LogNorm
-
-    known = np.concatenate([error[np.isfinite(error) & (error > 0.0)] for error in errors] or [np.zeros(0)])
-    if not known.size:
-        return LogNorm(10.0**-MIN_DECADES, 1.0)
-    largest = float(known.max())
-    decades = min(max(math.log10(largest / float(known.min())), MIN_DECADES), DECADES)
-    return LogNorm(largest * 10.0**-decades, largest)
-
-
-def draw_cells(axes: Axes, mesh: Mesh | QuadMesh, error: Array | None, scale: LogNorm) -> ScalarMappable:
-    """Draw every cell with the colour of its ``error``, and the lines of a mesh that is not too fine for them."""
-    from matplotlib import colormaps
-    from matplotlib.collections import LineCollection
-
-    shape = _lines_across(mesh)
-    error = np.zeros(mesh.cell_shape) if error is None else error
-    drawn = colour_cells(
-        axes,
-        mesh,
-        np.ma.masked_invalid(np.maximum(error, scale.vmin or 0.0)),
-        cmap=colormaps[PALETTE].with_extremes(bad=UNKNOWN),
-        norm=scale,
-        rasterized=error.size > MAX_VECTOR_CELLS,
-    )
-    if shape <= MAX_COMPARED_WITH_EDGES:
-        axes.add_collection(LineCollection(_lines(mesh), colors=EDGES, linewidths=min(0.5, 18 / shape)))
-    return drawn
-
-
-def _lines_across(mesh: Mesh | QuadMesh) -> int:
-    """The cells in a direction of a grid, the larger number; of blocks as if they were a square of as many cells."""
-    return math.isqrt(len(mesh.cells)) if isinstance(mesh, QuadMesh) else max(mesh.cell_shape)
-
-
-def _lines(mesh: Mesh | QuadMesh) -> list[Array]:
-    if isinstance(mesh, QuadMesh):
-        return drawn_lines(mesh, most=len(mesh.cells))[0]
-    lines = MeshLines.of(mesh, most=MAX_COMPARED_WITH_EDGES)
-    return lines.polylines(*lines.owners(np.zeros(mesh.cell_shape, dtype=np.int64), None), 0)
 
 
 MAX_LINES = 200

@@ -25,6 +25,8 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
+from equimesh_coupling.display import draw_on, picture
+from equimesh_schema.notebook import html_of
 
 TWO_KINDS = (
     "the mesh is one of a grid and the domain one of blocks, or the other way round: a mesh in blocks needs its domain"
@@ -223,3 +225,17 @@ class Round(Generic[AnyMesh]):
     """As :attr:`NextMesh.gain`."""
     moved_cells: float
     """As :attr:`NextMesh.moved_cells`."""
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the next mesh on ``axes`` of matplotlib, or on those of pyplot, and return the axes."""
+        return draw_on(self.mesh, None, axes)
+
+    def _repr_html_(self) -> str:
+        """A picture and a table, for notebooks."""
+        facts = [
+            ("estimated error", f"{self.estimate:.3g} in L2, {self.estimate_h1:.3g} in H1, of the values given"),
+            ("unresolved", f"{self.unresolved:.0%} of the gradient"),
+            ("chosen", self.chosen),
+            ("moved", f"{self.moved_cells:.2g} cells"),
+        ]
+        return html_of("The next mesh", facts, picture=picture(self.mesh), alternative="the next mesh")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any, Generic, Literal, Self, TypeAlias, Unpack
+from typing import TYPE_CHECKING, Any, Generic, Literal, Self, TypeAlias, Unpack
 
 import numpy as np
 
@@ -45,6 +45,11 @@ from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.one_domain import MAX_ROUNDING, require_one_domain, require_valid
 from equimesh.transfers.transfer import carry_closed, named
+from equimesh_coupling.display import draw_on, picture
+from equimesh_schema.notebook import html_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 AnyMesh: TypeAlias = Mesh | QuadMesh
 
@@ -186,6 +191,25 @@ class SequenceStep(Generic[M]):
         size = " x ".join(map(str, self.mesh.node_shape))
         return f"<SequenceStep {self.number}: {size} points, {self.status}>"
 
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the mesh on ``axes`` of matplotlib, or on those of pyplot, with the error of each cell as its colour."""
+        return draw_on(self.mesh, self._error, axes)
+
+    def _repr_html_(self) -> str:
+        """A picture and a table, for notebooks."""
+        facts = [("step", str(self.number)), ("points", " x ".join(map(str, self.mesh.node_shape)))]
+        facts += [("status", self.status.sentence), ("meshes on the way", str(self.substeps))]
+        if self.moved is not None:
+            facts.append(("moved", f"{self.moved:.2g} cells (95 % of the nodes)"))
+        if self.fields:
+            facts.append(("fields", ", ".join(self.fields)))
+        return html_of(self.certificate.headline, facts, self.warnings, picture(self.mesh, self._error))
+
+    @property
+    def _error(self) -> Array | None:
+        """The error of every cell; ``None`` where the mesh is the one before."""
+        return self.solution.against_uniform.adapted.error if self.solution.mesh is self.mesh else None
+
     @property
     def status(self) -> Status:
         """The end of the solve."""
@@ -321,6 +345,21 @@ class Sequence(Generic[M]):
         self._nodes = solution.mesh.points.copy()
         self.number += 1
         return step
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the current mesh on ``axes``, or on those of pyplot, as :meth:`SequenceStep.plot` does."""
+        drawn: Axes = self._shown.plot(axes)
+        return drawn
+
+    def _repr_html_(self) -> str:
+        """A picture and a table, for notebooks."""
+        found: str = self._shown._repr_html_()
+        return found
+
+    @property
+    def _shown(self) -> Any:
+        """The solution of the current mesh, or the mesh alone where it was given."""
+        return self.mesh if self.solution is None else self.solution
 
     def _on_grid(self, grid: Grid | None) -> Any:
         """The reference mesh before, on the grid of the step; blocks have none."""

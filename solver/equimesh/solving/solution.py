@@ -46,7 +46,9 @@ from equimesh.single_domain.level import Mode
 from equimesh.solving.certificate import Certificate, about_cut_off, about_faces, block_warnings, warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation
+from equimesh_coupling.display import draw_on, picture
 from equimesh_schema import Aim, Candidate, DegreeGain, Estimate, Relaxed, SolverGain
+from equimesh_schema.notebook import html_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -461,8 +463,6 @@ class Solution(Generic[D, M]):
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the mesh on ``axes`` of matplotlib, or on those of pyplot, with the error of each cell as its colour."""
-        from equimesh.plot.display import draw_on
-
         return draw_on(self.mesh, self.against_uniform.adapted.error, axes)
 
     def write(self, path: str | os.PathLike[str], *, cells: Literal["quad", "triangle"] = "quad") -> tuple[Path, ...]:
@@ -473,14 +473,13 @@ class Solution(Generic[D, M]):
 
     def _repr_html_(self) -> str:
         """A picture and a table, for notebooks."""
-        from equimesh.plot.display import html_of
-
-        facts = {"points": " x ".join(map(str, self.mesh.node_shape)), "status": self.status.sentence}
+        facts = [("points", " x ".join(map(str, self.mesh.node_shape))), ("status", self.status.sentence)]
         if self.interpolation is not None:
-            facts["interpolation error of u"] = f"{self.interpolation.l2:.3g} in L2, {self.interpolation.h1:.3g} in H1"
-        facts["non-orthogonality"] = f"at most {self.faces.non_orthogonality:.0f} degrees"
-        certificate = self.certificate
-        return html_of(certificate.headline, facts, certificate.warnings, self.against_uniform.adapted)
+            errors = f"{self.interpolation.l2:.3g} in L2, {self.interpolation.h1:.3g} in H1"
+            facts.append(("interpolation error of u", errors))
+        facts.append(("non-orthogonality", f"at most {self.faces.non_orthogonality:.0f} degrees"))
+        certificate, compared = self.certificate, self.against_uniform.adapted
+        return html_of(certificate.headline, facts, certificate.warnings, picture(compared.mesh, compared.error))
 
     @property
     def decomposition(self) -> Decomposition | None:

@@ -22,7 +22,9 @@ from equimesh.schwarz.settings import Schwarz
 from equimesh.solving.solution import AnySolution
 from equimesh.solving.solve import solve
 from equimesh.specs.monitors import MAKERS, build_field, no_samples
+from equimesh_coupling import progress_bar
 from equimesh_coupling.errors import BadValues
+from equimesh_coupling.progress_bar import ProgressBar
 from equimesh_coupling.samples import kind_of, pieces_of
 from equimesh_schema.monitors import MONITORS
 
@@ -43,6 +45,7 @@ def mesh(
     *,
     monitor: str = "auto",
     schwarz: Schwarz | None = None,
+    progress: bool | None = None,
     **settings: Any,
 ) -> AnySolution:
     """The mesh for ``u``, and all that is known about it: its errors, its certificate, its picture.
@@ -54,7 +57,8 @@ def mesh(
 
     ``grid`` is the number of points a side, 33 if it is not given, or ``(n_xi, n_eta)``; a domain in blocks has its
     own. ``monitor`` is ``"auto"``, ``"least_error"``, ``"arc_length"`` or ``"curvature"``, and ``settings`` are those
-    of :class:`equimesh.Auto` and so on. ``parameters`` and ``t`` belong to a formula.
+    of :class:`equimesh.Auto` and so on. ``parameters`` and ``t`` belong to a formula. A solve that takes longer than
+    half a second shows its ``progress`` in a notebook and on a terminal; True shows it anywhere, False nowhere.
 
     Raises :class:`equimesh.InputError` for what cannot be used, and :class:`equimesh.SolveError` as
     :func:`equimesh.solve` does.
@@ -73,7 +77,8 @@ def mesh(
         problem = Problem(monitor=make(u=function, **settings), domain=domain)
     else:
         problem = Problem(monitor=make(u=function, **settings), grid=_grid(grid), domain=domain)
-    return solve(problem, schwarz)
+    with ProgressBar(progress, delay=progress_bar.DELAY) as bar:
+        return solve(problem, schwarz, observe=bar if bar.shown else None)
 
 
 def field_of(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 from equimesh_cli import main
-from equimesh_cli.commands.solve import Observer
 
 CURVED: dict[str, Any] = {
     "kind": "quadrilateral",
@@ -86,30 +84,6 @@ def test_solve_takes_the_grid_of_a_requested_error(capsys: pytest.CaptureFixture
     assert list(np.load(path)["x"].shape) == told["grid"]
     assert main(["solve", "tanh(9*(x-y))", "--target-error", "1e-12"]) == 2
     assert "the largest allowed grid, 1025 x 1025, would give about" in capsys.readouterr().err
-
-
-def test_the_line_of_progress_tells_the_gain_of_a_descent() -> None:
-    pytest.importorskip("scipy")
-    import equimesh
-
-    said: list[tuple[float | None, str]] = []
-    with Observer(shown=False) as observer:
-        observer._bar.show = lambda share, words: said.append((share, words))  # type: ignore[method-assign]
-        mesh = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
-        step = equimesh.Descent(
-            level=0, levels=2, grid=mesh.grid, step=3, steps=20, error=0.1, gain=4.25, distortion=0.0,
-            min_jacobian=1.0, mesh=mesh, start="uniform", fraction=0.5, phase="descending, step 3 of 20",
-        )  # fmt: skip
-        observer(step)
-        observer(replace(step, start="initial"))
-        observer.measuring()
-        observer.writing()
-    assert said == [
-        (0.4, "descending, step 3 of 20, error 1.0e-01, 4.2 times smaller than on the uniform mesh"),
-        (0.4, "descending, step 3 of 20, error 1.0e-01, 4.2 times smaller than on the initial mesh"),
-        (0.8, "measuring the quality"),
-        (0.9, "writing the files"),
-    ]
 
 
 def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -20,12 +20,9 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.metrics import ArcLength
 from equimesh.plot.figure import MeshLines, all_edges, colour_cells, drawn_lines, outlines, owners_of_blocks
 from equimesh.plot.meshes import (
-    DECADES,
     MAX_LINES,
-    MIN_DECADES,
     OVERLAP_COLOUR,
     SINGLE_COLOUR,
-    colours_of,
     draw_comparison,
     draw_decomposition,
     draw_mesh,
@@ -36,6 +33,7 @@ from equimesh.plot.meshes import (
 from equimesh.quality.comparison import compare_with_uniform
 from equimesh.quality.interpolation import interpolation_errors
 from equimesh.schwarz.decomposition import Decomposition
+from equimesh_coupling.display import DECADES, MIN_DECADES, colours_of
 from solver.plot.drawings import BLUE, RED, colours, compared, result, strips, texts
 from solver.quality.handmade import wavy
 
