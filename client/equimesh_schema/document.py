@@ -14,9 +14,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import lru_cache
 from itertools import pairwise
+from numbers import Integral
 from pathlib import PurePath
 from types import NoneType, UnionType
-from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeGuard, TypeVar, get_args, get_origin, get_type_hints
 
 # Answers as JSON and back: one codec for all dataclasses of this package.
 
@@ -100,11 +101,23 @@ def _write(value: Any) -> Any:
         return value.to_json()
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
+    if is_whole(value):
+        return int(value)  # of NumPy, too
     if isinstance(value, Mapping):
         return {name: _write(member) for name, member in value.items()}
     if isinstance(value, Iterable) and not isinstance(value, str):
         return [_write(member) for member in value]
     return str(value) if isinstance(value, str) else value
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether a value is a whole number, of Python or of NumPy; True and False are none."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Whether a value is a real number, of Python or a whole one of NumPy; True and False are none."""
+    return isinstance(value, float | Integral) and not isinstance(value, bool)
 
 
 def real_or_nan(value: Any) -> float:

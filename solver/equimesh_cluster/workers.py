@@ -22,6 +22,7 @@ from equimesh_cluster.channel import install
 from equimesh_cluster.connection import no_scheduler
 from equimesh_cluster.errors import ClusterError
 from equimesh_cluster.parts.rows import rows_here
+from equimesh_schema.document import is_whole
 
 if TYPE_CHECKING:
     from distributed import Worker
@@ -188,7 +189,7 @@ def place(count: int, workers: Sequence[WorkerFacts]) -> list[WorkerFacts]:
 
 def require_count(parts: object) -> None:
     """Raise :class:`~equimesh.errors.InputError` for a number of parts that is no whole number."""
-    if not isinstance(parts, int) or isinstance(parts, bool):
+    if not is_whole(parts):
         raise InputError(f"parts = {parts!r}: a whole number, or None for one on every worker", field="parts")
 
 

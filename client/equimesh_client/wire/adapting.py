@@ -18,6 +18,7 @@ from equimesh_coupling.errors import BadValues
 from equimesh_coupling.recovery import ErrorIndicator, cell_values
 from equimesh_coupling.values import node_values
 from equimesh_schema import Certificate
+from equimesh_schema.document import is_whole
 from equimesh_schema.monitors import LeastError, NodalSolution, Norm, Weight
 
 M = TypeVar("M")
@@ -69,7 +70,7 @@ class AdaptLoop(Generic[M]):
     def __post_init__(self) -> None:
         if not callable(self.solve):
             raise BadArgument("solve is no function: give one that takes a mesh and returns the solution on it")
-        if not isinstance(self.rounds, int) or isinstance(self.rounds, bool) or not 1 <= self.rounds <= MAX_ROUNDS:
+        if not is_whole(self.rounds) or not 1 <= self.rounds <= MAX_ROUNDS:
             raise BadArgument(f"rounds = {self.rounds!r}: a whole number between 1 and {MAX_ROUNDS}")
         if self.n is None and not has_own_points(self.domain):
             raise BadArgument("n is missing: give the number of points a side, which only domains of blocks have")

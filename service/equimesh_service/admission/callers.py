@@ -201,7 +201,8 @@ class Quotas:
         """The limits of a key for :meth:`MeshesStore.add`; None without a key."""
         if not key_id:
             return None
-        return Quota(queued=self._settings.key_max_queued, points=self._settings.key_max_points)
+        limits = self._settings
+        return Quota(queued=limits.key_max_queued, points=limits.key_max_points, most_points=limits.max_points)
 
     @contextmanager
     def count_wait(self, caller: Caller, seconds: float) -> Iterator[None]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import pickle
 import secrets
 import time
@@ -24,6 +23,7 @@ from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.errors import EngineError, KeyReusedError, QuotaError, SamplesGoneError, StepTakenError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.settings import Settings
+from equimesh_service.store.keys import Quota
 from equimesh_service.store.rows import Claim, Ending, Lease, MeshInput, NewEntry, NewMesh, NewStep, NoMesh
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, stopwatch, tracing
@@ -32,8 +32,6 @@ from equimesh_service.worker.job import Storage
 
 # The longest wait of a request in the line for a worker. After it the mesh enters the queue, which survives a crash.
 MAX_LINE_SECONDS = 1.0
-# The time between two looks whether a worker has put a mesh into the store.
-_LOOK_SECONDS = 0.05
 # The time that a worker has for this after the wait of the request. It may be stuck, or check the request for long,
 # which a side worker then does.
 _MAX_ENTRY_SECONDS = 1.0
@@ -106,7 +104,7 @@ class Intake:
         return await self._accept_admitted(admitted, body.caller, request)
 
     async def _accept_admitted(self, admitted: AdmittedSpec, caller: Caller, request: MeshRequest) -> AcceptedMesh:
-        self._count_uploads(admitted.uploads)
+        self.metrics.count_uploads(admitted.uploads)
         if admitted.is_in_parts:
             await self.quotas.check_bytes(caller, admitted.expected_bytes)
         return await self.accept(admitted, caller, request)
@@ -125,7 +123,7 @@ class Intake:
             claim=claim,
             key=request.key,
             reuse=request.reuse,
-            quota=self.quotas.mesh_quota(caller.key_id),
+            quota=self._quota(caller.key_id),
             lease=self.dispatcher.lease,
         )
         try:
@@ -147,7 +145,6 @@ class Intake:
             return AcceptedMesh(claim.mesh_id, None, time.monotonic() - began) if is_stored else None
         if isinstance(end := ended.result(), NoMesh):
             return await self._conclude(end, caller, request)
-        self._count_uploads(end.uploads)
         return AcceptedMesh(claim.mesh_id, ended)
 
     async def _is_entered(self, ended: Future[Any], mesh_id: str) -> bool:
@@ -158,8 +155,13 @@ class Intake:
                 return True
             if time.monotonic() > until:
                 self.dispatcher.cancel(mesh_id)
-            await asyncio.sleep(_LOOK_SECONDS)
+            await self._wait_for(ended, mesh_id, self.settings.poll)
         return False
+
+    def _quota(self, key_id: str) -> Quota | None:
+        """The limits of a key, with the meshes that workers of this service have and the store may not."""
+        quota = self.quotas.mesh_quota(key_id)
+        return None if quota is None else replace(quota, in_flight=self.dispatcher.in_flight(key_id))
 
     async def _conclude(self, end: NoMesh, caller: Caller, request: MeshRequest) -> AcceptedMesh:
         """The mesh of a request of which its worker has made none; raises the problem of a refusal."""
@@ -169,10 +171,6 @@ class Intake:
         if end.earlier:
             return AcceptedMesh(end.earlier)
         return await self._accept_admitted(end.admitted, caller, request)
-
-    def _count_uploads(self, number: int) -> None:
-        for _ in range(number):
-            self.metrics.count_upload()
 
     async def _is_stored(self, mesh_id: str) -> bool:
         return await run_in_threadpool(self.store.meshes.get, mesh_id) is not None
@@ -238,7 +236,7 @@ class Intake:
         step, new = request.step, entry.new
         if lease is None and await run_in_threadpool(self.store.queue.count_waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
-        quota = self.quotas.mesh_quota(new.key_id)
+        quota = self._quota(new.key_id)
 
         def add() -> str:
             if entry.samples is not None:
@@ -248,6 +246,8 @@ class Intake:
                 self.problems.put(new.id, packed)  # before another thread may give the mesh to a worker
             mesh_id, key, fingerprint = "", entry.key, entry.fingerprint
             try:
+                if quota is not None and quota.in_flight:
+                    self.store.quotas.check(new.key_id, new.points, quota)
                 mesh_id = self.store.meshes.add(
                     new, key=key, fingerprint=fingerprint, quota=quota, lease=lease, step=step
                 )

@@ -169,8 +169,7 @@ async def receive_mesh(request: Request, service: Service, caller: Caller) -> Ad
     with service.bodies.place(caller.key_id) as place:
         body = await receive_body(request, service, caller, place)
         admitted = await service.intake.admit(body)
-    for _ in range(admitted.uploads):
-        service.metrics.count_upload()
+    service.metrics.count_uploads(admitted.uploads)
     stopwatch.lap("check")
     return admitted
 

@@ -83,7 +83,7 @@ async def create(
         upload = replace(upload, column=column)
         await service.quotas.check_bytes(caller, len(upload.data))
         row, new = await service.check(keep, upload, caller)
-    service.metrics.count_upload()
+    service.metrics.count_uploads(1)
     headers = {"Location": f"{service.settings.root}/v1/samples/{row.id}"}
     return JSONResponse(
         samples_resource(row, service.settings.root).model_dump(mode="json"), 201 if new else 200, headers

@@ -55,7 +55,10 @@ async def create(
     """
     seconds = service.settings.preview_seconds
     computed = await _computed(request, service, caller, DRAWING, seconds, frames=frames)
-    return _gone() if computed is None else Response(computed.content, media_type=NPZ, headers=_NOT_KEPT)
+    if computed is None:
+        return _gone()
+    service.metrics.count_uploads(computed.ending.uploads)  # a preview is no mesh that ends
+    return Response(computed.content, media_type=NPZ, headers=_NOT_KEPT)
 
 
 def check_unstored(format: str | None, key: str | None) -> None:
@@ -107,7 +110,7 @@ async def _computed(
             while (await request.receive())["type"] != "http.disconnect":
                 pass
 
-        computed = await service.unstored.compute(
+        return await service.unstored.compute(
             body,
             request.headers["content-type"],
             caller,
@@ -116,9 +119,6 @@ async def _computed(
             frames=frames,
             leaves=leaves,
         )
-    for _ in range(0 if computed is None else computed.ending.uploads):
-        service.metrics.count_upload()
-    return computed
 
 
 def _gone() -> Response:

@@ -70,9 +70,9 @@ class Dispatcher:
            └───────────────────┘ no worker has it, its scheduler is lost, or the service stops
 
     ``run`` gives the function and the arguments that a worker calls for a claim. A worker returns a
-    :class:`FinishedMesh`, which a :class:`~equimesh_service.store.writer.Writer` stores. On another machine, and where
-    files are large, it writes its results into the store itself. ``notify`` is called with the id of every mesh whose
-    status may have changed.
+    :class:`FinishedMesh`, which a :class:`~equimesh_service.store.writer.Writer` stores. It stores a mesh with large
+    files itself, and on a cluster every mesh that came from the queue. ``notify`` is called with the id of every mesh
+    whose status may have changed.
 
     A mesh whose request waits can skip the queue: reserve a worker in the :attr:`line`, put the mesh into the store as
     claimed by :attr:`lease`, and :meth:`begin` it, or release the worker. A request is begun before its mesh is in the
@@ -105,7 +105,7 @@ class Dispatcher:
         self._storing: set[Claim] = set()  # claims that workers have finished, and that are not in the store yet
         self._woken = False  # since the current check of the queue began
         self._strays: set[Claim] = set()  # claims of this service that no worker has
-        self._new: set[str] = set()  # the meshes that workers have and the store may not know yet
+        self._new: dict[str, str] = {}  # the meshes that workers have and the store may not, with their keys
         self._gone: set[Claim] = set()  # claims that workers have and this service has lost
         self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
         self._last_round = time.monotonic()
@@ -137,14 +137,19 @@ class Dispatcher:
         ``function`` may also return :class:`NoMesh`, which the future then has.
         """
         with self._lock:
-            self._new.add(claim.mesh_id)
+            self._new[claim.mesh_id] = claim.key_id
             try:
                 _, ended = self._submit(claim, function, arguments)
             except BaseException:
-                self._new.discard(claim.mesh_id)
+                self._new.pop(claim.mesh_id, None)
                 raise
             self.line.use()
             return ended
+
+    def in_flight(self, key_id: str) -> tuple[str, ...]:
+        """The meshes of a key that workers have, and that may not be in the store yet."""
+        with self._lock:
+            return tuple(mesh_id for mesh_id, owner in self._new.items() if owner == key_id)
 
     def cancel(self, mesh_id: str) -> None:
         """Stop the work on a mesh that was canceled or deleted in the store."""
@@ -320,7 +325,7 @@ class Dispatcher:
         """Free the worker of a claim."""
         with self._lock:
             self._running.pop(claim, None)
-            self._new.discard(claim.mesh_id)
+            self._new.pop(claim.mesh_id, None)
             self.line.call_next()
 
     def _settle(self) -> None:
@@ -403,7 +408,9 @@ class Dispatcher:
         running = dict(self._tasks())  # before the store is read, which knows all of these but the new ones
         held = self._store.queue.find_held(self._owner)
         with self._lock:
-            self._new.difference_update(claim.mesh_id for claim in held)
+            for claim in held:
+                if self._new.pop(claim.mesh_id, None) is not None:
+                    self._metrics.count_attempt(claim.waited)
             gone = {claim for claim in running.keys() - held if claim.mesh_id not in self._new}
         for claim in gone & self._gone:  # at two checks in a row, so its worker has not just finished it
             self._engine.cancel(running[claim])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import re
 import secrets
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -30,6 +31,10 @@ _INCLUDED = {READ: {READ}, WRITE: {READ, WRITE}, ADMIN: {READ, WRITE, ADMIN}}
 DEFAULT_SHARE = 1
 # Larger shares would starve other keys for long.
 MAX_SHARE = 100
+# A mesh in flight is finished, refused or in the store after this time, but for one whose check takes long.
+MAX_FLIGHT_SECONDS = 0.4
+# The time between two looks at the store, while a mesh in flight may take what is left of a limit.
+_LOOK_SECONDS = 0.02
 _SECRET = re.compile(r"em_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
 
 
@@ -140,10 +145,16 @@ def _key(row: Row[Any]) -> KeyRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Quota:
-    """The most unfinished meshes of a key and the most points of them; 0: no limit."""
+    """The most unfinished meshes of a key and the most points of them; 0: no limit.
+
+    ``in_flight`` are meshes of the key that a service computes and that may not be in the store yet. Each of them has
+    at most ``most_points``.
+    """
 
     queued: int
     points: int
+    in_flight: tuple[str, ...] = ()
+    most_points: int = 0
 
 
 def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None:
@@ -154,20 +165,43 @@ def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None
     if not (quota.queued or quota.points):
         return
     lock(connection, [f"quota {key_id}"])
-    _check(connection, key_id, points, quota)
+    number, used = _usage(connection, key_id)
+    _refuse(number, used, points, quota)
 
 
-def _check(connection: Connection, key_id: str, points: int, quota: Quota) -> None:
+def _usage(connection: Connection, key_id: str) -> tuple[int, int]:
+    """The number of a key's unfinished meshes in the store, and their points."""
     # `coalesce` keeps the query from the index of all meshes of the key, most of which are finished.
     mine = func.coalesce(meshes.c.key_id, "") == key_id
     # With 64 bits: a mesh on a cluster may have more points than 32 bits count.
     total = func.coalesce(func.sum(cast(meshes.c.n_xi, BigInteger) * meshes.c.n_eta), 0)
     query = select(func.count(), total).where(meshes.c.status.in_((QUEUED, RUNNING)), mine)
     number, used = connection.execute(query).one()
+    return int(number), int(used)
+
+
+def _refuse(number: int, used: int, points: int, quota: Quota) -> None:
+    """Raise :class:`QuotaError` where one more mesh does not fit next to others."""
     if quota.queued and number >= quota.queued:
-        raise QuotaError("key_max_queued", int(number), quota.queued)
+        raise QuotaError("key_max_queued", number, quota.queued)
     if quota.points and used + points > quota.points:
-        raise QuotaError("key_max_points", int(used), quota.points)
+        raise QuotaError("key_max_points", used, quota.points)
+
+
+def _fits(number: int, used: int, points: int, quota: Quota) -> bool:
+    try:
+        _refuse(number, used, points, quota)
+    except QuotaError:
+        return False
+    return True
+
+
+def _count_unknown(connection: Connection, names: tuple[str, ...]) -> int:
+    """How many of these meshes are not in the store."""
+    if not names:
+        return 0
+    known = connection.execute(select(func.count()).where(meshes.c.id.in_(names))).scalar_one()
+    return len(names) - int(known)
 
 
 class QuotaStore:
@@ -177,10 +211,25 @@ class QuotaStore:
         self._read = database.read
 
     def check(self, key_id: str, points: int, quota: Quota) -> None:
-        """Check that one more mesh would fit now; raises :class:`QuotaError`."""
-        if quota.queued or quota.points:
+        """Check that one more mesh fits, next to all that are in flight; raises :class:`QuotaError`.
+
+        Where it is not known to fit, this waits until those are in the store, for :data:`MAX_FLIGHT_SECONDS` at most.
+        One that is not there after that counts as a mesh, without points, which are not known.
+        """
+        if not (quota.queued or quota.points):
+            return
+        until = time.monotonic() + MAX_FLIGHT_SECONDS
+        while True:
             with self._read() as connection:
-                _check(connection, key_id, points, quota)
+                number, used = _usage(connection, key_id)
+                flying = _count_unknown(connection, quota.in_flight)
+            _refuse(number, used, points, quota)
+            if _fits(number + flying, used + flying * quota.most_points, points, quota):
+                return
+            if time.monotonic() > until:
+                _refuse(number + flying, used, points, quota)
+                return
+            time.sleep(_LOOK_SECONDS)
 
     def stored_bytes(self, key_id: str) -> int:
         """Bytes of the files and specs of a key's meshes, and of its samples.

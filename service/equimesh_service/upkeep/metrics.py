@@ -93,7 +93,8 @@ class Metrics:
         self._wait.observe(waited)
 
     def count_end(self, ending: Ending) -> None:
-        """Count the end of a mesh."""
+        """Count the end of a mesh, with the files that came with its request."""
+        self.count_uploads(ending.uploads)
         self._finished.labels(ending.status, ending.reason).inc()
         if ending.status == SUCCEEDED:
             self._points.inc(ending.points)
@@ -115,9 +116,9 @@ class Metrics:
         """Count a request answered with an earlier mesh."""
         self._reused.inc()
 
-    def count_upload(self) -> None:
-        """Count uploaded samples."""
-        self._samples.inc()
+    def count_uploads(self, number: int) -> None:
+        """Count files of samples and of meshes that clients have sent."""
+        self._samples.inc(number)
 
     @contextmanager
     def count_stream(self) -> Iterator[None]:

@@ -31,6 +31,7 @@ from equimesh.solving.solve import solve
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_values
 from equimesh_coupling.values import node_values
+from equimesh_schema.document import is_whole
 
 # The next mesh of blocks for a code with unknowns in its cells, from averages over them.
 
@@ -284,7 +285,7 @@ def _check(solve: object, rounds: object, norm: object) -> None:
         raise InputError(
             "solve is no function: give one that takes a mesh and returns the solution on it", field="solve"
         )
-    if not isinstance(rounds, int) or isinstance(rounds, bool) or not 1 <= rounds <= MAX_ROUNDS:
+    if not is_whole(rounds) or not 1 <= rounds <= MAX_ROUNDS:
         raise InputError(f"rounds = {rounds!r}: a whole number between 1 and {MAX_ROUNDS}", field="rounds")
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")

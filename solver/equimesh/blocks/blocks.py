@@ -29,6 +29,7 @@ from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.reading.read import DESCRIPTIONS, description_format, read_description, read_mesh
 from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
 from equimesh.numerics.types import Array, BoolArray, IntArray
+from equimesh_schema.document import is_number
 
 # Places between two nodes on a curve at which its area is summed.
 GAUSS = np.polynomial.legendre.leggauss(5)
@@ -280,7 +281,7 @@ class Blocks:
         cubic splines, and on the same curves. Raises :class:`~equimesh.errors.InputError` for a factor that is no
         positive number, and where the finer or coarser mesh folds.
         """
-        if not (isinstance(factor, (int, float)) and 0 < factor < math.inf):
+        if not (is_number(factor) and 0 < factor < math.inf):
             raise InputError(f"factor = {factor!r}: a positive number", field="factor")
         if self._document is not None:
             document = self.description()

@@ -18,6 +18,7 @@ from equimesh.domains.domain import MAX_COORDINATE
 from equimesh.errors import InputError
 from equimesh.inputs import check_name, describe_value
 from equimesh.numerics.types import Array
+from equimesh_schema.document import is_number, is_whole
 
 # Checked entries of the JSON of a description: objects, lists, names, numbers.
 
@@ -70,20 +71,19 @@ def name_among(value: object, field: str, known: Collection[str], what: str) -> 
 
 def number(value: object, field: str, *, positive: bool = False) -> float:
     """``value`` as a float of at most the size of a coordinate."""
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not is_number or not abs(value) <= MAX_COORDINATE or (positive and not value > 0):  # type: ignore[arg-type,operator]
-        found = repr(value)[:SHOWN] if is_number else describe_value(value)
+    if not is_number(value) or not abs(value) <= MAX_COORDINATE or (positive and not value > 0):
+        found = repr(value)[:SHOWN] if is_number(value) else describe_value(value)
         wanted = f"a {'positive ' if positive else ''}number of at most {MAX_COORDINATE:g} in size"
         raise InputError(f"{place(field)} is {found}: it must be {wanted}", field=field)
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
 
 
 def whole(value: object, field: str, largest: int) -> int:
     """``value`` as a whole number from 1 to ``largest``."""
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= largest:
+    if not is_whole(value) or not 1 <= value <= largest:
         found = repr(value)[:SHOWN] if isinstance(value, (int, float)) else describe_value(value)
         raise InputError(f"{place(field)} is {found}: it must be a whole number from 1 to {largest}", field=field)
-    return value
+    return int(value)
 
 
 def point(value: object, field: str) -> Point:
@@ -336,6 +336,6 @@ def _flag(value: object, field: str) -> bool:
 
 
 def _whole(value: object, field: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
+    if not is_whole(value):
         raise InputError(f"{place(field)} must be whole numbers of points", field=field)
-    return value
+    return int(value)

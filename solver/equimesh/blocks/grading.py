@@ -10,6 +10,7 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.inputs import describe_value
 from equimesh.numerics.types import Array
+from equimesh_schema.document import is_number
 
 # The largest ratio of the last cell of an edge to the first one, and its inverse the smallest.
 MAX_RATIO = 1e6
@@ -84,13 +85,12 @@ def _section(value: object, field: str) -> Section:
 
 
 def _ratio(value: object, field: str) -> float:
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not (is_number and 1.0 / MAX_RATIO <= value <= MAX_RATIO):  # type: ignore[operator]
-        found = value if is_number else describe_value(value)
+    if not (is_number(value) and 1.0 / MAX_RATIO <= value <= MAX_RATIO):
+        found = value if is_number(value) else describe_value(value)
         raise InputError(
             f"{_name(field)} is {found}: it must be a number from {1 / MAX_RATIO:g} to {MAX_RATIO:g}", field=field
         )
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
 
 
 def _name(field: str) -> str:

@@ -14,6 +14,7 @@ from equimesh.least_error.restricted import Merged, RestrictedDescent
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Groups, Schwarz
+from equimesh_schema.document import is_whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +74,7 @@ def _number(block: str | int, names: Sequence[str], field: str) -> int:
     if isinstance(block, str):
         if block in names:
             return names.index(block)
-    elif isinstance(block, int) and not isinstance(block, bool) and 0 <= block < len(names):
-        return block
+    elif is_whole(block) and 0 <= block < len(names):
+        return int(block)
     known = ", ".join(names[:8]) + (" and others" if len(names) > 8 else "")
     raise InputError(f"there is no block {str(block)[:40]}: the blocks are {known}", field=field)

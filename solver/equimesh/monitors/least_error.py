@@ -21,6 +21,7 @@ from equimesh.meshes.mesh import Grid
 from equimesh.monitors.metrics import NORMS, Curvature
 from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
 from equimesh.numerics.types import Array
+from equimesh_schema.document import is_number, is_whole
 
 CELLS = ("quad", "triangle")
 """The cells on which the error is measured."""
@@ -39,7 +40,7 @@ MAX_FAR_SHARE = 1e-6
 def require_degree(degree: object, cells: Literal["quad", "triangle"]) -> None:
     """Raises :class:`~equimesh.errors.InputError` for a degree that elements on these cells do not have."""
     most = MAX_DEGREES[cells]
-    if isinstance(degree, bool) or not (isinstance(degree, int) and 1 <= degree <= MAX_DEGREES["quad"]):
+    if not (is_whole(degree) and 1 <= degree <= MAX_DEGREES["quad"]):
         raise InputError(
             f"degree = {degree!r:.20}: give the degree of the elements, a whole number from 1 to {MAX_DEGREES['quad']}",
             field="degree",
@@ -95,7 +96,7 @@ class LeastError:
             raise InputError(f"rectilinear = {str(self.rectilinear)[:20]}: give True or False", field="rectilinear")
         for name in ("distortion", "smoothness"):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and 0.0 < value <= MAX_WEIGHT and math.isfinite(value)):
+            if not (is_number(value) and 0.0 < value <= MAX_WEIGHT and math.isfinite(value)):
                 raise InputError(
                     f"{name} = {value}: the weight must be positive and at most {MAX_WEIGHT:g}; 1 is usual", field=name
                 )

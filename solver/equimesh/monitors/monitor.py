@@ -15,6 +15,7 @@ from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
+from equimesh_schema.document import is_number
 
 # Symmetric 2 x 2 matrices at many points, in closed form: power, intersection, eigenvalues.
 #
@@ -191,7 +192,7 @@ def require_orthogonality(angle: object) -> None:
     """Raises :class:`~equimesh.errors.InputError` for a bound that is neither ``None`` nor an angle in (0, 90]."""
     if angle is None:
         return
-    if not isinstance(angle, int | float) or isinstance(angle, bool) or not 0.0 < angle <= MAX_ORTHOGONALITY:
+    if not is_number(angle) or not 0.0 < angle <= MAX_ORTHOGONALITY:
         raise InputError(
             f"orthogonality = {angle!r}: the largest angle of non-orthogonality is one in degrees, over 0 and at most"
             f" {MAX_ORTHOGONALITY:g}; 50 suits most finite-volume codes",

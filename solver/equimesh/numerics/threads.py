@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
 from equimesh.errors import InputError
+from equimesh_schema.document import is_whole
 
 # Threads of one solve.
 MAX_THREADS = 64
@@ -22,12 +23,12 @@ def thread_count(threads: int | None) -> int:
     """The requested number of threads, all cores for ``None``; raises :class:`~equimesh.errors.InputError`."""
     if threads is None:
         return min(available_cores(), MAX_THREADS)
-    if not isinstance(threads, int) or isinstance(threads, bool) or not 1 <= threads <= MAX_THREADS:
+    if not is_whole(threads) or not 1 <= threads <= MAX_THREADS:
         raise InputError(
             f"threads = {threads!r}: a whole number between 1 and {MAX_THREADS}, or None for one on every core",
             field="threads",
         )
-    return threads
+    return int(threads)
 
 
 def run_on_threads(threads: int, work: Callable[[int], None]) -> None:

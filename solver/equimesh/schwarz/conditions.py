@@ -17,6 +17,7 @@ from equimesh.equations.mesh_equations import HalfFlux, LocalMetric, NodalState,
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.numerics.types import Array, IntArray
+from equimesh_schema.document import is_number
 
 Derivatives: TypeAlias = tuple[tuple[IntArray, Array], ...]
 Strength: TypeAlias = float | Literal["auto"]
@@ -170,7 +171,7 @@ def label(condition: TransmissionCondition) -> str:
 
 
 def _check_strength(p: Strength) -> None:
-    if p != "auto" and not (isinstance(p, int | float) and math.isfinite(p) and p > 0):
+    if p != "auto" and not (is_number(p) and math.isfinite(p) and p > 0):
         raise InputError(f'p = {p!r}: the Robin parameter must be a positive number or "auto"', field="transmission.p")
 
 

@@ -15,6 +15,7 @@ from equimesh.meshes.mesh import Grid
 from equimesh.numerics.types import IntArray
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
 from equimesh.schwarz.decomposition import MIN_OVERLAP, Cuts, Decomposition, Ordering
+from equimesh_schema.document import is_number, is_whole
 
 # Line corrections after every iteration of the optimized condition, unless the settings differ.
 DEFAULT_LINE_CORRECTIONS = 3
@@ -311,7 +312,7 @@ class Schwarz:
 
 def require_count(value: object, name: str, most: int) -> None:
     """Raise :class:`~equimesh.errors.InputError` for what is no whole number from 1 to ``most``."""
-    if not (isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= most):
+    if not (is_whole(value) and 1 <= value <= most):
         message = f"{name} = {str(value)[:20]}: a whole number from 1 to {most}"
         raise InputError(message, field=f"schwarz.{name}")
 
@@ -329,7 +330,7 @@ def _tuples(groups: object) -> tuple[tuple[str | int, ...], ...]:
 
 
 def _is_positive(number: object) -> bool:
-    return isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number) and number > 0
+    return is_number(number) and math.isfinite(number) and number > 0
 
 
 def _is_division(part: object) -> bool:

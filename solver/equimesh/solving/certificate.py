@@ -18,6 +18,7 @@ from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import MeshRows
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.metrics import ArcLength
+from equimesh.monitors.monitor import orthogonality_of
 from equimesh.numerics.types import Pair
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors, probe_errors
@@ -171,7 +172,7 @@ def warnings(
     yield from _about_resolution(errors)
     if status.succeeded:
         yield from _about_thin_cells(meshes[0].min_jacobian / problem.domain.area)
-        yield from _about_structure(problem, meshes, errors)
+        yield from _about_structure(problem, meshes, errors, relaxed)
         yield from about_cut_off(measure_cut_off(problem.domain, meshes[1]))
     yield from _about_gains(errors)
     yield from about_degrees(gains, errors)
@@ -257,7 +258,9 @@ def _about_resolution(errors: InterpolationErrors) -> Iterator[str]:
         )
 
 
-def _about_structure(problem: Problem, meshes: tuple[MeshRows, MeshRows], errors: InterpolationErrors) -> Iterator[str]:
+def _about_structure(
+    problem: Problem, meshes: tuple[MeshRows, MeshRows], errors: InterpolationErrors, relaxed: Sequence[Relaxed]
+) -> Iterator[str]:
     """Warnings of features of u that the monitor or the grid misses."""
     mesh, reference = meshes
     u = problem.monitor.u
@@ -270,7 +273,7 @@ def _about_structure(problem: Problem, meshes: tuple[MeshRows, MeshRows], errors
             " not, subtract a constant from it."
         )
     elif uniform:
-        yield from _about_uniformity(problem, mesh, u, errors)
+        yield from _about_uniformity(problem, mesh, u, errors, relaxed)
     else:
         yield from _about_large_errors(errors)
 
@@ -286,7 +289,9 @@ def _about_large_errors(errors: InterpolationErrors) -> Iterator[str]:
         )
 
 
-def _about_uniformity(problem: Problem, mesh: MeshRows, u: Field, errors: InterpolationErrors) -> Iterator[str]:
+def _about_uniformity(
+    problem: Problem, mesh: MeshRows, u: Field, errors: InterpolationErrors, relaxed: Sequence[Relaxed]
+) -> Iterator[str]:
     """A warning where the mesh is uniform although u is not constant: u is evaluated at many more points."""
     monitor = problem.monitor
     if isinstance(monitor, ArcLength) and monitor.a == 0.0:
@@ -296,14 +301,20 @@ def _about_uniformity(problem: Problem, mesh: MeshRows, u: Field, errors: Interp
     blind = isinstance(monitor, ArcLength) and errors.l2 > errors.rounding[0]
     if not (blind or (share > MAX_UNIFORM_ERROR_SHARE and error > errors.rounding[0])):
         return
-    if isinstance(monitor, ArcLength) and not monitor.scaled:
+    bound = orthogonality_of(monitor)
+    why = "the monitor sees nothing of u at the points where it is evaluated."
+    if relaxed:
+        why = "of the relaxed monitor next to nothing is left."
+    if relaxed and bound is not None:
+        why = f"the bound of {bound:g} degrees of non-orthogonality leaves next to nothing of the monitor."
+        advice = "Raise orthogonality."
+    elif isinstance(monitor, ArcLength) and not monitor.scaled:
         advice = "Take a scaled arc length, so that the units of u do not matter."
     else:
         advice = "Add grid points, or take another monitor; replace a jump by a steep tanh."
     yield (
-        f"The mesh is uniform although u varies by {variation:.2g}: the monitor sees nothing of u at the points where"
-        f" it is evaluated. Near (x, y) = ({x:.4g}, {y:.4g}) u differs from its interpolant by {_percent(share)} of its"
-        f" range. {advice}"
+        f"The mesh is uniform although u varies by {variation:.2g}: {why} Near (x, y) = ({x:.4g}, {y:.4g}) u differs"
+        f" from its interpolant by {_percent(share)} of its range. {advice}"
     )
 
 

@@ -20,6 +20,7 @@ from equimesh.solving.solution import Solution, degree_of
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Announcer, SolveArguments
 from equimesh_schema import Aim
+from equimesh_schema.document import is_number, is_whole
 
 FIRST_CELLS = 32
 """Cells a side, about, of the first grid, from whose error the others are predicted."""
@@ -61,10 +62,10 @@ class Target:
     def __post_init__(self) -> None:
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
-        if not (isinstance(self.error, int | float) and 0.0 < self.error < math.inf):
+        if not (is_number(self.error) and 0.0 < self.error < math.inf):
             raise InputError(f"error = {self.error!r}: the requested error must be a positive number", field="error")
         least = (MIN_CELLS + 1) ** 2
-        if not (isinstance(self.max_points, int) and self.max_points >= least):
+        if not (is_whole(self.max_points) and self.max_points >= least):
             raise InputError(
                 f"max_points = {self.max_points!r}: at least {least} points are needed", field="max_points"
             )

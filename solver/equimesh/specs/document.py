@@ -16,7 +16,7 @@ import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.inputs import describe_value
-from equimesh_schema.document import Document, OneOf, Words, key_of, required_of, types_of
+from equimesh_schema.document import Document, OneOf, Words, is_whole, key_of, required_of, types_of
 
 Reader: TypeAlias = Callable[[object, str], Any]
 """Takes a value and its path. Returns the described object, or raises an InputError whose field is the path."""
@@ -136,7 +136,7 @@ def number(value: object, path: str) -> float:
 
 def whole(value: object, path: str) -> int:
     """A whole number."""
-    if not isinstance(value, int | np.integer) or isinstance(value, bool):
+    if not is_whole(value):
         raise _wrong(value, path, "a whole number")
     return int(value)
 

@@ -12,6 +12,8 @@ import pytest
 
 from equimesh_service import Settings
 from equimesh_service.admission.callers import ANYONE, Caller, Quotas
+from equimesh_service.admission.computation import Request
+from equimesh_service.dispatch.dispatcher import Dispatcher
 from equimesh_service.errors import QuotaError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.store.database import to_json
@@ -109,7 +111,12 @@ def test_answers_say_how_many_requests_are_left(guarded_service: Guarded) -> Non
 # Meshes ------------------------------------------------------------------------------------------------------
 
 
-def test_a_key_has_so_many_unfinished_meshes_and_points(guarded_service: Guarded) -> None:
+def test_a_key_has_so_many_unfinished_meshes_and_points(
+    guarded_service: Guarded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[Request] = []
+    begin = Dispatcher.begin_request
+    monkeypatch.setattr(Dispatcher, "begin_request", lambda *call: (begun.append(call[-1]), begin(*call))[1])
     slow = {**SLOW, "grid": {"n_xi": 17, "n_eta": 17}, "schwarz": {**SLOW["schwarz"], "subdomains": [2, 1]}}
     with guarded_service.client("write") as client, guarded_service.client("write") as other:
         made = [client.post("/v1/meshes", json=slow) for _ in range(3)]
@@ -124,10 +131,14 @@ def test_a_key_has_so_many_unfinished_meshes_and_points(guarded_service: Guarded
             refused = client.post("/v1/meshes", json=small(grid={"n_xi": 22, "n_eta": 22}))
             assert f"{2 * 17 * 17} points in unfinished meshes; the limit is 1000" in refused.json()["detail"]
             assert other.post("/v1/meshes", json=small()).status_code == 202
+            monkeypatch.setattr(Dispatcher, "in_flight", lambda *_: ("m-of-a-worker",))
+            assert "3 unfinished meshes" in client.post("/v1/meshes", json=small()).json()["detail"]
         finally:
             for answer in made:
                 client.delete(answer.headers["location"])
-        assert client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).status_code == 201
+        while not begun:  # until a worker is free
+            assert client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).status_code == 201
+    assert [request.quota.in_flight for request in begun if request.quota] == [("m-of-a-worker",)]
 
 
 def test_no_two_at_once_slip_past(database_url: str) -> None:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -187,15 +188,21 @@ def test_a_lost_scheduler_is_no_loss_of_the_mesh(dispatcher: Dispatcher, store: 
 
 
 def test_a_new_mesh_is_not_gone_before_it_is_in_the_store(store: Store, engine: Patient) -> None:
-    dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(), lambda _: None)  # no thread runs
+    attempts: list[float] = []
+    metrics: Any = SimpleNamespace(count_attempt=attempts.append)
+    dispatcher = Dispatcher(
+        "me", store, engine, lambda *_: (print, ()), Rules(), lambda _: None, metrics
+    )  # not started
     dispatcher.line.queue_is_empty = True
     assert dispatcher.line.reserve()
-    task = dispatcher.begin_request(Claim("a", 1), print)
+    task = dispatcher.begin_request(Claim("a", 1, key_id="k"), print)
     for _ in range(3):
         dispatcher._cancel_gone()
     assert engine.canceled == []
+    assert (dispatcher.in_flight("k"), dispatcher.in_flight("l")) == (("a",), ())
     store.meshes.add(NewMesh(id="a", spec=SPEC), lease=dispatcher.lease)  # as its worker does
     dispatcher._cancel_gone()
+    assert (dispatcher.in_flight("k"), attempts) == ((), [0.0])
     assert store.queue.cancel("a")  # from now on it is a mesh like every other
     for _ in range(2):
         dispatcher._cancel_gone()

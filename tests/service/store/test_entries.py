@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from equimesh_service.errors import KeyReusedError, QuotaError
 from equimesh_service.files.port import Removed
+from equimesh_service.store import keys
 from equimesh_service.store.keys import Quota
 from equimesh_service.store.rows import Artifact, Claim, Lease, NewEntry, NewMesh, NewSamples, Outcome, SamplesRow
 from equimesh_service.store.store import Store
@@ -134,6 +137,32 @@ def test_the_quota_holds_for_meshes_that_are_entered(store: Store) -> None:
     with pytest.raises(QuotaError):
         enter(store, entry("b"), quota)
     assert store.meshes.get("b") is None
+
+
+@pytest.mark.parametrize(
+    ("limits", "limit"),
+    [(Quota(queued=2, points=0), "key_max_queued"), (Quota(queued=0, points=200, most_points=100), "key_max_points")],
+    ids=["meshes", "points"],
+)
+def test_the_quota_counts_meshes_in_flight(
+    store: Store, monkeypatch: pytest.MonkeyPatch, limits: Quota, limit: str
+) -> None:
+    enter(store, entry("a"))
+    quota = replace(limits, in_flight=("a", "b"))
+    waits: list[float] = []
+    sleep = lambda seconds: (waits.append(seconds), enter(store, entry("b")))  # noqa: E731
+    monkeypatch.setattr(keys, "time", SimpleNamespace(monotonic=time.monotonic, sleep=sleep))
+    with pytest.raises(QuotaError) as refused:
+        store.quotas.check("k", 100, quota)
+    assert (refused.value.limit, len(waits)) == (limit, 1)  # b was in flight, and then in the store
+    store.queue.finish(Claim("b", 1))
+    store.quotas.check("k", 100, quota)
+    monkeypatch.setattr(keys, "MAX_FLIGHT_SECONDS", -1.0)
+    if limit == "key_max_queued":
+        with pytest.raises(QuotaError):
+            store.quotas.check("k", 100, replace(quota, in_flight=("never",)))
+    else:
+        store.quotas.check("k", 100, replace(quota, in_flight=("never",)))  # its points are not known
 
 
 def test_a_repeated_key_gets_its_mesh_also_at_the_limit(store: Store) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -22,6 +23,7 @@ from starlette.responses import Response
 
 from equimesh_service import Settings
 from equimesh_service.admission.callers import ANYONE
+from equimesh_service.admission.intake import Intake
 from equimesh_service.api.app import create_app
 from equimesh_service.api.middleware import Observation
 from equimesh_service.store.rows import STATUSES, Ending, QueueCounts
@@ -165,6 +167,19 @@ def test_samples_are_counted(http: httpx.Client, watch: Watch) -> None:
     parts = {"spec": (None, json.dumps(spec)), "samples": ("a.csv", "x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,5\n")}
     assert http.post("/v1/meshes", files=parts).is_success
     assert watch.moved("equimesh_samples_uploaded_total") == 2
+
+
+def test_samples_of_a_mesh_that_outlasts_its_wait_are_counted(
+    http: httpx.Client, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Intake, "_wait_for", lambda *_: asyncio.sleep(0.01))
+    schwarz = {**SLOW["schwarz"], "max_iterations": 6}
+    spec = {**SLOW, "monitor": {"kind": "arc_length", "u": {"samples": "upload"}}, "schwarz": schwarz}
+    parts = {"spec": (None, json.dumps(spec)), "samples": ("a.csv", "x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,5\n")}
+    posted = http.post("/v1/meshes", files=parts, headers={"Prefer": "wait=1"})
+    assert (posted.status_code, posted.json()["status"]) == (202, "running")
+    assert http.get(f"{posted.headers['location']}?wait=60").json()["attempts"] == 1
+    assert watch.moved("equimesh_samples_uploaded_total") == 1
 
 
 @pytest.mark.anyio

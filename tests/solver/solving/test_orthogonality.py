@@ -47,6 +47,13 @@ def test_the_bound_holds_and_the_certificate_says_what_it_cost(name: str) -> Non
     assert said in solution.message
 
 
+def test_a_uniform_mesh_that_a_bound_leaves_is_not_laid_on_the_monitor() -> None:
+    problem = em.Problem(monitor=em.ArcLength(u=STEEP, orthogonality=0.02), grid=em.Grid(n_xi=9, n_eta=9))
+    (said,) = (text for text in em.solve(problem).certificate.warnings if "is uniform" in text)
+    assert "the bound of 0.02 degrees of non-orthogonality leaves next to nothing" in said
+    assert said.endswith("Raise orthogonality.")
+
+
 def test_a_round_of_a_solver_keeps_the_bound() -> None:
     nodes = em.Mesh.uniform(em.Grid(n_xi=17, n_eta=17))
     values = STEEP.evaluate(nodes.x, nodes.y)[0]

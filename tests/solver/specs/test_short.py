@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,16 @@ def test_refusals_say_what_to_do(given: dict[str, Any], field: str, sentence: st
 def test_dir_shows_what_people_need() -> None:
     assert dir(em) == sorted(em.__all__)
     assert "mesh" in dir(em)
+
+
+def test_whole_numbers_may_be_those_of_numpy() -> None:
+    two = np.int64(2)
+    solution = em.mesh("tanh(9*(x - y))", (np.int64(9), 8), degree=two, orthogonality=np.int64(60))
+    assert json.loads(json.dumps(solution.certificate.summary()))["degree"] == 2
+    em.Schwarz(subdomains=(two, 1), overlap=two, max_iterations=two)
+    em.Target(error=two, max_points=np.int64(1000))
+    with pytest.raises(em.InputError, match="whole number"):
+        em.mesh("x*y", 9, degree=np.True_)
 
 
 def test_first_values_are_taken_by_position() -> None:
