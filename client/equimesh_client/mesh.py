@@ -117,6 +117,7 @@ class MeshOperations(MeshState, Generic[M]):
         format: str | None = None,
         *,
         cells: str | None = None,
+        order: int = 1,
         partial: bool = False,
         deadline: float = DEADLINE_SECONDS,
     ) -> Path:
@@ -128,13 +129,16 @@ class MeshOperations(MeshState, Generic[M]):
         A complete file with the announced checksum is written, or none. An interrupted transfer continues where it
         ended, also in the next download to this name: until then the part stays next to the file, as
         ``.NAME.SHA256.part``. ``cells``, ``"quad"`` or ``"triangle"``, overrides the cells of the request.
-        ``partial`` also accepts the mesh of a failed solve, unless it is folded. A mesh in parts is a ``.pvtu`` or
-        ``.vtkhdf`` file, the head; the files of its parts are written next to it.
+        With ``order=2`` cells of a vtu, msh or inp file have a node in the middle of each edge, on curved sides on the
+        curve. ``partial`` also accepts the mesh of a failed solve, unless it is folded. A mesh in parts is a ``.pvtu``
+        or ``.vtkhdf`` file, the head; the files of its parts are written next to it.
         """
         settings, limit = self._session.settings, Deadline.after(deadline)
         if part_downloads.is_of_parts(path, format):
             return await self._session.run(part_downloads.download(self.id, path, format, settings, limit))
-        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
+        call = protocol.mesh_file(
+            self.id, protocol.format_of(str(path), format), cells=cells, order=order, partial=partial
+        )
         if format is None and Path(path).suffix.lower() == ".xdmf":
             return unpack_xdmf(await self._session.run(flows.fetch_file(call, settings, limit)), path)
         if format in (None, "foam") and Path(path).is_dir():

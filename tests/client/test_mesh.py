@@ -101,7 +101,9 @@ def test_the_suffix_chooses_the_format(connect: Any, service: Any, tmp_path: Any
     mesh = connect(service.url).generate("x", 5)
     for name in ("a.vtu", "b.VTK", "c.zip", "d.xdmf", "e.msh"):
         mesh.download(tmp_path / name)
+    mesh.download(tmp_path / "second.inp", order=2)
     mesh.download(tmp_path / "f", "npz", partial=True)
     requested = [request.query for request in service.seen("GET", "file")]
-    assert [query["format"] for query in requested] == ["vtu", "vtk", "xdmf", "xdmf", "msh", "npz"]
+    assert [query["format"] for query in requested] == ["vtu", "vtk", "xdmf", "xdmf", "msh", "abaqus", "npz"]
+    assert [query.get("order") for query in requested][-3:] == [None, "2", None]
     assert requested[-1]["partial"] == "true"

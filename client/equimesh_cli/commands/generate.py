@@ -135,7 +135,9 @@ def _write(mesh: Mesh, options: argparse.Namespace, picture: Picture | None, *, 
     """Write the requested files and return their names."""
     files = []
     if options.output is not None:
-        files.append(str(mesh.download(options.output, partial=partial, deadline=options.deadline)))
+        files.append(
+            str(mesh.download(options.output, order=options.order, partial=partial, deadline=options.deadline))
+        )
     if picture is not None:
         mesh.plot(picture.path, picture.kind, deadline=options.deadline)
         files.append(str(picture.path))

@@ -150,9 +150,7 @@ def _write(options: argparse.Namespace, solution: Solution[Any, Any], picture: P
     """Write the requested files and return their names."""
     files = []
     if options.output is not None:
-        from equimesh.io.write import write_mesh
-
-        write_mesh(options.output, solution.data(), cells=options.cells)
+        solution.write(options.output, cells=options.cells, order=options.order)
         files.append(str(options.output))
     if picture is not None:
         from equimesh.plot import convergence, meshes

@@ -30,6 +30,7 @@ CONDITIONS = {
 OF_CONDITIONS = tuple(dict.fromkeys(name for names in CONDITIONS.values() for name in names))
 SETTINGS = tuple(name for name in types_of(Schwarz) if name not in ("subdomains", "transmission"))
 MESH_SUFFIXES = tuple(SUFFIXES)
+SECOND_ORDER = (".vtu", ".msh", ".inp")
 PART_SUFFIXES = (".pvtu", ".vtkhdf")
 PLOT_SUFFIXES = (".png", ".svg")
 PLOT_KINDS = ("mesh", "quality", "convergence", "comparison")
@@ -92,6 +93,14 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     results = parser.add_argument_group("results")
     results.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help=f"the mesh: {' '.join(SUFFIXES)}, or a case of OpenFOAM"
+    )
+    results.add_argument(
+        "--order",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help=f"order of the cells in the file: 2 has nodes in the middle of edges, on curved sides on the curve, for"
+        f" {' '.join(SECOND_ORDER)} (1)",
     )
     results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
     results.add_argument(
@@ -170,6 +179,10 @@ def _check_picture(options: argparse.Namespace) -> None:
 def _check_cells(options: argparse.Namespace) -> None:
     if options.cells == "triangle" and str(options.output or "").lower().endswith(".vts"):
         raise CommandError("a .vts file holds no triangles: choose another format, or leave out --cells")
+    if options.order == 2 and not str(options.output or "").lower().endswith(SECOND_ORDER):
+        raise CommandError(
+            f"--order 2 is for a file of {', '.join(SECOND_ORDER)}: name one by -o, or leave out --order"
+        )
 
 
 def _check_points(options: argparse.Namespace) -> None:

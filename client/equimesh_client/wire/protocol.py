@@ -137,9 +137,11 @@ def delete_mesh(mesh_id: str) -> Call:
     return Call(method="DELETE", path=_mesh(mesh_id))
 
 
-def mesh_file(mesh_id: str, format: str, *, cells: str | None = None, partial: bool = False) -> Call:
+def mesh_file(mesh_id: str, format: str, *, cells: str | None = None, order: int = 1, partial: bool = False) -> Call:
     """The mesh as a file; ``cells`` overrides the cells of the spec."""
     query = {"format": format}
+    if order != 1:
+        query["order"] = str(order)
     if cells is not None:
         query["cells"] = cells
     if partial:

@@ -30,7 +30,7 @@ def check_format(format: str, spec: Mapping[str, Any]) -> None:
         check_head(format)
 
 
-def check_whole(format: str, cells: str, *, is_grid: bool = True) -> None:
+def check_whole(format: str, cells: str, *, is_grid: bool = True, order: int = 1) -> None:
     """Raise a 406 problem for a format that no whole mesh has, or that does not hold these cells, or no blocks."""
     if format not in FORMATS:
         detail = f"A {format} file is the head of a mesh in parts, and this mesh is whole."
@@ -40,14 +40,20 @@ def check_whole(format: str, cells: str, *, is_grid: bool = True) -> None:
         raise Problem("not-acceptable", f"A {format} file is a grid, and this mesh has blocks. Request one of {known}.")
     if cells not in FORMATS[format].cells:
         raise Problem("not-acceptable", f"A {format} file holds no {cells}s. Request cells=quad or another format.")
+    if order == 2 and not FORMATS[format].second_order:
+        known = ", ".join(name for name, form in FORMATS.items() if form.second_order)
+        detail = f"A {format} file holds cells of order 1. Request one of {known}, or order=1."
+        raise Problem("not-acceptable", detail)
 
 
-def check_head(format: str, cells: str = "quad") -> None:
+def check_head(format: str, cells: str = "quad", order: int = 1) -> None:
     """Raise a 406 problem for a format in which a mesh in parts has no head."""
     if format not in HEADED:
         raise Problem("not-acceptable", f"A mesh in parts is no {format} file. Request one of {', '.join(HEADED)}.")
     if cells != "quad":
         raise Problem("not-acceptable", "The files of a mesh in parts hold quadrilaterals. Request cells=quad.")
+    if order != 1:
+        raise Problem("not-acceptable", "The files of a mesh in parts hold cells of order 1. Request order=1.")
 
 
 def check_part(format: str) -> None:

@@ -40,21 +40,22 @@ async def mesh_file(
     format: str,
     cells: str,
     *,
+    order: int = 1,
     headers: Mapping[str, str] | None = None,
     status: int = 200,
 ) -> Response:
     """The file of a finished mesh, the head of one in parts; raises a 406 problem for a format that it has not."""
     parts = parts_of(row)
     if parts is not None:
-        check_head(format, cells)
+        check_head(format, cells, order)
         artifact = await service.artifact(row.id, head_name(format))
         form, file = PART_FORMATS[format], StoredFile(artifact.sha256, artifact.size)
         name = form.head_name(parts["name"])
         return await send_file(
             request, service.files, file, form.head_media_type, filename=name, headers=headers, status=status
         )
-    check_whole(format, cells, is_grid=row.has_grid)
-    artifact = await service.artifact(row.id, file_name(format, cells))
+    check_whole(format, cells, is_grid=row.has_grid, order=order)
+    artifact = await service.artifact(row.id, file_name(format, cells, order))
     return await mesh_bytes(request, service, row.id, format, artifact, headers=headers, status=status)
 
 
@@ -133,6 +134,12 @@ _FORMAT = Query(
     json_schema_extra={"enum": [*FORMATS, *HEADED]},
 )
 _CELLS = Query(description="Cells of the file; by default those of the spec.")
+_ORDER = Query(
+    description="2: cells with a node in the middle of each edge, on curved sides of the domain on the curve, for vtu,"
+    " msh and abaqus.",
+    ge=1,
+    le=2,
+)
 _PARTIAL = Query(description="Also the last valid mesh of a solve that failed.")
 
 
@@ -144,6 +151,7 @@ async def get_file(
     caller: Reader,
     format: Annotated[str | None, _FORMAT] = None,
     cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
+    order: Annotated[int, _ORDER] = 1,
     partial: Annotated[bool, _PARTIAL] = False,
 ) -> Response:
     """The mesh in a format that a solver reads; written on the first request, then stored.
@@ -153,7 +161,7 @@ async def get_file(
     row = await service.mesh(id, caller)
     name = known_format(format) if format is not None else _choose_format(request, row)
     check_done(row, partial=partial)
-    return await mesh_file(request, service, row, name, cells or row.cells)
+    return await mesh_file(request, service, row, name, cells or row.cells, order=order)
 
 
 router.head(

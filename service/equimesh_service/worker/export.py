@@ -3,12 +3,14 @@
 import json
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import equimesh
 from equimesh import Mesh
+from equimesh.fields.curved_sides import curved_edges
 from equimesh.io.npz import load_npz
 from equimesh.io.write import CELLS, FORMATS, write_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -47,7 +49,7 @@ def _export(task: Export) -> Artifact | None:
 
 def _suffix(name: str) -> str:
     match name.split(":"):
-        case ["file", format, _]:
+        case ["file", format, _, *_]:
             return FORMATS[format].suffix
         case ["plot", _, format]:
             return f".{format}"
@@ -66,9 +68,12 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
         return sources.enter_context(files.local(_artifact(task, name, store).sha256))
 
     match task.name.split(":"):
-        case ["file", format, requested]:
-            cells = next(known for known in CELLS if known == requested)
-            write_mesh(path, load_npz(source(MESH)), format=format, cells=cells)
+        case ["file", format, requested, *order]:
+            cells, data = next(known for known in CELLS if known == requested), load_npz(source(MESH))
+            if order:
+                domain = _problem(task, store, files, sources).domain
+                data = replace(data, curved=curved_edges(data.mesh, domain))
+            write_mesh(path, data, format=format, cells=cells, order=2 if order else 1)
         case ["head", format]:
             write_head_file(path, _layout(task, store), format)
         case ["part", format, number]:

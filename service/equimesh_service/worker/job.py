@@ -93,9 +93,10 @@ PLOTS = ("mesh", "convergence", "quality", "comparison")
 PICTURES = {"svg": "image/svg+xml", "png": "image/png"}
 
 
-def file_name(format: str, cells: str) -> str:
+def file_name(format: str, cells: str, order: int = 1) -> str:
     """The name of the artifact of a mesh in a format; npz with quads is the mesh as it was computed."""
-    return MESH if (format, cells) == ("npz", "quad") else f"file:{format}:{cells}"
+    name = MESH if (format, cells) == ("npz", "quad") else f"file:{format}:{cells}"
+    return name if order == 1 else f"{name}:second order"
 
 
 def plot_name(kind: str, format: str) -> str:

@@ -184,12 +184,15 @@ def nearest_on(curve: BoundaryCurve, x: Array, y: Array, places: Array) -> Array
     """The t of the points of ``curve`` nearest to these points.
 
     The search begins at the nearest of ``places`` and goes on by golden sections between its neighbours, which are
-    assumed to hold one smallest distance.
+    assumed to hold one smallest distance. On a closed curve these lie beyond its ends, too.
     """
     px, py = np.ravel(x).astype(np.float64), np.ravel(y).astype(np.float64)
     at_x, at_y, *_ = curve.evaluate(places)
     best = np.array([int(((at_x - a) ** 2 + (at_y - b) ** 2).argmin()) for a, b in zip(px, py, strict=True)], dtype=int)
-    low, high = places[np.maximum(best - 1, 0)], places[np.minimum(best + 1, len(places) - 1)]
+    turn = places[-1] - places[0]
+    beyond = (places[-2] - turn, places[1] + turn) if curve.closed else places[[0, -1]]
+    around = np.concatenate([beyond[:1], places, beyond[1:]])
+    low, high = around[best], around[best + 2]
     t = places[best]
     # Where the derivative of the squared distance changes its sign: bisection, which no kink disturbs.
     for _ in range(SEARCH_STEPS):
@@ -200,7 +203,9 @@ def nearest_on(curve: BoundaryCurve, x: Array, y: Array, places: Array) -> Array
     ends = np.stack([t, places[best]])
     cx, cy, *_ = curve.evaluate(ends)
     distance = (cx - px) ** 2 + (cy - py) ** 2
-    return np.asarray(np.where(distance[0] <= distance[1], t, places[best])).reshape(np.shape(x))
+    found = np.where(distance[0] <= distance[1], t, places[best])
+    is_beyond = (found < places[0]) | (found > places[-1])
+    return np.asarray(np.where(is_beyond, wrapped(curve, found), found)).reshape(np.shape(x))
 
 
 # Parts of curves: from which t to which an edge runs, and where its nodes stand.

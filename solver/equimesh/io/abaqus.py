@@ -17,6 +17,8 @@ MAX_NAME = 80
 """Characters of a name, at most: CalculiX refuses longer ones."""
 PER_ROW = 10
 """Numbers of a row of a set; Abaqus takes 16."""
+CORNERS = {3: 3, 4: 4, 6: 3, 8: 4}
+"""The corners of a cell by its nodes."""
 MAX_WIDTH = 20
 """Characters that Abaqus and CalculiX read of a number: an exponent behind them would be lost."""
 
@@ -25,23 +27,24 @@ def abaqus_text(points: Array, cells: IntArray, sides: Mapping[str, IntArray], *
     """The file's text: the nodes, the cells, and for each side its nodes and its edges.
 
     ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 3)`` or ``(m, 4)``, counter-clockwise, each side ``(k, 2)``, with
-    the domain on its left; numbering starts at 0, and at 1 in the file. Cells are plane elements ``CPS3`` or ``CPS4``
-    of the set ``domain``. The nodes of a side are a node set with its name, its edges a surface ``NAME_edges`` of faces
-    of elements: a code that takes an edge for one of a side because both nodes are in its set needs the first. Where
-    there are several subdomains, the cells of each are the set ``subdomain_1``, and so on. Names of sides that differ
-    only in their case, which readers do not see, get a number, as does ``domain``; long ones are cut.
+    the domain on its left; numbering starts at 0, and at 1 in the file. Of second order cells have 6 or 8 nodes, and
+    edges 3. Cells are plane elements ``CPS3`` or ``CPS4``, ``CPS6`` or ``CPS8`` of the set ``domain``. The nodes of a
+    side are a node set with its name, its edges a surface ``NAME_edges`` of faces of elements: a code that takes an
+    edge for one of a side because both nodes are in its set needs the first. Where there are several subdomains, the
+    cells of each are the set ``subdomain_1``, and so on. Names of sides that differ only in their case, which readers
+    do not see, get a number, as does ``domain``; long ones are cut.
 
     A coordinate has all its digits, unless these take more than ``MAX_WIDTH`` characters.
 
     Source: Abaqus, "Keywords reference": NODE, ELEMENT, NSET, ELSET, SURFACE.
     """
-    corners = cells.shape[1]
+    nodes = cells.shape[1]
     named = labels(sides, [DOMAIN], MAX_NAME - len(EDGES))
     lines = ["*HEADING", " equimesh", "*NODE"]
     lines += [f"{k}, {number(x)}, {number(y)}, 0.0" for k, (x, y) in enumerate(points.tolist(), start=1)]
-    lines.append(f"*ELEMENT, type=CPS{corners}, ELSET={DOMAIN}")
+    lines.append(f"*ELEMENT, type=CPS{nodes}, ELSET={DOMAIN}")
     numbered = np.column_stack([np.arange(1, len(cells) + 1), cells + 1])
-    lines += integer_rows(", ".join(["%d"] * (corners + 1)), numbered)
+    lines += integer_rows(", ".join(["%d"] * (nodes + 1)), numbered)
     for side, edges in sides.items():
         lines += [f"*NSET,NSET={named[side]}", *_set_rows(np.unique(edges) + 1)]
     for side, edges in sides.items():
@@ -71,11 +74,12 @@ def _set_rows(numbers: IntArray) -> Iterator[str]:
 
 def _faces(cells: IntArray, edges: IntArray) -> IntArray:
     """The cell and the local face of each of the ``edges``, shape ``(k, 2)``; face j goes from corner j to the next."""
-    around = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
-    keys, wanted = (_keys(pairs, int(cells.max()) + 1) for pairs in (around, edges))
+    corners = cells[:, : CORNERS[cells.shape[1]]]
+    around = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+    keys, wanted = (_keys(pairs, int(cells.max()) + 1) for pairs in (around, edges[:, :2]))
     order = np.argsort(keys)
     places = order[np.searchsorted(keys, wanted, sorter=order)]
-    return np.column_stack(np.divmod(places, cells.shape[1]))
+    return np.column_stack(np.divmod(places, corners.shape[1]))
 
 
 def _keys(pairs: IntArray, count: int) -> IntArray:

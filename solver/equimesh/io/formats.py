@@ -11,7 +11,8 @@ CELLS: Final = ("quad", "triangle")
 class MeshFormat:
     """A file format: its short ``name``, file name ``suffix``, ``media_type``, and the programs that read it.
 
-    ``cells`` are the kinds of cells that it can hold. ``grids_only`` formats hold no mesh of blocks.
+    ``cells`` are the kinds of cells that it can hold. ``grids_only`` formats hold no mesh of blocks. ``second_order``
+    ones also hold cells of second order.
     """
 
     name: str
@@ -20,6 +21,7 @@ class MeshFormat:
     description: str
     cells: tuple[Cells, ...] = CELLS
     grids_only: bool = False
+    second_order: bool = False
 
 
 FORMATS: Final = {
@@ -30,6 +32,7 @@ FORMATS: Final = {
             suffix=".vtu",
             media_type="application/vnd.vtk.vtu+xml",
             description="VTK XML unstructured grid: ParaView, VisIt, PyVista, meshio",
+            second_order=True,
         ),
         MeshFormat(
             name="vtk",
@@ -66,6 +69,7 @@ FORMATS: Final = {
             media_type="model/mesh",
             description="Gmsh 2.2 text with physical groups of the sides, such as left, and domain: Gmsh, FreeFEM"
             " (gmshload), scikit-fem, FEniCSx dolfinx, PETSc, deal.II, MFEM, NGSolve, FiPy, SfePy",
+            second_order=True,
         ),
         MeshFormat(
             name="medit",
@@ -85,6 +89,7 @@ FORMATS: Final = {
             media_type="application/x-abaqus",
             description="Abaqus input with a node set and a surface for each side: p4est, Trixi, deal.II, CalculiX,"
             " meshio",
+            second_order=True,
         ),
         MeshFormat(
             name="p3d",

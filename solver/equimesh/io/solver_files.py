@@ -85,7 +85,9 @@ def _distinct(
 IntArray: TypeAlias = npt.NDArray[np.integer[Any]]
 
 DOMAIN = "domain"  # the physical group of the cells
-GMSH_LINE, GMSH_TRIANGLE, GMSH_QUADRILATERAL = 1, 2, 3  # Gmsh's numbers of the element types
+# Gmsh's numbers of the element types, by their nodes; of edges the number of nodes is that of the second dimension.
+GMSH_EDGES = {2: 1, 3: 8}
+GMSH_CELLS = {3: 2, 4: 3, 6: 9, 9: 10}
 
 
 def gmsh_text(
@@ -100,11 +102,12 @@ def gmsh_text(
 ) -> str:
     """The file's text: first the edges of each side, then the cells.
 
-    ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 3)`` or ``(m, 4)``, each side ``(k, 2)``; numbering starts at 0.
-    The sides become the physical groups 1, 2, ... of dimension 1 in their order, the cells the group ``domain`` of
-    dimension 2 with the next number; a cell's elementary entity is the number of its ``subdomain``, from 1. Where a
-    side is called ``domain``, the cells are the group ``cells``. The section ``$Periodic`` has the ``joins``
-    as Gmsh writes them; Gmsh itself keeps the section of such a file as an attribute of the model.
+    ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 3)`` or ``(m, 4)``, each side ``(k, 2)``; numbering starts at 0. Of
+    second order cells have 6 or 9 nodes, and edges 3, the last in their middle. The sides become the physical groups 1,
+    2, ... of dimension 1 in their order, the cells the group ``domain`` of dimension 2 with the next number; a cell's
+    elementary entity is the number of its ``subdomain``, from 1. Where a side is called ``domain``, the cells are the
+    group ``cells``. The section ``$Periodic`` has the ``joins`` as Gmsh writes them; Gmsh itself keeps the section of
+    such a file as an attribute of the model.
 
     Cell data go into ``$ElementNodeData``, the same value at all corners: Gmsh shows them, and readers that know no
     such section skip it. (meshio refuses a file with ``$ElementData`` as soon as there are edges next to the cells.)
@@ -112,15 +115,14 @@ def gmsh_text(
     edges = np.concatenate(list(sides.values()))
     groups = np.repeat(np.arange(1, len(sides) + 1), [len(side) for side in sides.values()])
     domain, corners = len(sides) + 1, cells.shape[1]
-    shape = GMSH_TRIANGLE if corners == 3 else GMSH_QUADRILATERAL
     named, numbers = quoted(sides), {side: number for number, side in enumerate(sides, start=1)}
     names = [f'1 {number} "{named[side]}"' for side, number in numbers.items()]
     names.append(f'2 {domain} "{"cells" if DOMAIN in named.values() else DOMAIN}"')
     number = np.arange(1, len(edges) + len(cells) + 1)
     table = np.column_stack([number[: len(edges)], groups, groups, edges + 1])
-    elements = integer_rows(f"%d {GMSH_LINE} 2 %d %d %d %d", table)
+    elements = integer_rows(f"%d {GMSH_EDGES[edges.shape[1]]} 2 %d %d {' '.join(['%d'] * edges.shape[1])}", table)
     table = np.column_stack([number[len(edges) :], subdomain + 1, cells + 1])
-    elements += integer_rows(f"%d {shape} 2 {domain} %d {' '.join(['%d'] * corners)}", table)
+    elements += integer_rows(f"%d {GMSH_CELLS[corners]} 2 {domain} %d {' '.join(['%d'] * corners)}", table)
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
     lines += ["$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames"]
     lines += ["$Nodes", str(len(points)), *_numbered(f"{x!r} {y!r} 0.0" for x, y in points.tolist()), "$EndNodes"]

@@ -23,7 +23,8 @@ Array: TypeAlias = npt.NDArray[Any]
 Bytes: TypeAlias = npt.NDArray[np.uint8]
 Pairs: TypeAlias = npt.NDArray[np.uint16]
 
-CELL_TYPES: Final = {3: 5, 4: 9}  # VTK's numbers of triangle and quadrilateral, by their corners
+# VTK's numbers of triangles and quadrilaterals, by their nodes: linear ones, and those of second order.
+CELL_TYPES: Final = {3: 5, 4: 9, 6: 22, 9: 28}
 NUMBERS: Final = {"f": "Float", "i": "Int", "u": "UInt"}
 NO_FIELD_DATA: Final[Mapping[str, Array]] = MappingProxyType({})
 PIECE: Final = 3 << 16  # bytes encoded at a time; three become four characters
@@ -40,7 +41,10 @@ def write_vtu(
     cell_data: Mapping[str, Array],
     field_data: Mapping[str, Array] = NO_FIELD_DATA,
 ) -> None:
-    """Write ``points`` of shape ``(n, 2)``, in the plane z = 0, and ``cells`` ``(m, 3)`` or ``(m, 4)`` with their data.
+    """Write ``points`` of shape ``(n, 2)``, in the plane z = 0, and ``cells`` with their data.
+
+    ``cells`` have 3 or 4 nodes, or 6 or 9 of second order: first the corners, then the middles of the edges, then the
+    centre.
 
     Data are flat arrays of numbers, by name; ``field_data`` are arrays of any length. Raises ``OSError`` where the
     file cannot be written.

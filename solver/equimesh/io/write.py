@@ -6,9 +6,10 @@ import math
 import os
 import zipfile
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,7 @@ from equimesh.meshes.cell_edges import Join, joins_of
 from equimesh.meshes.interfaces import contacts
 from equimesh.meshes.mesh_data import MeshData, at_one_place
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.second_order import SecondOrderMesh
 from equimesh.numerics.types import IntArray
 
 if TYPE_CHECKING:
@@ -38,6 +40,47 @@ SIDE_DATA: Final = "sides/"
 def corners_of(data: MeshData, kind: Cells) -> npt.NDArray[np.int64]:
     """The nodes of the cells of this ``kind``."""
     return data.triangles() if kind == "triangle" else data.mesh.cells
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileCells:
+    """The nodes, cells and edges of sides as a file of cells of order 1 or 2 has them."""
+
+    points: npt.NDArray[np.float64]
+    cells: IntArray
+    sides: Mapping[str, IntArray]
+    joins: tuple[Join, ...]
+    second: SecondOrderMesh | None = None
+
+    @classmethod
+    def of(cls, data: MeshData, kind: Cells, order: int) -> FileCells:
+        """From the data of a mesh; raises as :class:`~equimesh.meshes.second_order.SecondOrderMesh`."""
+        mesh, corners = data.mesh, corners_of(data, kind)
+        if order == 1:
+            return cls(points=mesh.points, cells=corners, sides=mesh.sides, joins=_joins(data))
+        second = SecondOrderMesh.of(mesh.points, mesh.cells, data.curved)
+        joins = [
+            replace(join, edges=second.edges(join.edges), original_edges=second.edges(join.original_edges))
+            for join in _joins(data)
+        ]
+        return cls(
+            points=second.points,
+            cells=second.triangles(corners) if kind == "triangle" else second.cells,
+            sides={name: second.edges(edges) for name, edges in mesh.sides.items()},
+            joins=tuple(joins),
+            second=second,
+        )
+
+    def at_nodes(self, values: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+        """Values at the nodes of the mesh as values at those of the file: between corners their means."""
+        return {name: one if self.second is None else self.second.at_nodes(one) for name, one in values.items()}
+
+    @property
+    def without_centres(self) -> FileCells:
+        """The same cells without the nodes in the middle of quadrilaterals, for formats that have none."""
+        if self.second is None or self.cells.shape[1] != 9:
+            return self
+        return replace(self, points=self.points[: self.second.without_centres], cells=self.cells[:, :8])
 
 
 def per_quad(kind: Cells) -> int:
@@ -58,11 +101,11 @@ def node_groups(data: MeshData) -> npt.NDArray[np.int32]:
     return groups
 
 
-def side_data(data: MeshData) -> dict[str, IntArray]:
+def side_data(data: MeshData, sides: Mapping[str, IntArray]) -> dict[str, IntArray]:
     """The edges of the sides of blocks; a grid has ``xi`` and ``eta`` to find its own."""
     if not isinstance(data.mesh, QuadMesh):
         return {}
-    return {f"{SIDE_DATA}{name}": edges.astype(np.int64) for name, edges in data.mesh.sides.items()}
+    return {f"{SIDE_DATA}{name}": edges.astype(np.int64) for name, edges in sides.items()}
 
 
 def point_data(data: MeshData) -> dict[str, npt.NDArray[np.float64]]:
@@ -114,7 +157,12 @@ ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same mesh gives the same bytes
 
 
 def write_mesh(
-    path: str | os.PathLike[str], data: MeshData, *, format: str | None = None, cells: Cells = "quad"
+    path: str | os.PathLike[str],
+    data: MeshData,
+    *,
+    format: str | None = None,
+    cells: Cells = "quad",
+    order: Literal[1, 2] = 1,
 ) -> tuple[Path, ...]:
     """Write ``data`` to ``path`` and return the files written, the named one first.
 
@@ -124,6 +172,10 @@ def write_mesh(
     folder that exists is the case of an OpenFOAM solver, and gets the files of ``constant/polyMesh``; other files
     there stay. ``cells="triangle"`` cuts each quadrilateral on its better diagonal; triangles inherit its cell
     data.
+
+    With ``order=2`` cells have a node in the middle of each edge, and quadrilaterals one in their centre, but for
+    ``abaqus``. On curved sides these lie on the curve, if ``data.curved`` has it; inside edges are straight, unless a
+    cell would fold. Data there are the means of the corners.
 
     Point data: ``u``, the ``fields`` at nodes, and ``xi``, ``eta``, from which a reader without side tags finds the
     sides (left is ``xi == 0``, right ``xi == 1``, bottom ``eta == 0``, top ``eta == 1``). A mesh of blocks has neither.
@@ -135,8 +187,8 @@ def write_mesh(
 
     Files appear whole or not at all, and the same mesh gives the same bytes. Raises
     :class:`~equimesh.errors.InputError` for what is no data, for an unknown format, suffix or kind of cell, for a
-    folder that does not exist, for triangles in structured grids (``vts``, ``vtm``, ``p3d``), for blocks in one such
-    grid (``vts``), and ``OSError`` where a file cannot be written.
+    folder that does not exist, for an order that the format does not have, for triangles in structured grids (``vts``,
+    ``vtm``, ``p3d``), for blocks in one such grid (``vts``), and ``OSError`` where a file cannot be written.
     """
     if not isinstance(data, MeshData):
         raise InputError(f"data = {data!r:.60}: give the data of a solution, solution.data()", field="data")
@@ -151,6 +203,7 @@ def write_mesh(
         raise InputError(f"unknown kind of cells {cells!r}: choose quad or triangle", field="cells")
     if cells not in FORMATS[name].cells:
         raise InputError(f"a {name} file holds no {cells}s: choose another format, or quad", field="cells")
+    _check_order(name, order)
     if FORMATS[name].grids_only and isinstance(data.mesh, QuadMesh):
         raise InputError(f"a {name} file holds one grid, not blocks: choose vtm or vtu", field="format")
     if name not in KEPT:
@@ -167,10 +220,19 @@ def write_mesh(
             written = tuple(reversed(_write_several(Path(folder), data, name, cells, path)))
         else:
             written = (Path(folder) / path.name,)
-            _write_file(written[0], data, name, cells)
+            _write_file(written[0], data, name, cells, order)
         for file in written:
             os.replace(file, target / file.name)
     return tuple(target / file.name for file in reversed(written))
+
+
+def _check_order(name: str, order: object) -> None:
+    """Refuse an order of cells that there is not, or that a format does not have."""
+    if order not in (1, 2) or isinstance(order, bool):
+        raise InputError(f"order = {str(order)[:20]}: cells have order 1, or 2 with curved edges", field="order")
+    if order == 2 and not FORMATS[name].second_order:
+        known = ", ".join(form.name for form in FORMATS.values() if form.second_order)
+        raise InputError(f"a {name} file holds cells of order 1: choose one of {known}, or order 1", field="order")
 
 
 def mesh_bytes(data: MeshData, *, format: str, cells: Cells = "quad") -> bytes:
@@ -192,17 +254,18 @@ def _format_name(path: Path) -> str:
     raise InputError(f"{path.name!r} has no suffix of a mesh format: choose one of {suffixes}", field="format")
 
 
-def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
+def _write_file(file: Path, data: MeshData, name: str, kind: Cells, order: int = 1) -> None:
     match name:
         case "vtu":
+            of = FileCells.of(data, kind, order)
             # Compression makes files a third of the size, and takes longer than the solve.
             write_vtu(
                 file,
-                data.mesh.points,
-                corners_of(data, kind),
-                point_data=point_data(data),
+                of.points,
+                of.cells,
+                point_data=of.at_nodes(point_data(data)),
                 cell_data=cell_data(data, kind),
-                field_data=side_data(data),
+                field_data=side_data(data, of.sides),
             )
         case "vtk":
             import meshio
@@ -217,14 +280,15 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
                 first = Path(folder) / {"xdmf": "mesh.xdmf", "vtm": "mesh.vtm", "p3d": "mesh.xyz"}[name]
                 _pack(file, _write_several(Path(folder), data, name, kind, first))
         case "msh":
+            of = FileCells.of(data, kind, order)
             text = gmsh_text(
-                data.mesh.points,
-                corners_of(data, kind),
-                data.mesh.sides,
+                of.points,
+                of.cells,
+                of.sides,
                 subdomain=np.repeat(data.subdomain.ravel(), per_quad(kind)),
-                point_data=point_data(data),
+                point_data=of.at_nodes(point_data(data)),
                 cell_data=cell_data(data, kind),
-                joins=_joins(data),
+                joins=of.joins,
             )
             file.write_text(text, encoding="utf-8", newline="\n")
         case "medit":
@@ -236,7 +300,8 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
             file.write_text(text, encoding="ascii", newline="\n")
         case "abaqus":
             owner = np.repeat(data.subdomain.ravel(), per_quad(kind))
-            text = abaqus_text(data.mesh.points, corners_of(data, kind), data.mesh.sides, subdomain=owner)
+            of = FileCells.of(data, kind, order).without_centres
+            text = abaqus_text(of.points, of.cells, of.sides, subdomain=owner)
             file.write_text(text, encoding="ascii", newline="\n")
         case "foam":
             with TemporaryDirectory(dir=file.parent) as folder:

@@ -10,6 +10,7 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.second_order import CurvedEdges
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
 # A structured mesh with closed lines as a mesh of quadrilaterals, whose copies of a node are one if they can be.
@@ -63,13 +64,14 @@ def _no_ties() -> IntArray:
 class MeshData:
     """A mesh with values at its nodes and cells.
 
-    ``u`` at the nodes, shape ``(n_xi, n_eta)``, ``None`` where the monitor has no u; per cell, shape
-    ``(n_xi - 1, n_eta - 1)``, the measure ``q_eq`` and the number of the ``subdomain`` that computed the cell.
-    On a mesh of blocks these shapes are ``(n,)`` and ``(m,)``. ``fields`` are further values at the nodes and
-    ``cell_fields`` such values per cell, by names other than those that files have already; a vector has one more axis,
-    that of its components. ``ties``, shape ``(k, 2)``, are the nodes of a grid with closed lines that are one: a copy
-    and its original. A mesh of blocks has its own. ``step`` is the JSON that a step of a sequence answers with, for npz
-    files; it is empty for other meshes.
+    ``u`` at the nodes, shape ``(n_xi, n_eta)``, ``None`` where the monitor has no u; per cell, shape ``(n_xi - 1, n_eta
+    - 1)``, the measure ``q_eq`` and the number of the ``subdomain`` that computed the cell. On a mesh of blocks these
+    shapes are ``(n,)`` and ``(m,)``. ``fields`` are further values at the nodes and ``cell_fields`` such values per
+    cell, by names other than those that files have already; a vector has one more axis, that of its components.
+    ``ties``, shape ``(k, 2)``, are the nodes of a grid with closed lines that are one: a copy and its original. A mesh
+    of blocks has its own. ``curved`` are the edges on curved sides of the domain, for files of second order: ``None``
+    where these are straight, or not known. ``step`` is the JSON that a step of a sequence answers with, for npz files;
+    it is empty for other meshes.
 
     Raises :class:`~equimesh.errors.InputError` for other shapes.
     """
@@ -82,6 +84,7 @@ class MeshData:
     cell_fields: Mapping[str, Array] = field(default_factory=dict)
     step: str = ""
     ties: IntArray = field(default_factory=_no_ties)
+    curved: CurvedEdges | None = None
 
     def __post_init__(self) -> None:
         nodes, cells = self.mesh.node_shape, self.mesh.cell_shape
@@ -117,9 +120,11 @@ class MeshData:
             found[mesh.blocks[0]] = values
             return found
 
+        curved = self.curved
         return replace(
             self,
             mesh=mesh,
+            curved=curved and replace(curved, edges=mesh.blocks[0].ravel()[curved.edges]),
             u=None if self.u is None else at_nodes(self.u),
             q_eq=self.q_eq.ravel(),
             subdomain=self.subdomain.ravel(),

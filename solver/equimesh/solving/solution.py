@@ -465,11 +465,21 @@ class Solution(Generic[D, M]):
         """Draw the mesh on ``axes`` of matplotlib, or on those of pyplot, with the error of each cell as its colour."""
         return draw_on(self.mesh, self.against_uniform.adapted.error, axes)
 
-    def write(self, path: str | os.PathLike[str], *, cells: Literal["quad", "triangle"] = "quad") -> tuple[Path, ...]:
+    def write(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        cells: Literal["quad", "triangle"] = "quad",
+        order: Literal[1, 2] = 1,
+    ) -> tuple[Path, ...]:
         """Write the mesh with its data in the format of the suffix; see :func:`equimesh.io.write_mesh`."""
+        from equimesh.fields.curved_sides import curved_edges
         from equimesh.io.write import write_mesh
 
-        return write_mesh(path, self.data(), cells=cells)
+        data = self.data()
+        if order == 2:
+            data = replace(data, curved=curved_edges(self.mesh, self.problem.domain))
+        return write_mesh(path, data, cells=cells, order=order)
 
     def _repr_html_(self) -> str:
         """A picture and a table, for notebooks."""

@@ -18,6 +18,7 @@ import pytest
         (["x", "-o", "no/where/mesh.vtu"], "no/where: there is no such folder"),
         (["x", "-o", "no-case"], ", or name the folder of an OpenFOAM case, which must exist"),
         (["x", "-o", "mesh.vts", "--cells", "triangle"], "a .vts file holds no triangles"),
+        (["x", "-o", "mesh.su2", "--order", "2"], "--order 2 is for a file of .vtu, .msh, .inp: name one by -o"),
         (["x", "--plot", "mesh.gif"], "mesh.gif: the suffix"),
         (["--samples", "missing.npz"], "missing.npz: No such file"),
         (["--samples", "u.npz", "--t", "1"], "belong to an expression"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_service.admission.formats import check_format, check_part, known_format
+from equimesh_service.admission.formats import check_format, check_head, check_part, check_whole, known_format
 from equimesh_service.problems.problem import Problem
 
 WHOLE, PARTED = {"parts": None, "cells": "quad"}, {"parts": "auto", "cells": "quad"}
@@ -24,6 +24,12 @@ def test_formats_that_do_not() -> None:
         check_format("npz", PARTED)
     with pytest.raises(Problem, match="A vts file holds no triangles"):
         check_format("vts", {**WHOLE, "cells": "triangle"})
+    with pytest.raises(
+        Problem, match=r"A su2 file holds cells of order 1\. Request one of vtu, msh, abaqus, or order=1"
+    ):
+        check_whole("su2", "quad", order=2)
+    with pytest.raises(Problem, match=r"in parts hold cells of order 1\. Request order=1"):
+        check_head("pvtu", order=2)
     with pytest.raises(Problem, match=r"'vtu' is not a format of parts; .*did you mean 'pvtu'"):
         check_part("vtu")
     with pytest.raises(Problem, match=r"'xyz' is not a mesh format; there are vtu, .*pvtu"):

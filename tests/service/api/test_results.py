@@ -14,7 +14,7 @@ import pytest
 
 from equimesh.io.write import FORMATS
 from service.conftest import small
-from service.requests import WAIT, post
+from service.requests import WAIT, post, solved
 
 
 @pytest.mark.parametrize("format", FORMATS)
@@ -41,6 +41,22 @@ def test_every_format(http: httpx.Client, finished: dict[str, Any], format: str,
         assert {"mesh.xdmf", "mesh.h5", "facets.xdmf", "facets.h5"} <= set(names)
     elif format in ("msh", "su2"):
         assert b"left" in answer.content
+
+
+def test_cells_of_second_order_have_nodes_on_the_curve(http: httpx.Client) -> None:
+    mesh = solved(http, small(domain={"kind": "annulus_sector"}))
+    url = mesh["links"]["file"]
+    text = http.get(url, params={"format": "msh", "order": 2}).text
+    assert text != http.get(url, params={"format": "msh"}).text
+    rows = text.split("$Nodes\n")[1].split("$EndNodes")[0].splitlines()[1:]
+    radius = np.hypot(*np.array([row.split()[1:3] for row in rows], dtype=float).T)
+    assert (abs(radius - 1) < 1e-12).sum() == (abs(radius - 2) < 1e-12).sum() == 2 * 9 - 1
+    refused = http.get(url, params={"format": "su2", "order": 2})
+    assert (refused.status_code, refused.json()["detail"]) == (
+        406,
+        "A su2 file holds cells of order 1. Request one of vtu, msh, abaqus, or order=1.",
+    )
+    assert http.get(url, params={"order": 3}).status_code == 422
 
 
 def test_files_can_be_cached_and_resumed(http: httpx.Client, finished: dict[str, Any]) -> None:

@@ -158,3 +158,10 @@ def test_lines_and_nodes_elsewhere_have_none() -> None:
     found = Chords.of(Circle(), RING, slides, away, CHORD_ANGLES)
     assert found is not None
     assert len(found.nodes) == COUNT - 2
+
+
+def test_the_nearest_point_of_a_closed_curve_may_lie_just_before_its_end() -> None:
+    ring = FormulaCurve(curve=em.Curve.of_expressions("cos(2*pi*t)", "sin(2*pi*t)"), closed=True)
+    t = np.array([0.9996, 0.9999, 0.0001, 0.0004])
+    x, y, *_ = ring.evaluate(t)
+    np.testing.assert_allclose(ring.nearest(x, y), t, atol=1e-9)

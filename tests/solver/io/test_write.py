@@ -295,12 +295,12 @@ def test_triangles_inherit_the_values_of_their_quadrilateral() -> None:
 
 def test_sides_of_blocks_are_arrays_of_edges_and_groups_of_nodes() -> None:
     data = data_of(l_shape())
-    assert {name: len(edges) for name, edges in side_data(data).items()} == {
+    assert {name: len(edges) for name, edges in side_data(data, data.mesh.sides).items()} == {
         "sides/inlet": 8,
         "sides/outlet": 4,
         "sides/wall": 20,
     }
-    assert side_data(DATA) == {}
+    assert side_data(DATA, DATA.mesh.sides) == {}
     groups = node_groups(data)
     assert groups[data.mesh.blocks[0][0, 0]] == 13
     assert {*groups.tolist()} == {0, 1, 2, 3, 13, 23}
