@@ -123,8 +123,8 @@ class LoosePiece:
         return [*np.concatenate([self.corners, self.corners[:, :1]], axis=1)]
 
 
-def pieces_of(mesh: Any, values: Array | None = None) -> list[Drawable]:
-    """The pieces of a mesh, each with its share of the ``values`` of the cells; without values all are 0.
+def pieces_of(mesh: Any, values: Array | None = None, otherwise: float = 0.0) -> list[Drawable]:
+    """The pieces of a mesh, each with its share of the ``values`` of the cells; all are ``otherwise`` without.
 
     ``mesh`` has ``blocks``, the nodes of each, and ``points``; or ``x`` and ``y`` of a grid, shape ``(n_xi, n_eta)``;
     or ``points`` and ``cells`` alone. ``values`` have the shape of its cells, and may be masked.
@@ -134,13 +134,15 @@ def pieces_of(mesh: Any, values: Array | None = None) -> list[Drawable]:
     shapes = [(block.shape[0] - 1, block.shape[1] - 1) for block in blocks]
     places = getattr(mesh, "block_cells", None) or _in_order(shapes)
     if len(blocks):
-        flat = np.zeros(sum(map(math.prod, shapes))) if values is None else values.ravel()
+        flat = np.full(sum(map(math.prod, shapes)), otherwise) if values is None else values.ravel()
         nodes = [mesh.points[block] for block in blocks]
         return [Piece(x=at[..., 0], y=at[..., 1], values=flat[cells]) for at, cells in zip(nodes, places, strict=True)]
     if mesh.x.ndim == 2:
         shape = (mesh.x.shape[0] - 1, mesh.x.shape[1] - 1)
-        return [Piece(x=mesh.x, y=mesh.y, values=np.zeros(shape) if values is None else values.reshape(shape))]
-    cells = np.zeros(len(mesh.cells)) if values is None else values.ravel()
+        return [
+            Piece(x=mesh.x, y=mesh.y, values=np.full(shape, otherwise) if values is None else values.reshape(shape))
+        ]
+    cells = np.full(len(mesh.cells), otherwise) if values is None else values.ravel()
     return [LoosePiece(corners=mesh.points[mesh.cells], values=cells)]
 
 
@@ -168,7 +170,7 @@ def draw_cells(axes: Axes, mesh: Any, error: Array | None, scale: LogNorm) -> Sc
     from matplotlib.collections import LineCollection
 
     shown = None if error is None else np.ma.masked_invalid(np.maximum(error, scale.vmin or 0.0))
-    pieces = pieces_of(mesh, shown)
+    pieces = pieces_of(mesh, shown, scale.vmin or 0.0)
     count = sum(piece.values.size for piece in pieces)
     # of blocks as if they were a square of as many cells
     across = max(mesh.x.shape) - 1 if mesh.x.ndim == 2 else math.isqrt(count)

@@ -34,8 +34,8 @@ def place_of(path: str) -> str:
         return _NAMED[path]
     if path.startswith("docs/"):
         return path.removeprefix("docs/")
-    if path.startswith("examples/") and path.endswith(".py"):
-        return path.removesuffix(".py") + ".md"
+    if path.startswith("examples/") and path.endswith((".py", ".ipynb")):
+        return path.rpartition(".")[0] + ".md"
     return f"files/{path}.md"
 
 

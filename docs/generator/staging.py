@@ -12,6 +12,7 @@ from pathlib import Path
 
 from generator.command_pages import command_pages
 from generator.http_pages import http_pages
+from generator.notebooks import markdown_of
 from generator.places import ROOT, place_of, relinked
 from generator.python_pages import python_pages
 
@@ -79,8 +80,10 @@ def _written_pages() -> dict[str, str]:
         name = place_of(path)
         if name in pages or path.startswith("docs/images/"):
             continue
-        text = (ROOT / path).read_text(encoding="utf-8")
-        pages[name] = relinked(text, path, paths.append) if path.endswith(".md") else _source_page(path, text)
+        is_notebook = path.endswith(".ipynb")
+        text = markdown_of(ROOT / path) if is_notebook else (ROOT / path).read_text(encoding="utf-8")
+        is_page = is_notebook or path.endswith(".md")
+        pages[name] = relinked(text, path, paths.append) if is_page else _source_page(path, text)
     return pages
 
 

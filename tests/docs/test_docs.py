@@ -58,6 +58,7 @@ from equimesh_service.api.app import create_app
 from equimesh_service.problems.problem import KINDS
 from equimesh_service.settings import groups
 from generator.command_pages import COMMANDS, SETTINGS, command_pages
+from generator.notebooks import markdown_of, with_output
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
@@ -88,9 +89,18 @@ def _needs(text: str) -> list[pytest.MarkDecorator]:
     return [pytest.mark.needs("curl")] if any(kind == "sh" and "curl" in code for kind, code in blocks(text)) else []
 
 
+# Notebooks are pages, too: their cells, and what is stored of what they print.
+NOTEBOOKS = {path.name: path for path in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))}
+
+
+def text_of(name: str) -> str:
+    """The Markdown of a page or of a notebook."""
+    return PAGES[name].read_text() if name in PAGES else markdown_of(NOTEBOOKS[name])
+
+
 RUN = [
     pytest.param(name, marks=_needs(text))
-    for name, text in ((name, path.read_text()) for name, path in PAGES.items())
+    for name, text in ((name, text_of(name)) for name in [*PAGES, *NOTEBOOKS])
     if any(kind in ("python", "sh") for kind, _ in blocks(text))
 ]
 
@@ -157,7 +167,7 @@ def shell_commands(code: str) -> Iterator[str]:
 
 @pytest.mark.parametrize("name", RUN)
 def test_the_code_of_a_page_runs(name: str, url: str, page_folder: Path) -> None:
-    text = PAGES[name].read_text().replace(URL, url)
+    text = text_of(name).replace(URL, url)
     told, program = dict(PRINTS.findall(text)), ModuleType("__main__")
     for kind, code in blocks(text):
         if kind == "sh" and "pip install" not in code:
@@ -170,6 +180,29 @@ def test_the_code_of_a_page_runs(name: str, url: str, page_folder: Path) -> None
     for kept in re.findall(r"\]\(\.\./images/tutorials/([\w-]+\.png)\)", text):
         shown, drawn = (_coarse(path) for path in (ROOT / "docs" / "images" / "tutorials" / kept, page_folder / kept))
         assert sum(abs(a - b) for a, b in zip(shown, drawn, strict=True)) / len(shown) < 5, f"store {kept} again"
+
+
+def test_the_output_of_a_notebook_is_what_its_cells_show() -> None:
+    code = "class Shown:\n    def _repr_html_(self):\n        return '<b>shown</b>'\nprint('said', 1)\nShown()"
+    cells = [{"cell_type": "markdown", "source": ["# Title"]}, {"cell_type": "code", "source": [code], "outputs": []}]
+    _, cell = with_output({"cells": cells}, "a notebook")["cells"]
+    printed, shown = cell["outputs"]
+    assert printed["text"] == ["said 1\n"]
+    assert shown["data"]["text/html"] == ["<b>shown</b>"]
+    silent = with_output({"cells": [{**cell, "source": [f"{code};"]}]}, "a notebook")["cells"][0]["outputs"]
+    assert silent == [printed]
+
+
+def test_notebooks_are_listed_and_show_their_output() -> None:
+    readme = ROOT / "examples" / "README.md"
+    assert len(NOTEBOOKS) >= 6
+    for name in NOTEBOOKS:
+        assert f"(notebooks/{name})" in readme.read_text(), name
+        page = markdown_of(NOTEBOOKS[name])
+        assert "data:image/png;base64," in page, name
+        assert len(page) < 400_000, name
+        links = re.findall(r"\]\((\.\.[^)#]*)", page)
+        assert all((NOTEBOOKS[name].parent / link).exists() for link in links), links
 
 
 def differences(told: str, printed: str) -> list[str]:
