@@ -36,7 +36,7 @@ def problems() -> list[dict[str, Any]]:
     return found
 
 
-def solve(problem: dict[str, Any]) -> em.Solution[Any, Any]:
+def solve(problem: dict[str, Any]) -> em.Solution[Any]:
     """The mesh of a problem with fewer points."""
     spec = problem["spec"]
     if "grid" in spec:
@@ -46,7 +46,7 @@ def solve(problem: dict[str, Any]) -> em.Solution[Any, Any]:
     return specs.build({**spec, **coarse}).solve()
 
 
-def picture(solution: em.Solution[Any, Any]) -> dict[str, Any]:
+def picture(solution: em.Solution[Any]) -> dict[str, Any]:
     """A picture: its ``size``, and the ``shape``, coordinates of ``nodes`` from the top, and ``u`` there as digits.
 
     A mesh of blocks has these three for each of its ``blocks``.

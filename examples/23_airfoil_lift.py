@@ -42,7 +42,7 @@ def airfoil(refine: float = 1) -> em.Blocks:
     )
 
 
-def flow(mesh: em.QuadMesh) -> tuple[np.ndarray, np.ndarray, float]:
+def flow(mesh: em.Mesh) -> tuple[np.ndarray, np.ndarray, float]:
     """psi and the speed at the nodes, and the lift coefficient."""
     basis = skfem.Basis(mesh.to_skfem(), skfem.ElementQuad1())
     matrix = laplace.assemble(basis)
@@ -60,7 +60,7 @@ def flow(mesh: em.QuadMesh) -> tuple[np.ndarray, np.ndarray, float]:
     return psi, speed, 2 * float(turning @ (matrix @ psi))
 
 
-def around_the_edge(mesh: em.QuadMesh, values: np.ndarray) -> float:
+def around_the_edge(mesh: em.Mesh, values: np.ndarray) -> float:
     """K of ``values`` behind the trailing edge."""
     found = em.QuadField(mesh=mesh, values=values).evaluate(1 + BEHIND, 0 * BEHIND)[0]
     near = (found - values[mesh.sides["foil"][0, 0]]) / BEHIND**POWER
@@ -68,7 +68,7 @@ def around_the_edge(mesh: em.QuadMesh, values: np.ndarray) -> float:
     return float((near[0] * second - near[1] * first) / (second - first))
 
 
-def velocity_error(mesh: em.QuadMesh, psi: np.ndarray, exact: em.QuadField) -> float:
+def velocity_error(mesh: em.Mesh, psi: np.ndarray, exact: em.QuadField) -> float:
     """The L2 error of the velocity, which is the gradient of psi turned by a right angle."""
     basis = skfem.Basis(mesh.to_skfem(), skfem.ElementQuad1(), intorder=5)
     _, *slopes = exact.evaluate(*basis.global_coordinates(), order=1)
@@ -76,7 +76,7 @@ def velocity_error(mesh: em.QuadMesh, psi: np.ndarray, exact: em.QuadField) -> f
     return float(np.sqrt(sum(((found[k] - slopes[k]) ** 2 * basis.dx).sum() for k in (0, 1))))
 
 
-def draw(meshes: list[em.QuadMesh], path: Path) -> None:
+def draw(meshes: list[em.Mesh], path: Path) -> None:
     figure = Figure(figsize=(10, 5.1), layout="constrained")
     for axes, mesh, title in zip(figure.subplots(1, 2), meshes, ("initial", "adapted to the speed"), strict=True):
         axes.add_collection(PolyCollection(mesh.points[mesh.cells], facecolor="none", edgecolor="0.2", linewidth=0.4))
@@ -90,7 +90,7 @@ def main(output: Path) -> None:
     exact = em.QuadField(mesh=fine, values=psi, limited=False)
     print(f"reference of {len(fine.cells)} cells: lift {lift:.5f}")
 
-    def say(name: str, mesh: em.QuadMesh) -> np.ndarray:
+    def say(name: str, mesh: em.Mesh) -> np.ndarray:
         found, speed, near = flow(mesh)
         error = velocity_error(mesh, found, exact)
         print(f"{name}: {len(mesh.cells)} cells, lift {near - lift:+.1e}, velocity {error:.2e}")

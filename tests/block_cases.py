@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Mesh, quads_of_block
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
 from equimesh.numerics.types import Array, IntArray
 
 
@@ -16,7 +16,7 @@ from equimesh.numerics.types import Array, IntArray
 class InBlocks:
     """A grid as two blocks: node k is the node ``nodes[k]`` of the grid, cell k its cell ``cells[k]``, both flat."""
 
-    mesh: QuadMesh
+    mesh: Mesh
     nodes: IntArray
     cells: IntArray
 
@@ -31,7 +31,7 @@ def in_blocks(mesh: Mesh, column: int = 3, *, turned: bool = True) -> InBlocks:
     turns = int(turned)
     blocks = number[grid[: column + 1]], np.ascontiguousarray(np.rot90(number[grid[column:]], turns))
     cells = np.concatenate([of_grid[:column].ravel(), np.rot90(of_grid[column:], turns).ravel()])
-    whole = QuadMesh(
+    whole = Mesh(
         points=mesh.points[nodes],
         cells=np.concatenate([quads_of_block(block) for block in blocks]),
         sides={f"the {side}": number[edges] for side, edges in mesh.sides.items()},
@@ -40,7 +40,7 @@ def in_blocks(mesh: Mesh, column: int = 3, *, turned: bool = True) -> InBlocks:
     return InBlocks(whole, nodes, cells)
 
 
-def l_shape(n: int = 5, *, bend: float = 0.1) -> QuadMesh:
+def l_shape(n: int = 5, *, bend: float = 0.1) -> Mesh:
     """The square of side 2 without its upper right quarter, ``n`` nodes on an edge of a block, with bent lines.
 
     The sides are ``inlet`` on the left, ``outlet`` at the lower right, and ``wall``.
@@ -56,7 +56,7 @@ def l_shape(n: int = 5, *, bend: float = 0.1) -> QuadMesh:
     lines = [low[:, 0], right[:, 0], right[::-1, -1], high[-1], high[::-1, -1]]
     walls = [np.column_stack([line[:-1], line[1:]]) for line in lines]
     left, end = np.concatenate([high[0, :0:-1], low[0, ::-1]]), right[-1]
-    return QuadMesh(
+    return Mesh(
         points=np.column_stack([x + bump, y - 0.5 * bump]),
         cells=np.concatenate([quads_of_block(block) for block in blocks]),
         sides={
@@ -69,12 +69,12 @@ def l_shape(n: int = 5, *, bend: float = 0.1) -> QuadMesh:
     )
 
 
-def channel(n: int = 5) -> QuadMesh:
+def channel(n: int = 5) -> Mesh:
     """One bent block whose left and right sides are joined, with the sides ``floor`` and ``roof``."""
     x, y = np.meshgrid(np.linspace(0, 2, 2 * n), np.linspace(0, 1, n), indexing="ij")
     mesh = Mesh(x + 0.1 * np.sin(3 * y), y + 0.1 * np.sin(np.pi * x))
     block = np.arange(x.size).reshape(x.shape)
-    return QuadMesh(
+    return Mesh(
         points=mesh.points,
         cells=mesh.cells,
         sides={"floor": mesh.sides["bottom"], "roof": mesh.sides["top"]},
@@ -83,16 +83,22 @@ def channel(n: int = 5) -> QuadMesh:
     )
 
 
-def joined_channel() -> QuadMesh:
+def joined_channel() -> Mesh:
     """The channel with names for the two sides that are joined."""
     mesh = channel()
     block = mesh.blocks[0]
     ends = {"in": block[0, ::-1], "out": block[-1]}
     sides = {name: np.column_stack([line[:-1], line[1:]]) for name, line in ends.items()}
-    return replace(mesh, sides={**mesh.sides, **sides})
+    return changed(mesh, sides={**mesh.sides, **sides})
 
 
-def data_of(mesh: QuadMesh) -> MeshData:
+def changed(mesh: Mesh, **parts: Any) -> Mesh:
+    """The mesh with some other ``parts``: points, cells, sides, blocks, block_names or ties."""
+    names = ("points", "cells", "sides", "blocks", "block_names", "ties")
+    return Mesh(**{**{name: getattr(mesh, name) for name in names}, **parts})
+
+
+def data_of(mesh: Mesh) -> MeshData:
     """The mesh with u, the number of the block of each cell, a scalar and a vector at nodes and in cells."""
     subdomain = np.empty(len(mesh.cells), dtype=np.int64)
     for number, cells in enumerate(mesh.block_cells):

@@ -72,7 +72,7 @@ def profile(y: np.ndarray) -> np.ndarray:
     return np.tanh(3 * (y - 1))
 
 
-def flow(mesh: em.QuadMesh, case: Path) -> np.ndarray:
+def flow(mesh: em.Mesh, case: Path) -> np.ndarray:
     """The velocity in the cells by OpenFOAM, shape ``(m, 2)``."""
     count = len(mesh.cells)
     data = em.MeshData(mesh=mesh, u=None, q_eq=np.zeros(count), subdomain=np.zeros(count, dtype=int))
@@ -106,7 +106,7 @@ def flow(mesh: em.QuadMesh, case: Path) -> np.ndarray:
     return np.array(re.sub("[()]", " ", found[1]).split(), dtype=float).reshape(-1, 3)[:, :2]
 
 
-def at_nodes(mesh: em.QuadMesh, velocity: np.ndarray) -> em.QuadField:
+def at_nodes(mesh: em.Mesh, velocity: np.ndarray) -> em.QuadField:
     """The velocity along the stream, from the cells to the nodes, and as given on the inlet and the walls."""
     values = node_values(em.CellAverages(np.ascontiguousarray(velocity[:, 0])), mesh)
     values[np.unique(np.concatenate([mesh.sides[name] for name in WALLS]))] = 0
@@ -115,7 +115,7 @@ def at_nodes(mesh: em.QuadMesh, velocity: np.ndarray) -> em.QuadField:
     return em.QuadField(mesh=mesh, values=values)
 
 
-def reattachment(mesh: em.QuadMesh, velocity: np.ndarray) -> float:
+def reattachment(mesh: em.Mesh, velocity: np.ndarray) -> float:
     """x where the shear on the floor changes its sign, by parabolas through the wall and the lower two cells."""
     centres, x = mesh.points[mesh.cells].mean(axis=1), mesh.points[mesh.sides["floor"]][..., 0].mean(axis=1)
     (near, low), (far, high) = (
@@ -127,7 +127,7 @@ def reattachment(mesh: em.QuadMesh, velocity: np.ndarray) -> float:
     return float(np.interp(0, shear[turn : turn + 2], x[turn : turn + 2]))
 
 
-def draw(mesh: em.QuadMesh, velocity: np.ndarray, initial: em.QuadMesh, path: Path) -> None:
+def draw(mesh: em.Mesh, velocity: np.ndarray, initial: em.Mesh, path: Path) -> None:
     figure = Figure(figsize=(9, 7), layout="constrained")
     speed = at_nodes(mesh, velocity)
     for axes, of, title in zip(figure.subplots(2, 1), (initial, mesh), ("initial", "adapted"), strict=True):
@@ -144,7 +144,7 @@ def main(output: Path, refine: float, fine: float, rounds: int) -> None:
     u, x = at_nodes(finest, exact), reattachment(finest, exact)
     print(f"reference of {len(finest.cells)} cells: reattachment at x = {x:.3f}")
 
-    def say(name: str, mesh: em.QuadMesh) -> np.ndarray:
+    def say(name: str, mesh: em.Mesh) -> np.ndarray:
         velocity = flow(mesh, output / name)
         wrong = velocity[:, 0] - u.evaluate(*mesh.points[mesh.cells].mean(axis=1).T)[0]
         error, at = np.sqrt(wrong**2 @ mesh.cell_areas()), reattachment(mesh, velocity)

@@ -67,7 +67,7 @@ class Flows:
 
     folder: Path
 
-    def run(self, name: str, mesh: em.QuadMesh, before: str = "", steps: int = 0, fine: str = "") -> str:
+    def run(self, name: str, mesh: em.Mesh, before: str = "", steps: int = 0, fine: str = "") -> str:
         """What FreeFEM prints for some steps on a mesh, from the flow ``before``; the result is the flow ``name``."""
         count = len(mesh.cells)
         data = em.MeshData(mesh=mesh, u=None, q_eq=np.zeros(count), subdomain=np.zeros(count, dtype=int))
@@ -79,11 +79,11 @@ class Flows:
             raise RuntimeError(done.stdout + done.stderr)
         return done.stdout
 
-    def velocity(self, name: str, mesh: em.QuadMesh) -> em.QuadField:
+    def velocity(self, name: str, mesh: em.Mesh) -> em.QuadField:
         """The velocity of a flow along the channel."""
         return em.QuadField(mesh=mesh, values=np.loadtxt(self.folder / f"{name}.uv")[:, 0])
 
-    def follow(self, domain: em.Blocks, period: int) -> tuple[str, em.QuadMesh]:
+    def follow(self, domain: em.Blocks, period: int) -> tuple[str, em.Mesh]:
         """What FreeFEM prints on meshes that follow the flow from ``begin`` on, and the last of them."""
         self.run("moved", domain.mesh, "begin")
         monitor = em.LeastError(u=self.velocity("moved", domain.mesh), distortion=4, smoothness=4)
@@ -97,7 +97,7 @@ class Flows:
         return said, sequence.mesh
 
 
-def draw(meshes: list[em.QuadMesh], speed: em.QuadField, path: Path) -> None:
+def draw(meshes: list[em.Mesh], speed: em.QuadField, path: Path) -> None:
     figure = Figure(figsize=(9, 7), layout="constrained")
     for axes, mesh, title in zip(figure.subplots(2, 1), meshes, ("initial", "after one period"), strict=True):
         values = speed.evaluate(*mesh.points[mesh.cells].mean(axis=1).T)[0]

@@ -31,7 +31,6 @@ from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.least_error.descent import Descent
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
 from equimesh.monitors.monitor import Monitor
@@ -76,6 +75,7 @@ _RENAMED = {
     "BlockSchwarz": "Schwarz",
     "BlockSequence": "Sequence",
     "BlockStep": "SequenceStep",
+    "QuadMesh": "Mesh",
 }
 
 
@@ -178,7 +178,6 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "ErrorIndicator",
     # Meshes and their quality
     "Mesh",
-    "QuadMesh",
     "MeshData",
     "Quality",
     "measure",

@@ -22,7 +22,7 @@ from equimesh.io.write import write_mesh
 from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.least_error.lifting import Lifting, mended
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import machine_code, processor
 from equimesh.numerics.compiled import Origin, kept_entries, origins
 from equimesh.quality.faces import measure_faces
@@ -60,7 +60,7 @@ def warm_up() -> None:
     adapt_round(nodes, u.evaluate(nodes.x, nodes.y)[0])
     fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
     equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
-    blocks = QuadMesh(points=nodes.points, cells=nodes.cells, sides=nodes.sides)
+    blocks = Mesh(points=nodes.points, cells=nodes.cells, sides=nodes.sides)
     measure_faces(blocks), equimesh.measure(blocks, weight, uniform=blocks)
     carried = equimesh.MeshValues(np.round(nodes.x + nodes.y), transfer="conservative")
     averages = equimesh.MeshValues(nodes.x[1:, 1:], transfer="conservative", location="cells")
@@ -121,7 +121,7 @@ def warm_up_blocks(nodes: equimesh.Mesh, u: equimesh.Field) -> None:
     finest = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
     valid = finest.first.unknowns
     mended(finest.chart, finest.cells, valid, valid + 9.0 * finest.chart.free * np.sin(9.0 * valid))
-    first, then = (QuadMesh(points=p, cells=nodes.cells, sides={}) for p in (nodes.points, nodes.points**2))
+    first, then = (Mesh(points=p, cells=nodes.cells, sides={}) for p in (nodes.points, nodes.points**2))
     carried = equimesh.MeshValues(np.round(first.x + first.y), transfer="conservative")
     averages = equimesh.MeshValues(np.arange(64.0), transfer="conservative", location="cells")
     equimesh.transfer(first, {"u": carried, "v": averages, "w": first.x}, then)

@@ -122,7 +122,7 @@ def test_meshes_steps_rounds_and_domains_show_themselves() -> None:
 def test_a_grid_blocks_and_cells_without_order_have_the_same_colours_and_edges() -> None:
     grid = bent()
     blocks = em.Blocks.of_mesh(grid.points, grid.cells, grid.sides).mesh
-    loose = em.QuadMesh(points=grid.points, cells=grid.cells, sides=blocks.sides)
+    loose = em.Mesh(points=grid.points, cells=grid.cells, sides=blocks.sides)
     error = np.linspace(1.0, 2.0, len(grid.cells))
     edges_of, colours = [], []
     for mesh, values in ((grid, error.reshape(grid.cell_shape)), (blocks, error), (loose, error)):

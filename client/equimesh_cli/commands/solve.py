@@ -110,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _report_failure(options: argparse.Namespace, solution: Solution[Any, Any], picture: Picture | None) -> None:
+def _report_failure(options: argparse.Namespace, solution: Solution[Any], picture: Picture | None) -> None:
     """Write and report the partial mesh of a failed solve."""
     files = _write(options, solution, picture) if options.partial and not solution.mesh.is_folded else []
     if options.json:
@@ -125,12 +125,12 @@ def _report_failure(options: argparse.Namespace, solution: Solution[Any, Any], p
             print(f"wrote {file}, a partial mesh")
 
 
-def _print_json(solution: Solution[Any, Any], files: list[str], **parts: Any) -> None:
+def _print_json(solution: Solution[Any], files: list[str], **parts: Any) -> None:
     report = {"status": solution.status.value, "message": solution.message, **parts, "files": files}
     print(json.dumps(report, indent=2))
 
 
-def _points_of(solution: Solution[Any, Any]) -> str:
+def _points_of(solution: Solution[Any]) -> str:
     """The points of a mesh: in both directions, or of blocks in all."""
     grid = getattr(solution.problem, "grid", None)
     return str(solution.mesh.x.size if grid is None else grid)
@@ -146,7 +146,7 @@ def _check_memory(grid: equimesh.Grid) -> None:
         )
 
 
-def _write(options: argparse.Namespace, solution: Solution[Any, Any], picture: Picture | None) -> list[str]:
+def _write(options: argparse.Namespace, solution: Solution[Any], picture: Picture | None) -> list[str]:
     """Write the requested files and return their names."""
     files = []
     if options.output is not None:

@@ -14,7 +14,6 @@ import numpy as np
 from equimesh.errors import InputError, SamplesError
 from equimesh.io.npz import NPZ_ARRAYS, load_npz
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.upload.samples import read_npz
 from equimesh_schema.sequences import (
     ANSWER,
@@ -94,7 +93,7 @@ class Move:
     pointers: Mapping[str, str] = field(default_factory=dict)
     motion: Mapping[str, Any] = field(default_factory=dict)
 
-    def check(self, mesh: Mesh | QuadMesh) -> CheckedMove:
+    def check(self, mesh: Mesh) -> CheckedMove:
         """The move with its values checked on the nodes and cells of ``mesh``; raises a 422 problem."""
         if self.u is None and self.monitor is None:
             raise problem_at("/u", "this key is required, unless the step has a monitor")
@@ -359,7 +358,7 @@ class StepAdmission:
         return {"u": u, "samples": samples, "gains": gains}
 
     def _admitted(
-        self, spec: Mapping[str, Any], mesh: Mesh | QuadMesh, move: Move, checked: CheckedMove, caller: Caller
+        self, spec: Mapping[str, Any], mesh: Mesh, move: Move, checked: CheckedMove, caller: Caller
     ) -> AdmittedSpec:
         """The checked spec of the next mesh, whose functions at nodes are stored as samples."""
         rows: dict[str, SamplesRow] = {}
@@ -393,7 +392,7 @@ class StepAdmission:
                 raise
             raise repointed(problem, lambda pointer: sent_pointer(move.sent, _pointer_of(pointer, from_u))) from None
 
-    def _mesh(self, mesh_id: str) -> Mesh | QuadMesh:
+    def _mesh(self, mesh_id: str) -> Mesh:
         artifact = self.store.meshes.artifact(mesh_id, "mesh")
         if artifact is None:
             raise _gone()
@@ -403,7 +402,7 @@ class StepAdmission:
         except FileNotFoundError:
             raise _gone() from None
 
-    def _keep(self, mesh: Mesh | QuadMesh, u: Array, caller: Caller) -> SamplesRow:
+    def _keep(self, mesh: Mesh, u: Array, caller: Caller) -> SamplesRow:
         """Store u as samples, which a monitor can name."""
         with self.files.unfinished(".npz") as path:
             is_grid = isinstance(mesh, Mesh)

@@ -20,7 +20,6 @@ from equimesh.inputs import real_array
 from equimesh.io.npz import STEP
 from equimesh.io.reading.bounds import open_zip
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.specs.spec import BuiltSpec
 from equimesh.transfers.mesh_values import MAX_COMPONENTS, MeshValues
 from equimesh_schema.sequences import FieldSettings, FieldSource, FieldSpec, Location, NodesSource, StepSpec, Transfer
@@ -201,7 +200,7 @@ class StepField:
         bounds = None if settings.bounds is None else (settings.bounds[0], settings.bounds[1])
         return cls(values=values, transfer=settings.used_transfer, location=settings.location, bounds=bounds)
 
-    def checked(self, mesh: Mesh | QuadMesh, name: str) -> StepField:
+    def checked(self, mesh: Mesh, name: str) -> StepField:
         """The same field with checked values; raises :class:`~equimesh.errors.InputError`."""
         values = checked_values(self.values, mesh, name, location=self.location)
         if self.location == "cells" and self.transfer == "spline":
@@ -222,15 +221,13 @@ class StepField:
         return self.transfer, self.location, self.bounds
 
 
-def checked_values(
-    values: Any, mesh: Mesh | QuadMesh, name: str, *, location: Location = "nodes", vectors: bool = True
-) -> Array:
+def checked_values(values: Any, mesh: Mesh, name: str, *, location: Location = "nodes", vectors: bool = True) -> Array:
     """Finite numbers at all nodes, or in all cells; raises :class:`~equimesh.errors.SamplesError`.
 
     With ``vectors`` there may be one more axis. The nodes of a mesh of blocks are rows of one value in JSON.
     """
     _refuse_not_finite(values, name)
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         return _in_one_row(values, mesh, name, location, vectors=vectors)
     array = real_array(values, name, ndim=dimensions(values) if vectors else 2)
     n_xi, n_eta = mesh.x.shape
@@ -246,7 +243,7 @@ def checked_values(
     return _bounded(array, name)
 
 
-def _in_one_row(values: Any, mesh: QuadMesh, name: str, location: Location, *, vectors: bool) -> Array:
+def _in_one_row(values: Any, mesh: Mesh, name: str, location: Location, *, vectors: bool) -> Array:
     """The values of :func:`checked_values` on a mesh of blocks, of shape ``(n,)`` or ``(n, components)``."""
     ndim = values.ndim if isinstance(values, np.ndarray) and values.ndim in (1, 3) else dimensions(values)
     array = real_array(values, name, ndim=ndim)

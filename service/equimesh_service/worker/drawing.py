@@ -14,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 import equimesh
-from equimesh import Decomposition, Event, Iteration, Mesh
-from equimesh.meshes.mesh import MeshRows
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh import Decomposition, Event, Iteration
+from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.quality import ComparedMesh, UniformComparison, compare_with_uniform
 from equimesh.solving.solution import MeasuredMesh, OnBlocks, degree_of, interpolated_cells
 from equimesh.specs import subdomains_of
@@ -80,7 +79,7 @@ class Frames:
 
 
 def compare(
-    mesh: equimesh.Mesh | QuadMesh,
+    mesh: equimesh.Mesh,
     problem: equimesh.Problem[Any],
     certificate: Mapping[str, Any] | None = None,
 ) -> UniformComparison:
@@ -94,7 +93,7 @@ def compare(
     monitor = problem.monitor
     if isinstance(monitor, equimesh.Auto) and _chosen(certificate or {}) == "least_error":
         problem = replace(problem, monitor=monitor.least_error())
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         return of_blocks(mesh, problem).against_uniform
     window, u = MeshRows.of(mesh), problem.monitor.u
     nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]
@@ -102,7 +101,7 @@ def compare(
     return measured.against_uniform(mesh, measured.quality().interpolation_error)
 
 
-def of_blocks(mesh: QuadMesh, problem: equimesh.Problem[Any]) -> OnBlocks:
+def of_blocks(mesh: Mesh, problem: equimesh.Problem[Any]) -> OnBlocks:
     """The solution of a problem on blocks whose mesh is known, to measure it."""
     return equimesh.Solution(problem=problem, mesh=mesh, reference=mesh, status=equimesh.Status.CONVERGED)
 
@@ -133,7 +132,7 @@ def _arrays_of_mesh(compared: ComparedMesh, prefix: str) -> Arrays:
     in_cells: Arrays = {"q_eq": _single(compared.q_eq)}
     if compared.u is not None and compared.error is not None:
         at_nodes["u"], in_cells["error"] = _single(compared.u), _single(compared.error)
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         at_nodes = {name: _gathered(values, mesh.blocks) for name, values in at_nodes.items()}
         in_cells = {name: _gathered(values, mesh.block_cells) for name, values in in_cells.items()}
     return {prefix + name: values for name, values in {**at_nodes, **in_cells}.items()}
@@ -156,7 +155,7 @@ def document_of(
     error: Mapping[str, Any] | None,
     convergence: Mapping[str, Any] | None,
     decomposition: Decomposition | None,
-    mesh: Mesh | QuadMesh,
+    mesh: Mesh,
 ) -> dict[str, Any]:
     """The numbers and sentences of a drawing.
 
@@ -176,11 +175,11 @@ def document_of(
         "ordering": None if decomposition is None else spec["schwarz"]["ordering"],
         "frames": None,
         "points": int(mesh.x.size),
-        "blocks": _blocks_of(mesh) if isinstance(mesh, QuadMesh) else None,
+        "blocks": _blocks_of(mesh) if not mesh.is_grid else None,
     }
 
 
-def _blocks_of(mesh: QuadMesh) -> list[dict[str, Any]]:
+def _blocks_of(mesh: Mesh) -> list[dict[str, Any]]:
     """The name of each block, and its points in both directions."""
     return [
         {"name": name, "shape": list(block.shape)} for name, block in zip(mesh.block_names, mesh.blocks, strict=True)
@@ -216,9 +215,7 @@ def pack(document: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) ->
     return file.getvalue()
 
 
-def document_of_solution(
-    spec: Mapping[str, Any], solution: equimesh.Solution[Any, Any], seconds: float
-) -> dict[str, Any]:
+def document_of_solution(spec: Mapping[str, Any], solution: equimesh.Solution[Any], seconds: float) -> dict[str, Any]:
     """The document of a solution that is not kept, after a solve of some ``seconds``; ``spec`` is canonical."""
     began = time.perf_counter()
     document = document_of(
@@ -239,7 +236,7 @@ def document_of_solution(
 
 def draw_solution(
     document: dict[str, Any],
-    solution: equimesh.Solution[Any, Any],
+    solution: equimesh.Solution[Any],
     frames: Frames | None = None,
 ) -> bytes:
     """The drawing of a solution that is not kept, with the ``frames`` of its iteration, where there are some."""
@@ -256,7 +253,7 @@ def draw_mesh_row(
     row: MeshRow,
     spec: Mapping[str, Any],
     convergence: Mapping[str, Any] | None,
-    mesh: Mesh | QuadMesh,
+    mesh: Mesh,
     find: SamplesOf,
 ) -> bytes:
     """The drawing of a finished ``mesh`` from its ``row`` in the store, its spec and its history."""
@@ -265,7 +262,7 @@ def draw_mesh_row(
     document = document_of(spec, result, error=row.error, convergence=convergence, decomposition=parts, mesh=mesh)
     document["seconds"] = result.get("timings")
     problem = _problem(spec, result["certificate"], find)
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         return pack(document, arrays_of(of_blocks(mesh, problem).against_uniform, is_folded=False))
     monitor = problem.monitor
     kind, degree = interpolated_cells(monitor), degree_of(monitor)

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import equimesh
-from equimesh import Mesh
 from equimesh.fields.curved_sides import curved_edges
 from equimesh.io.npz import load_npz
 from equimesh.io.write import CELLS, FORMATS, write_mesh
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.specs import subdomains_of
 from equimesh_service.assembly.problem import build
 from equimesh_service.files.port import Files
@@ -105,8 +104,8 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             path.write_text(json.dumps(_quality(mesh, problem).summary(arrays=True), allow_nan=False))
 
 
-def _quality(mesh: Mesh | QuadMesh, problem: equimesh.Problem[Any]) -> equimesh.Quality:
-    if isinstance(mesh, QuadMesh):
+def _quality(mesh: Mesh, problem: equimesh.Problem[Any]) -> equimesh.Quality:
+    if not mesh.is_grid:
         return of_blocks(mesh, problem).quality
     return equimesh.measure(mesh, problem.monitor, uniform=problem.initial)
 

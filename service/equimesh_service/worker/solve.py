@@ -22,7 +22,6 @@ from equimesh.errors import InputError
 from equimesh.io.formats import Cells
 from equimesh.io.npz import load_npz
 from equimesh.io.write import mesh_bytes, write_mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.solving.status import SolveArguments
 from equimesh.specs import build_field
 from equimesh.specs.spec import BuiltSpec
@@ -144,7 +143,7 @@ def _run_now(seal: Callable[[], _Sealed]) -> Callable[[], _Sealed]:
 VELOCITIES = ("velocity", "mesh_velocity")
 # The settings of a step that a sequence takes.
 MOTION = ("smoothing", "max_move", "outrun")
-AnySequenceStep: TypeAlias = equimesh.SequenceStep[Any]
+AnySequenceStep: TypeAlias = equimesh.SequenceStep
 """A step on a grid, or on blocks."""
 
 
@@ -152,7 +151,7 @@ AnySequenceStep: TypeAlias = equimesh.SequenceStep[Any]
 class StepStart:
     """The mesh of the step before, the fields on it, what else is known of it, and how the mesh is to move."""
 
-    mesh: equimesh.Mesh | QuadMesh
+    mesh: equimesh.Mesh
     fields: Mapping[str, StepField]
     earlier: equimesh.Earlier | None
     motion: Mapping[str, Any]
@@ -179,7 +178,7 @@ class StepStart:
         """The step to the problem of ``spec``; raises :class:`~equimesh.errors.InputError` where it is refused."""
         fields = {name: field.mesh_values() for name, field in self.fields.items()}
         settings: SolveArguments = {**spec.ending, **options}
-        sequence = equimesh.Sequence[Any](
+        sequence = equimesh.Sequence(
             spec.problem,
             spec.schwarz,
             mesh=self.mesh,

@@ -14,7 +14,7 @@ from equimesh_schema import Relaxed
 from equimesh_schema.certificate import compared
 from equimesh_service.problems.problem import Problem
 
-AnySolution: TypeAlias = equimesh.Solution[Any, Any]
+AnySolution: TypeAlias = equimesh.Solution[Any]
 """The solution on a grid, or on blocks."""
 
 

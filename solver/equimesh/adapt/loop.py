@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import Any, Generic, TypeAlias, TypedDict, TypeVar, Unpack, overload
+from typing import Any, TypeAlias, TypedDict, Unpack, overload
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from equimesh.fields.on_domain import OnDomain, reference_on
 from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.kernels import Norm
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.tensor import Weight
@@ -41,7 +40,7 @@ SMOOTHNESS = 100.0
 """The weight of smoothness: behind a step OpenFOAM diverged on meshes of the usual weights, and gains by these."""
 
 
-def averaged_mesh(u: QuadField, domain: Blocks, norm: Norm, threads: int) -> QuadMesh:
+def averaged_mesh(u: QuadField, domain: Blocks, norm: Norm, threads: int) -> Mesh:
     """The next mesh of ``domain``, from ``u`` on the mesh before, with even cells. The mesh before if none is better.
 
     Raises as :func:`~equimesh.solving.solve.solve`.
@@ -72,11 +71,9 @@ def indicated_mesh(mesh: Mesh, indicator: Array, domain: Domain, norm: Norm, thr
 
 # What a loop does on meshes of one kind: the first mesh, and from what a solver returned to the next one.
 
-M = TypeVar("M", Mesh, QuadMesh)
-"""The class of the meshes: of a grid, or of blocks."""
-NextMeshFunction: TypeAlias = Callable[[], tuple[M, float, str]]
+NextMeshFunction: TypeAlias = Callable[[], tuple[Mesh, float, str]]
 """Returns the next mesh, how far it moves, and the name of its start."""
-RoundAndNextMesh: TypeAlias = tuple[AdaptRound[M], NextMeshFunction[M]]
+RoundAndNextMesh: TypeAlias = tuple[AdaptRound[Mesh], NextMeshFunction]
 """The record of what a solver returned, and the function that computes the next mesh."""
 
 EVEN = "even cells"
@@ -100,23 +97,21 @@ class Rounds:
             raise TypeError("a domain with four sides needs a grid")
         return map_mesh(Mesh.uniform(self.grid), self.domain), 0.0, "given"
 
-    def copied(self, mesh: M) -> M:
+    def copied(self, mesh: Mesh) -> Mesh:
         """The mesh with arrays of its own."""
-        copied: Any = mesh.moved(mesh.points.copy())
-        found: M = copied
-        return found
+        return mesh.moved(mesh.points.copy())
 
-    def known(self, mesh: M, values: Array) -> RoundAndNextMesh[M]:
+    def known(self, mesh: Mesh, values: Array) -> RoundAndNextMesh:
         """The record of nodal values, and the way to the next mesh."""
         known = ErrorEstimate.of(mesh, values, self.domain, self.threads)
 
-        def following() -> tuple[M, float, str]:
+        def following() -> tuple[Mesh, float, str]:
             found = next_mesh(known, self.norm, self.threads)
             return on_domain(found.reference, self.domain), found.moved_cells, found.chosen
 
         return record_of(known, mesh, values), following
 
-    def averaged(self, mesh: M, values: Array) -> RoundAndNextMesh[M]:
+    def averaged(self, mesh: Mesh, values: Array) -> RoundAndNextMesh:
         """As :meth:`known`, of values that were recovered from averages over the cells; on blocks cells stay even."""
         domain = self.domain
         if not isinstance(domain, Blocks):
@@ -130,7 +125,7 @@ class Rounds:
 
         return record_of(known, mesh, values), following
 
-    def indicated(self, mesh: Any, values: Array) -> RoundAndNextMesh[Any]:
+    def indicated(self, mesh: Any, values: Array) -> RoundAndNextMesh:
         """The record of an error indicator, and the way to the next mesh; refused on blocks."""
         domain = self.domain
         if isinstance(domain, Blocks):
@@ -150,7 +145,7 @@ NO_INDICATOR = (
 """Why an error indicator is refused on blocks."""
 
 
-def record_of(known: ErrorEstimate, mesh: M, values: Array) -> AdaptRound[M]:
+def record_of(known: ErrorEstimate, mesh: Mesh, values: Array) -> AdaptRound[Mesh]:
     """The record of nodal values."""
     return AdaptRound(
         number=0,
@@ -168,13 +163,13 @@ OWN_POINTS = "a domain in blocks has a number of points of its own, by its count
 """Why a number of points is refused."""
 
 
-class AdaptArguments(TypedDict, Generic[M], total=False):
+class AdaptArguments(TypedDict, total=False):
     """The other arguments of :func:`adapt`."""
 
     rounds: int
     norm: Norm
     threads: int | None
-    observe: Callable[[AdaptRound[M]], None] | None
+    observe: Callable[[AdaptRound[Mesh]], None] | None
 
 
 @overload
@@ -183,16 +178,16 @@ def adapt(
     n: int | tuple[int, int],
     *,
     domain: Domain = UNIT_SQUARE,
-    **options: Unpack[AdaptArguments[Mesh]],
+    **options: Unpack[AdaptArguments],
 ) -> Adaptation[Mesh]: ...
 @overload
 def adapt(
-    solve: Callable[[QuadMesh], Any],
+    solve: Callable[[Mesh], Any],
     n: None = None,
     *,
     domain: Blocks,
-    **options: Unpack[AdaptArguments[QuadMesh]],
-) -> Adaptation[QuadMesh]: ...
+    **options: Unpack[AdaptArguments],
+) -> Adaptation[Mesh]: ...
 def adapt(
     solve: Callable[[Any], Any],
     n: int | tuple[int, int] | None = None,
@@ -202,13 +197,13 @@ def adapt(
     norm: Norm = "l2",
     threads: int | None = None,
     observe: Callable[[AdaptRound[Any]], None] | None = None,
-) -> Adaptation[Mesh] | Adaptation[QuadMesh]:
+) -> Adaptation[Mesh]:
     """The mesh of ``n`` points a direction, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.
 
     A domain in blocks has a number of points of its own: leave ``n`` out there. The first mesh is its initial one.
 
     ``solve(mesh)`` solves on an :class:`~equimesh.meshes.mesh.Mesh`, or a
-    :class:`~equimesh.meshes.quad_mesh.QuadMesh` of blocks, which has the methods ``to_skfem()``,
+    :class:`~equimesh.meshes.mesh.Mesh` of blocks, which has the methods ``to_skfem()``,
     ``to_dolfinx(comm)`` and so on, and returns one of these: values at the nodes, a field of a library with an adaptor,
     :class:`~equimesh_coupling.recovery.CellAverages`, or an :class:`~equimesh_coupling.recovery.ErrorIndicator` of the
     cells. It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that
@@ -238,11 +233,11 @@ def _loop(
     by: Rounds,
     rounds: int,
     norm: Norm,
-    observe: Callable[[AdaptRound[M]], None] | None,
-) -> Adaptation[M]:
+    observe: Callable[[AdaptRound[Mesh]], None] | None,
+) -> Adaptation[Mesh]:
     """The loop itself, for meshes of any kind."""
-    done: list[AdaptRound[M]] = []
-    following: NextMeshFunction[M] = by.first
+    done: list[AdaptRound[Mesh]] = []
+    following: NextMeshFunction = by.first
     while True:
         try:
             mesh, moved, start = following()
@@ -261,7 +256,7 @@ def _loop(
             return ended(done, rounds, norm)
 
 
-def _looked_at(returned: Any, mesh: M, by: Rounds) -> RoundAndNextMesh[M]:
+def _looked_at(returned: Any, mesh: Mesh, by: Rounds) -> RoundAndNextMesh:
     """The record of what a solver returned, and the way to the next mesh."""
     if isinstance(returned, ErrorIndicator):
         return by.indicated(mesh, cell_values(returned, mesh))

@@ -20,7 +20,6 @@ from equimesh.domains.curve import Curve
 from equimesh.domains.quadrilateral import Quadrilateral
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 
 # The sides of a block, counter-clockwise, and the step to the place of the neighbour across each.
@@ -79,7 +78,7 @@ class BlockGrid:
             nodes=nodes,
         )
 
-    def quad_mesh(self, mesh: Mesh) -> QuadMesh:
+    def quad_mesh(self, mesh: Mesh) -> Mesh:
         """A mesh of the grid, such as that of a solution, as one of the blocks, with their sides and numbers."""
         if mesh.grid != self.grid:
             raise InputError(f"the mesh has {mesh.grid} points, the blocks {self.grid}", field="mesh")

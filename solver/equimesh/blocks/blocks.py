@@ -27,7 +27,7 @@ from equimesh.domains.domain import Box
 from equimesh.errors import InputError
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.reading.read import DESCRIPTIONS, description_format, read_description, read_mesh
-from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
+from equimesh.meshes.mesh import Mesh, quads_of_block
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh_schema.document import is_number
 
@@ -44,7 +44,7 @@ ZOOMS = 6
 class Blocks:
     """A domain of one or more blocks. Build it by :meth:`of`, from a description, or from a mesh by ``of_mesh``.
 
-    - ``mesh``: the initial mesh, a :class:`~equimesh.meshes.quad_mesh.QuadMesh`, which is not folded.
+    - ``mesh``: the initial mesh, a :class:`~equimesh.meshes.mesh.Mesh`, which is not folded.
     - ``layout``: the topology: edges, vertices, counts.
     - ``curves``: the curves of the boundary; straight parts are curves, too.
     - ``boundary_edges``: the edges on the boundary, with the parameters of their nodes on their curve.
@@ -52,7 +52,7 @@ class Blocks:
     - ``node_parameter``: the parameter of every node on its curve, 0 for others, shape ``(n,)``.
     """
 
-    mesh: QuadMesh
+    mesh: Mesh
     layout: Layout
     curves: tuple[BoundaryCurve, ...]
     boundary_edges: tuple[BoundaryEdge, ...]
@@ -77,7 +77,7 @@ class Blocks:
         lines = edge_lines(description, plan)
         count, blocks = plan.layout.numbering()
         edge_nodes = plan.layout.edge_nodes(blocks)
-        mesh = QuadMesh(
+        mesh = Mesh(
             points=block_points(plan, lines, blocks, count),
             cells=np.concatenate([quads_of_block(block) for block in blocks]),
             sides=side_edges(plan.layout, edge_nodes, sides_of(description, plan)),
@@ -190,7 +190,7 @@ class Blocks:
     @classmethod
     def assembled(
         cls,
-        mesh: QuadMesh,
+        mesh: Mesh,
         layout: Layout,
         *,
         curves: Sequence[BoundaryCurve],

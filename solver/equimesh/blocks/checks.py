@@ -11,7 +11,7 @@ import scipy
 from equimesh.blocks.curves import BoundaryCurve
 from equimesh.blocks.layout import Layout
 from equimesh.errors import InputError
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
 # Places that a mesh covers twice, where no cell is inverted.
@@ -36,7 +36,7 @@ class Overlap:
     is_inside: bool
 
 
-def find_overlap(mesh: QuadMesh) -> Overlap | None:
+def find_overlap(mesh: Mesh) -> Overlap | None:
     """Two cells of a mesh that is not folded, which overlap, one of them at the boundary; none where there are none."""
     edges = np.concatenate(list(mesh.sides.values()))
     order = np.full(len(mesh.points), len(edges))
@@ -58,7 +58,7 @@ def find_overlap(mesh: QuadMesh) -> Overlap | None:
     return _inside_others(mesh, edges, at_boundary)
 
 
-def _inside_others(mesh: QuadMesh, edges: IntArray, at_boundary: IntArray) -> Overlap | None:
+def _inside_others(mesh: Mesh, edges: IntArray, at_boundary: IntArray) -> Overlap | None:
     """The overlap at a closed line of the boundary around which others wind, too."""
     size = len(mesh.points)
     graph = scipy.sparse.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
@@ -76,7 +76,7 @@ def _inside_others(mesh: QuadMesh, edges: IntArray, at_boundary: IntArray) -> Ov
     return None
 
 
-def _pairs_of_cells(mesh: QuadMesh, edges: IntArray, cells: IntArray, touching: float) -> tuple[IntArray, IntArray]:
+def _pairs_of_cells(mesh: Mesh, edges: IntArray, cells: IntArray, touching: float) -> tuple[IntArray, IntArray]:
     """The pairs of places in ``cells`` whose cells are at two edges of the boundary that meet, each once."""
     ends = mesh.points[edges]
     one, other = _pairs_of_boxes(ends.min(axis=1) - touching, ends.max(axis=1) + touching)
@@ -167,7 +167,7 @@ def check_not_crossing(curve: BoundaryCurve, name: str, field: str) -> None:
         )
 
 
-def check_not_folded(mesh: QuadMesh, fields: tuple[str, ...], remedy: str) -> None:
+def check_not_folded(mesh: Mesh, fields: tuple[str, ...], remedy: str) -> None:
     """Refuse an initial mesh with an inverted cell; the message names its block and place."""
     if not mesh.is_folded:
         return
@@ -207,7 +207,7 @@ def check_connected(layout: Layout, names: Sequence[str], fields: Sequence[str])
         )
 
 
-def check_not_overlapping(mesh: QuadMesh, layout: Layout, fields: Sequence[str]) -> None:
+def check_not_overlapping(mesh: Mesh, layout: Layout, fields: Sequence[str]) -> None:
     """Refuse an initial mesh that covers a place twice; the message names blocks, edges of the boundary, and place."""
     found = find_overlap(mesh)
     if found is None:

@@ -18,7 +18,7 @@ from equimesh.blocks.sides import side_edges
 from equimesh.blocks.sliding import BoundaryEdge
 from equimesh.blocks.spline_curve import SplineCurve
 from equimesh.errors import InputError
-from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
+from equimesh.meshes.mesh import Mesh, quads_of_block
 from equimesh.numerics.types import Array, IntArray
 
 # The nodes of a block between its four sides, by transfinite interpolation.
@@ -204,8 +204,8 @@ def _with_copies(plan: Plan, lines: list[EdgeLine]) -> tuple[EdgeLine, ...]:
 
 
 def resampled(
-    mesh: QuadMesh, layout: Layout, curves: Sequence[BoundaryCurve], edges: Sequence[BoundaryEdge], wanted: Layout
-) -> tuple[QuadMesh, dict[int, tuple[int, Array]]]:
+    mesh: Mesh, layout: Layout, curves: Sequence[BoundaryCurve], edges: Sequence[BoundaryEdge], wanted: Layout
+) -> tuple[Mesh, dict[int, tuple[int, Array]]]:
     """The mesh with the counts of ``wanted``, and for each edge on the boundary its curve and the parameters there.
 
     ``layout``, ``curves`` and boundary ``edges`` are those of the domain of ``mesh``. Nodes whose place between the
@@ -236,7 +236,7 @@ def resampled(
         for side, line in enumerate(sides):
             points[line_of(new, side)] = line
     edge_nodes = wanted.edge_nodes(blocks)
-    found = QuadMesh(
+    found = Mesh(
         points=points,
         cells=np.concatenate([quads_of_block(block) for block in blocks]),
         sides=side_edges(wanted, edge_nodes, _edges_of_sides(mesh, layout)),
@@ -247,7 +247,7 @@ def resampled(
     return found, {edge.edge: (edge.curve, parameters[edge.edge]) for edge in edges}
 
 
-def _edges_of_sides(mesh: QuadMesh, layout: Layout) -> dict[str, list[int]]:
+def _edges_of_sides(mesh: Mesh, layout: Layout) -> dict[str, list[int]]:
     """The edges of the layout that lie on each side of a mesh."""
     of = {(int(a), int(b)): name for name, edges in mesh.sides.items() for a, b in edges}
     found: dict[str, list[int]] = {name: [] for name in mesh.sides}

@@ -21,7 +21,6 @@ from equimesh.fields.expression import Expression
 from equimesh.fields.periodic import repeated
 from equimesh.inputs import choice
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array, IntArray
@@ -318,7 +317,7 @@ class Problem(Generic[D]):
         return len(self.domain.mesh.points) if isinstance(self.domain, Blocks) else self.grid.points
 
     @property
-    def initial(self) -> Mesh | QuadMesh:
+    def initial(self) -> Mesh:
         """The mesh with which others are compared: the uniform mesh of the domain, of blocks their initial mesh."""
         return self.domain.mesh if isinstance(self.domain, Blocks) else map_mesh(Mesh.uniform(self.grid), self.domain)
 

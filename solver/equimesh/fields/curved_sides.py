@@ -13,7 +13,6 @@ from equimesh.blocks.sliding import FIXED
 from equimesh.domains.domain import Domain, Rectangle, closed_of
 from equimesh.fields.on_domain import inverse_of
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.second_order import FIRST_BEND, CurvedEdges
 from equimesh.numerics.types import Array, IntArray
 
@@ -25,7 +24,7 @@ STEPS = 60
 """Halvings of the interval in which a middle is sought: as many as numbers have digits."""
 
 
-def curved_edges(mesh: Mesh | QuadMesh, domain: Domain | Blocks) -> CurvedEdges:
+def curved_edges(mesh: Mesh, domain: Domain | Blocks) -> CurvedEdges:
     """The edges of ``mesh``, a mesh of ``domain``, on sides that are curved there."""
     if isinstance(domain, Blocks):
         pieces = _on_blocks(mesh.points, domain)
@@ -55,7 +54,7 @@ def middles_of(curve: CurvePoints, begin: Array, end: Array, ends: Array) -> Arr
     return places
 
 
-def _on_sides(mesh: Mesh | QuadMesh, domain: Domain) -> Iterator[Piece]:
+def _on_sides(mesh: Mesh, domain: Domain) -> Iterator[Piece]:
     """The edges on the four sides of a domain, but for those of a seam."""
     inverse, closed = inverse_of(domain), closed_of(domain)
     for name, edges in mesh.sides.items():

@@ -12,7 +12,7 @@ from equimesh.fields.nodal_field import COUNT, MAX_SLOPE, bend, bump, slope
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
 from equimesh.meshes.cell_edges import MAX_SPOKES, QuadLinks, spokes_of
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_search import QuadPlaces, QuadSearch
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.compiled import compiled
@@ -166,7 +166,7 @@ class QuadField:
     the first bad index, and :class:`~equimesh.errors.InputError` for a folded mesh.
     """
 
-    mesh: QuadMesh
+    mesh: Mesh
     values: Array
     limited: bool
     _unrolled: Unrolled
@@ -174,7 +174,7 @@ class QuadField:
     _bumps: Array
 
     def __init__(
-        self, *, mesh: QuadMesh, values: npt.ArrayLike, limited: bool = True, unrolled: Unrolled | None = None
+        self, *, mesh: Mesh, values: npt.ArrayLike, limited: bool = True, unrolled: Unrolled | None = None
     ) -> None:
         checked = values_on_nodes(values, mesh, "values")
         if unrolled is None:
@@ -210,7 +210,7 @@ class QuadField:
         return f"QuadField({len(self.mesh.points)} nodes, {len(self.mesh.cells)} cells)"
 
 
-def values_on_nodes(values: npt.ArrayLike, mesh: QuadMesh, name: str) -> Array:
+def values_on_nodes(values: npt.ArrayLike, mesh: Mesh, name: str) -> Array:
     """Finite numbers at all nodes; raises :class:`~equimesh.errors.SamplesError` with ``name`` as its field."""
     checked = real_array(values, name, ndim=1)
     if checked.shape != mesh.node_shape:

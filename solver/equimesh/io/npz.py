@@ -16,7 +16,6 @@ import numpy.typing as npt
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import SIDES, Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh_coupling.parts import quads_of_triangles
 
 STEP: Final = "step_json"  # the bytes of the JSON of a step: numbers, which every reader of npz files can read
@@ -37,7 +36,7 @@ def mesh_arrays(data: MeshData, cells: npt.NDArray[np.int64], every: int) -> Arr
     """
     mesh = data.mesh
     arrays: Arrays = {"x": mesh.x, "y": mesh.y}
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         arrays |= {f"{SIDE}{name}": edges for name, edges in mesh.sides.items()}
         arrays |= {f"{BLOCK}{name}": nodes for name, nodes in zip(mesh.block_names, mesh.blocks, strict=True)}
         arrays[TIES] = mesh.ties
@@ -82,16 +81,16 @@ def load_npz(path: str | os.PathLike[str]) -> MeshData:
         fields={name: values for name, values in others.items() if name not in in_cells},
         cell_fields=in_cells,
         step=step,
-        **({"ties": arrays[TIES]} if isinstance(mesh, Mesh) and TIES in arrays else {}),
+        **({"ties": arrays[TIES]} if mesh.is_grid and TIES in arrays else {}),
     )
 
 
-def _mesh_of(arrays: Arrays, every: int) -> Mesh | QuadMesh:
+def _mesh_of(arrays: Arrays, every: int) -> Mesh:
     x, y, cells = arrays["x"], arrays["y"], arrays["cells"]
     if x.ndim != 1:
         return Mesh(x, y)
     blocks = _named(arrays, BLOCK)
-    return QuadMesh(
+    return Mesh(
         points=np.column_stack([x, y]),
         cells=quads_of_triangles(cells) if every == 2 else cells,
         sides=_named(arrays, SIDE),
@@ -101,9 +100,9 @@ def _mesh_of(arrays: Arrays, every: int) -> Mesh | QuadMesh:
     )
 
 
-def _fields_of(arrays: Arrays, mesh: Mesh | QuadMesh) -> Arrays:
+def _fields_of(arrays: Arrays, mesh: Mesh) -> Arrays:
     """The arrays that are neither of the mesh nor of all meshes."""
-    if isinstance(mesh, Mesh):
+    if mesh.is_grid:
         return {name: values for name, values in arrays.items() if name not in NPZ_ARRAYS}
     known = NPZ_ARRAYS - {*SIDES}
     return {name: array for name, array in arrays.items() if name not in known and not name.startswith((SIDE, BLOCK))}

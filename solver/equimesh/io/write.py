@@ -23,8 +23,8 @@ from equimesh.io.solver_files import gmsh_text, medit_text, neutral_map, plot3d_
 from equimesh.io.vtk import vtm_text, write_vts, write_vtu
 from equimesh.meshes.cell_edges import Join, joins_of
 from equimesh.meshes.interfaces import contacts
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData, at_one_place
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.second_order import SecondOrderMesh
 from equimesh.numerics.types import IntArray
 
@@ -103,7 +103,7 @@ def node_groups(data: MeshData) -> npt.NDArray[np.int32]:
 
 def side_data(data: MeshData, sides: Mapping[str, IntArray]) -> dict[str, IntArray]:
     """The edges of the sides of blocks; a grid has ``xi`` and ``eta`` to find its own."""
-    if not isinstance(data.mesh, QuadMesh):
+    if data.mesh.is_grid:
         return {}
     return {f"{SIDE_DATA}{name}": edges.astype(np.int64) for name, edges in sides.items()}
 
@@ -112,7 +112,7 @@ def point_data(data: MeshData) -> dict[str, npt.NDArray[np.float64]]:
     """The data at the nodes by name: u, the fields, and ``xi`` and ``eta`` of a grid."""
     u = {} if data.u is None else {"u": data.u.ravel()}
     found = {**u, **_flat(data.fields, len(data.mesh.node_shape))}
-    if isinstance(data.mesh, QuadMesh):
+    if not data.mesh.is_grid:
         return found
     xi, eta = data.computational
     return {**found, "xi": xi.ravel(), "eta": eta.ravel()}
@@ -204,7 +204,7 @@ def write_mesh(
     if cells not in FORMATS[name].cells:
         raise InputError(f"a {name} file holds no {cells}s: choose another format, or quad", field="cells")
     _check_order(name, order)
-    if FORMATS[name].grids_only and isinstance(data.mesh, QuadMesh):
+    if FORMATS[name].grids_only and not data.mesh.is_grid:
         raise InputError(f"a {name} file holds one grid, not blocks: choose vtm or vtu", field="format")
     if name not in KEPT:
         data = _merged(data)
@@ -362,16 +362,16 @@ def _write_plot3d(folder: Path, data: MeshData, path: Path) -> tuple[Path, ...]:
     return grid, neutral
 
 
-def _blocks_of(data: MeshData) -> QuadMesh:
+def _blocks_of(data: MeshData) -> Mesh:
     """The mesh as blocks, of which a grid is one; raises :class:`~equimesh.errors.InputError` where none are known."""
-    if isinstance(data.mesh, QuadMesh):
+    if not data.mesh.is_grid:
         if not data.mesh.blocks:
             message = "the blocks of this mesh are not known: choose a format without blocks, such as vtu or msh"
             raise InputError(message, field="format")
         return data.mesh
     mesh = data.mesh
     whole = np.arange(mesh.x.size).reshape(mesh.node_shape)
-    return QuadMesh(
+    return Mesh(
         points=mesh.points,
         cells=mesh.cells,
         sides=mesh.sides,
@@ -425,7 +425,7 @@ def _meshio_mesh(data: MeshData, kind: Cells, *, dimension: int) -> meshio.Mesh:
 def _joins(data: MeshData) -> tuple[Join, ...]:
     """The joined sides of a mesh of blocks, or of a grid whose lines are closed by a translation."""
     mesh = data.mesh
-    return joins_of(mesh.points, mesh.sides, mesh.ties if isinstance(mesh, QuadMesh) else data.ties)
+    return joins_of(mesh.points, mesh.sides, mesh.ties if not mesh.is_grid else data.ties)
 
 
 def _merged(data: MeshData) -> MeshData:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.least_error.nest import Level
-from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
+from equimesh.meshes.mesh import Mesh, quads_of_block
 from equimesh.numerics.types import Array, IntArray
 
 COARSEST_CELLS = 4
@@ -82,7 +82,7 @@ class BlockLevel(Level):
 
 
 def block_levels(
-    mesh: QuadMesh, families: Families | None = None, coarsest_points: int = COARSEST_POINTS
+    mesh: Mesh, families: Families | None = None, coarsest_points: int = COARSEST_POINTS
 ) -> list[BlockLevel]:
     """The nested meshes up to ``mesh``, with about half as many lines each way on each coarser one.
 
@@ -103,7 +103,7 @@ def _thinned(counts: list[list[int]], of_blocks: Sequence[tuple[int, int]]) -> l
     return kept
 
 
-def only_level(mesh: QuadMesh) -> BlockLevel:
+def only_level(mesh: Mesh) -> BlockLevel:
     """The mesh itself, where no coarser ones are of use. Its blocks are not looked at."""
     return BlockLevel(
         number=0,
@@ -120,7 +120,7 @@ def only_level(mesh: QuadMesh) -> BlockLevel:
 class Families:
     """Families of lines: opposite edges of a block have as many cells, and so have the edges opposite to these."""
 
-    def __init__(self, mesh: QuadMesh) -> None:
+    def __init__(self, mesh: Mesh) -> None:
         # Follow families from block to block, through the edges that these share.
         self.edges = edges_of(mesh)
         count = len(mesh.blocks)
@@ -179,7 +179,7 @@ class Families:
             yield one, other
 
 
-def edges_of(mesh: QuadMesh) -> Edges:
+def edges_of(mesh: Mesh) -> Edges:
     """The edges of the blocks of a mesh; those of a periodic join are one, too."""
     return Edges(mesh.blocks, originals_of(len(mesh.points), mesh.ties))
 
@@ -191,7 +191,7 @@ def originals_of(nodes: int, ties: IntArray) -> IntArray:
     return originals
 
 
-def _level(mesh: QuadMesh, families: Families, number: int, count: int, counts: Sequence[int]) -> BlockLevel:
+def _level(mesh: Mesh, families: Families, number: int, count: int, counts: Sequence[int]) -> BlockLevel:
     lines = tuple(families.kept(counts))
     on_finest = [block[np.ix_(*kept)] for block, kept in zip(mesh.blocks, lines, strict=True)]
     is_finest = number == count - 1

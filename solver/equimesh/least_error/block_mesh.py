@@ -29,7 +29,7 @@ from equimesh.least_error.objective import Objective
 from equimesh.least_error.paved import is_paved
 from equimesh.least_error.starts import Patch, equidistributed, resampled
 from equimesh.least_error.subdomains import owners
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
 from equimesh_coupling.parts import cuts_at_corners
@@ -132,12 +132,13 @@ class Place:
         along = lifting.lifted_along_sides(self.parameters - first.parameters, cubic=cubic)
         return fine.chart.unknowns(share * there.points + moves, there.parameters + along)
 
-    def quad_mesh(self, finest: QuadMesh) -> QuadMesh:
+    def quad_mesh(self, finest: Mesh) -> Mesh:
         """A mesh of its nodes; on the finest level it has the cells, sides and blocks of ``finest``."""
         level, points = self.mesh.level, np.ascontiguousarray(self.points.T)
         if level.is_finest:
             return finest.moved(points)
-        return replace(finest, points=points, cells=level.cells, sides={}, blocks=level.blocks, ties=level.ties)
+        names = finest.block_names
+        return Mesh(points=points, cells=level.cells, sides={}, blocks=level.blocks, block_names=names, ties=level.ties)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -242,16 +243,16 @@ class BlockNest:
         lines = equidistributed(u, self._patches, counts, norm, floor)
         return None if lines is None else BlockStart(name="rectilinear", lines=tuple(lines))
 
-    def given(self, mesh: QuadMesh) -> BlockStart:
+    def given(self, mesh: Mesh) -> BlockStart:
         """The start from a mesh of the finest level."""
         finest = self.levels[-1]
         return BlockStart(name="given", starts={finest.number: self.on(finest).of_points(mesh.points).unknowns})
 
-    def from_coarse(self, mesh: QuadMesh) -> BlockStart:  # noqa: ARG002
+    def from_coarse(self, mesh: Mesh) -> BlockStart:  # noqa: ARG002
         """The start that continues from such a mesh on a coarse level: distortion is that of the initial mesh."""
         return BlockStart(name="given")
 
-    def sampled(self, mesh: QuadMesh, level: BlockLevel) -> Array | None:
+    def sampled(self, mesh: Mesh, level: BlockLevel) -> Array | None:
         """A mesh of the finest level on a coarser one; ``None`` where it is folded there."""
         sampled = self.on(level).of_points(mesh.points).unknowns
         return sampled if self.min_jacobian(level, sampled) > 0.0 else None
@@ -276,7 +277,7 @@ class BlockNest:
         """``None``: the meshes have no grid."""
         return
 
-    def mesh(self, level: BlockLevel, mesh: Array) -> QuadMesh:
+    def mesh(self, level: BlockLevel, mesh: Array) -> Mesh:
         """A mesh of these unknowns; on the finest level it has the cells, sides and blocks of the initial one."""
         return Place(mesh=self.on(level), unknowns=mesh).quad_mesh(self.domain.mesh)
 

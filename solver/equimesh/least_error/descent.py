@@ -19,7 +19,6 @@ from equimesh.least_error.cells import Cells
 from equimesh.least_error.objective import Evaluation, Objective
 from equimesh.least_error.starts import product
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 
 # The record of one step of a least-error solve.
@@ -50,7 +49,7 @@ class Descent:
 
     On a domain in blocks relative to the same corner of the initial mesh.
     """
-    mesh: Mesh | QuadMesh
+    mesh: Mesh
     """The mesh of the reference square, or that of the domain in blocks."""
     start: str
     """The first mesh: ``"uniform"``, ``"rectilinear"`` or ``"given"``; on a domain in blocks ``"initial"``."""

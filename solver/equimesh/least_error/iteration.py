@@ -25,7 +25,6 @@ from equimesh.least_error.restricted import Merged
 from equimesh.least_error.starts import GridNest
 from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.types import Array
 
@@ -152,7 +151,7 @@ class LeastErrorSolve:
         return min(self.effort, MAX_MORE_STEPS) * (1.0 if self.nest.is_regular else IRREGULAR_STEPS)
 
     def steps(
-        self, start: Mesh | QuadMesh | None = None, *, uniform_only: bool = False, coarse: DescentEnd | None = None
+        self, start: Mesh | None = None, *, uniform_only: bool = False, coarse: DescentEnd | None = None
     ) -> Iterator[Descent]:
         """The records of all steps; the mesh of the last one is the result.
 
@@ -190,7 +189,7 @@ class LeastErrorSolve:
         level = self.levels[min(reached.level.number + 1, len(self.levels) - 1)]
         return self._objective(level, reached.origin, self.monitor.norm, FINER_POINTS).error(self.nest.initial(level))
 
-    def _continue(self, start: Mesh | QuadMesh) -> Iterator[Descent]:
+    def _continue(self, start: Mesh) -> Iterator[Descent]:
         """The records of the steps from a given mesh."""
         *coarse, finest = self.levels
         given = self.nest.given(start)
@@ -205,7 +204,7 @@ class LeastErrorSolve:
         yield from self._descend(self.nest.from_coarse(start), finest, mesh)
 
     def _coarse(
-        self, levels: Sequence[Level], start: Mesh | QuadMesh | None, *, uniform_only: bool
+        self, levels: Sequence[Level], start: Mesh | None, *, uniform_only: bool
     ) -> Generator[Descent, None, DescentEnd]:
         """The descents from all starts, up to the last of the ``levels`` for the best of them."""
         last = last_compared(levels)
@@ -271,7 +270,7 @@ class LeastErrorSolve:
             if origin is not None:
                 yield origin
 
-    def _from_given(self, level: Level, start: Mesh | QuadMesh) -> Generator[Descent, None, list[DescentEnd]]:
+    def _from_given(self, level: Level, start: Mesh) -> Generator[Descent, None, list[DescentEnd]]:
         """The end of the descent from a given mesh, on a coarse level; none where it is folded there."""
         sampled = self.nest.sampled(start, level)
         if sampled is None:

@@ -14,7 +14,6 @@ from equimesh.least_error.charts import Chart
 from equimesh.least_error.kernels import Norm
 from equimesh.least_error.objective import Objective
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
 
@@ -120,7 +119,7 @@ class Start(Protocol):
         ...
 
 
-AnyMesh = TypeVar("AnyMesh", bound=Mesh | QuadMesh)
+AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 AnyStart = TypeVar("AnyStart", bound=Start)
 
 

@@ -14,7 +14,7 @@ from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.descent import descend
 from equimesh.least_error.objective import Evaluation, Objective
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
 # Smooth displacements of the nodes of any mesh: cubic splines on a coarse background grid over its bounding box.
@@ -151,7 +151,7 @@ NODE_STEPS = 20
 """Steps of descent of the nodes, at most."""
 
 
-def is_paved(mesh: QuadMesh) -> bool:
+def is_paved(mesh: Mesh) -> bool:
     """Whether the blocks of a mesh are too small for coarser meshes: fewer cells than these have in the mean."""
     few = len(mesh.cells) < COARSEST_CELLS**2 * len(mesh.blocks)
     return few and len(mesh.points) > FEWEST_POINTS and not mesh.ties.size

@@ -11,7 +11,7 @@ from equimesh.errors import InputError
 from equimesh.least_error.cells import Region, regions_of
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.restricted import Merged, RestrictedDescent
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Groups, Schwarz
 from equimesh_schema.document import is_whole
@@ -41,7 +41,7 @@ class Subdomains:
         return RestrictedDescent(objective, regions, threads)
 
 
-def owners(settings: Schwarz, mesh: QuadMesh) -> IntArray:
+def owners(settings: Schwarz, mesh: Mesh) -> IntArray:
     """The number of the subdomain that owns each cell of a mesh in blocks, shape ``(m,)``.
 
     Raises :class:`~equimesh.errors.InputError` for groups that do not have each block once; it names the block.

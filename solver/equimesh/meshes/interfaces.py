@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from equimesh.meshes.cell_edges import CellEdges, originals_of
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import IntArray
 
 EDGES: Final = ("i_min", "i_max", "j_min", "j_max")
@@ -45,7 +45,7 @@ class _Line:
     numbers: IntArray
 
 
-def contacts(mesh: QuadMesh) -> tuple[Contact, ...]:
+def contacts(mesh: Mesh) -> tuple[Contact, ...]:
     """The contacts of all blocks, those of periodic joins among them; each of two blocks once, from the first one."""
     lines = [*_lines(mesh)]
     at: dict[int, list[tuple[int, int]]] = {}
@@ -69,7 +69,7 @@ def contacts(mesh: QuadMesh) -> tuple[Contact, ...]:
     return tuple(found)
 
 
-def _lines(mesh: QuadMesh) -> Iterator[_Line]:
+def _lines(mesh: Mesh) -> Iterator[_Line]:
     edges = CellEdges.of(mesh.cells, len(mesh.points), mesh.ties)
     originals = originals_of(len(mesh.points), mesh.ties)
     for block, (numbers, cells) in enumerate(zip(mesh.blocks, mesh.block_cells, strict=True)):

@@ -1,20 +1,23 @@
-"""Structured quadrilateral meshes on a uniform grid, and the rows of such a mesh that are here."""
+"""Meshes of quadrilaterals: grids and meshes of any topology, and the rows of a grid that are here."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, overload
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.errors import InputError
+from equimesh.meshes.cell_edges import Join, joins_of
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.compiled import compiled
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.coupled import Coupled
-from equimesh_coupling.parts import Cells, MeshParts, quads_of, triangles_of
+from equimesh_coupling.parts import Cells, MeshParts, quads_of
 
 # The computational domain: a uniform grid of points on the unit square.
 
@@ -142,27 +145,105 @@ def smallest_of_cells(points: Array, cells: IntArray) -> float:
 
 
 SIDES = ("left", "right", "bottom", "top")
+# Fewer cells are not worth a second thread.
+MIN_SHARED_CELLS = 16_384
 
 
 ComparedWith: TypeAlias = Literal["uniform", "initial"]
 """The mesh with which others are compared: the uniform one of a grid, or the one that blocks begin with."""
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh(Coupled):
-    """Node coordinates ``x`` and ``y`` of shape ``(n_xi, n_eta)``, the first index running along xi.
+def _no_ties() -> IntArray:
+    return np.empty((0, 2), dtype=np.int64)
 
-    Node ``(i, j)`` has number ``i * n_eta + j``, cell ``(i, j)`` number ``i * (n_eta - 1) + j``.
+
+class Connected(NamedTuple):
+    """Which nodes a mesh connects: all that it has besides their coordinates."""
+
+    cells: IntArray
+    sides: Mapping[str, IntArray]
+    blocks: tuple[IntArray, ...]
+    block_names: tuple[str, ...]
+    ties: IntArray
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Mesh(Coupled):
+    """A mesh of quadrilaterals: a grid of rows, made of ``x`` and ``y``, or one of any topology, made of ``points``.
+
+    - ``x``, ``y``: coordinates of the nodes of a grid, shape ``(n_xi, n_eta)``, the first index running along xi. Node
+      ``(i, j)`` has number ``i * n_eta + j``, cell ``(i, j)`` number ``i * (n_eta - 1) + j``. A grid is a mesh of one
+      block with the sides ``left``, ``right``, ``bottom`` and ``top``; it needs nothing else.
+    - ``points``: coordinates of the nodes of any other mesh, shape ``(n, 2)``; ``x`` and ``y`` are its columns.
+    - ``cells``: nodes of every cell, counter-clockwise, shape ``(m, 4)``: block by block, or in the order of the file
+      that the mesh was read from.
+    - ``sides``: boundary edges by the name of their side, shape ``(k, 2)`` each, with the domain on their left, in
+      their order along the side.
+    - ``blocks``: for each block the numbers of its nodes, shape ``(n_i, n_j)``. Where i runs to the right, j runs
+      upwards. Blocks that touch have the numbers of their common nodes in common.
+    - ``block_names``: a name for each block.
+    - ``ties``: pairs of nodes that are one unknown, shape ``(k, 2)``: a copy and its original, which lie apart by the
+      translation of a periodic join, or are the two copies of a node on a seam. Empty where nothing is joined.
+
+    One value at each node has the shape ``node_shape``, one on each cell ``cell_shape``: rows and columns on a grid,
+    ``(n,)`` and ``(m,)`` on any other mesh.
+
+    Raises :class:`~equimesh.errors.InputError` for arrays of other shapes, and for numbers that are no nodes.
     """
 
     x: Array
     y: Array
-    compared_with: ClassVar[ComparedWith] = "uniform"
-    """The name of the mesh with which others on the same domain are compared."""
+    _points: Array | None = field(repr=False)
+    _connected: Connected | None = field(repr=False)
+    _ties: IntArray | None = field(repr=False)
 
-    def __post_init__(self) -> None:
-        if self.x.shape != self.y.shape or self.x.ndim != 2:
-            raise InputError(f"x and y need one common shape (n_xi, n_eta), not {self.x.shape} and {self.y.shape}")
+    @overload
+    def __init__(self, x: Array, y: Array, *, ties: IntArray | None = None) -> None: ...
+    @overload
+    def __init__(
+        self,
+        *,
+        points: Array,
+        cells: IntArray,
+        sides: Mapping[str, IntArray],
+        blocks: tuple[IntArray, ...] = (),
+        block_names: tuple[str, ...] = (),
+        ties: IntArray | None = None,
+    ) -> None: ...
+    def __init__(
+        self,
+        x: Array | None = None,
+        y: Array | None = None,
+        *,
+        points: Array | None = None,
+        cells: IntArray | None = None,
+        sides: Mapping[str, IntArray] | None = None,
+        blocks: tuple[IntArray, ...] = (),
+        block_names: tuple[str, ...] = (),
+        ties: IntArray | None = None,
+    ) -> None:
+        own = vars(self)
+        if x is not None and y is not None and points is None:
+            if x.shape != y.shape or x.ndim != 2:
+                raise InputError(f"x and y need one common shape (n_xi, n_eta), not {x.shape} and {y.shape}")
+            own.update(x=x, y=y, _points=None, _connected=None, _ties=ties)
+            return
+        if x is not None or y is not None or points is None or cells is None or sides is None:
+            raise InputError("give x and y of a grid, or points, cells and sides of any other mesh", field="points")
+        ties = _no_ties() if ties is None else ties
+        _check_tables(points, {"cells": (cells, 4), "ties": (ties, 2)}, sides)
+        _check_blocks(blocks, len(points))
+        found = Connected(cells, sides, blocks, _names_of(blocks, block_names), ties)
+        own.update(x=points[:, 0], y=points[:, 1], _points=points, _connected=found, _ties=ties)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What the mesh was made of, for pickle: cells of blocks are found anew."""
+        kept = {name: vars(self)[name] for name in ("_points", "_connected", "_ties")}
+        return kept if self._points is not None else {**kept, "x": self.x, "y": self.y}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        points = state["_points"]
+        vars(self).update(state if points is None else {**state, "x": points[:, 0], "y": points[:, 1]})
 
     @classmethod
     def uniform(cls, grid: Grid) -> Mesh:
@@ -179,87 +260,163 @@ class Mesh(Coupled):
         return cls(x, y)
 
     def moved(self, points: Array) -> Mesh:
-        """The same mesh with its nodes at other ``points``, shape ``(n_xi * n_eta, 2)``."""
-        x, y = (np.ascontiguousarray(q).reshape(self.x.shape) for q in points.T)
-        return Mesh(x, y)
+        """The same mesh with its nodes at other ``points``, shape ``(n, 2)``."""
+        if points.shape != (self.x.size, 2):
+            raise InputError(f"points has shape {points.shape}, this mesh needs {(self.x.size, 2)}", field="points")
+        if self.is_grid:
+            x, y = (np.ascontiguousarray(q).reshape(self.x.shape) for q in points.T)
+            return Mesh(x, y, ties=self._ties)
+        moved = object.__new__(type(self))  # numbers that have been checked need not be checked again
+        vars(moved).update(vars(self) | {"x": points[:, 0], "y": points[:, 1], "_points": points})
+        return moved
+
+    @property
+    def is_grid(self) -> bool:
+        """Whether the nodes are in rows and columns: values at the nodes have the shape ``(n_xi, n_eta)``."""
+        return self._connected is None
 
     @property
     def grid(self) -> Grid:
-        """The computational grid that the nodes belong to."""
+        """The computational grid that the nodes belong to.
+
+        Raises :class:`~equimesh.errors.InputError` for a mesh that is no grid.
+        """
+        if not self.is_grid:
+            raise InputError("this needs a grid, and a mesh of blocks has no rows and columns", field="mesh")
         return Grid(n_xi=self.x.shape[0], n_eta=self.x.shape[1])
 
     @property
-    def node_shape(self) -> tuple[int, int]:
-        """The shape of one value at each node: ``(n_xi, n_eta)``."""
-        return self.x.shape[0], self.x.shape[1]
+    def shape(self) -> tuple[int, int] | None:
+        """``(n_xi, n_eta)`` of a grid; ``None`` for any other mesh."""
+        return (self.x.shape[0], self.x.shape[1]) if self.is_grid else None
 
     @property
-    def cell_shape(self) -> tuple[int, int]:
-        """The shape of one value on each cell: ``(n_xi - 1, n_eta - 1)``."""
-        return self.x.shape[0] - 1, self.x.shape[1] - 1
+    def compared_with(self) -> ComparedWith:
+        """The name of the mesh with which others on the same domain are compared."""
+        return "uniform" if self.is_grid else "initial"
+
+    @property
+    def node_shape(self) -> tuple[int, ...]:
+        """The shape of one value at each node: ``(n_xi, n_eta)`` of a grid, else ``(n,)``."""
+        return self.x.shape
+
+    @property
+    def cell_shape(self) -> tuple[int, ...]:
+        """The shape of one value on each cell: ``(n_xi - 1, n_eta - 1)`` of a grid, else ``(m,)``."""
+        if self._connected is None:
+            return self.x.shape[0] - 1, self.x.shape[1] - 1
+        return (len(self._connected.cells),)
 
     @property
     def points(self) -> Array:
-        """Node coordinates, shape ``(n_xi * n_eta, 2)``."""
-        return np.column_stack([self.x.ravel(), self.y.ravel()])
+        """Node coordinates, shape ``(n, 2)``."""
+        return np.column_stack([self.x.ravel(), self.y.ravel()]) if self._points is None else self._points
 
     @property
-    def cells(self) -> npt.NDArray[np.int64]:
-        """Nodes of every quadrilateral, counter-clockwise, shape ``((n_xi - 1) * (n_eta - 1), 4)``."""
-        return quads_of((self.x.shape[0], self.x.shape[1]))
+    def cells(self) -> IntArray:
+        """Nodes of every quadrilateral, counter-clockwise, shape ``(m, 4)``."""
+        return quads_of((self.x.shape[0], self.x.shape[1])) if self._connected is None else self._connected.cells
 
     @property
-    def sides(self) -> dict[str, npt.NDArray[np.int64]]:
-        """Boundary edges of the four named sides, shape ``(k, 2)`` each, the domain on their left."""
+    def sides(self) -> Mapping[str, IntArray]:
+        """Boundary edges by the name of their side, shape ``(k, 2)`` each, the domain on their left."""
+        if self._connected is not None:
+            return self._connected.sides
         number = np.arange(self.x.size).reshape(self.x.shape)
         lines = {"left": number[0, ::-1], "right": number[-1, :], "bottom": number[:, 0], "top": number[::-1, -1]}
         return {side: np.column_stack([lines[side][:-1], lines[side][1:]]) for side in SIDES}
+
+    @property
+    def blocks(self) -> tuple[IntArray, ...]:
+        """For each block the numbers of its nodes, shape ``(n_i, n_j)``; a grid is one block."""
+        if self._connected is not None:
+            return self._connected.blocks
+        return (np.arange(self.x.size).reshape(self.x.shape),)
+
+    @property
+    def block_names(self) -> tuple[str, ...]:
+        """A name for each block."""
+        return ("block0",) if self._connected is None else self._connected.block_names
+
+    @property
+    def ties(self) -> IntArray:
+        """Pairs of nodes that are one, shape ``(k, 2)``: a copy, and its original."""
+        return _no_ties() if self._ties is None else self._ties
+
+    @property
+    def periodic(self) -> tuple[Join, ...]:
+        """The pairs of sides that are joined by a translation, with their ``nodes``; none where nothing is joined.
+
+        Raises :class:`~equimesh.errors.InputError` where a side is joined in part, to several sides, or to itself.
+        """
+        return joins_of(self.points, self.sides, self.ties)
+
+    @cached_property
+    def block_cells(self) -> tuple[IntArray, ...]:
+        """For each block the numbers of its cells, shape ``(n_i - 1, n_j - 1)``.
+
+        Raises :class:`~equimesh.errors.InputError` where a block has a cell that the mesh does not have.
+        """
+        if self._connected is None:
+            return (np.arange(math.prod(self.cell_shape)).reshape(self.cell_shape),)
+        return cells_of_blocks(self._connected.blocks, self._connected.cells)
+
+    def block_mesh(self, k: int) -> Mesh:
+        """Block ``k`` as a grid of its own."""
+        block = self.blocks[k]
+        return Mesh(self.x.reshape(-1)[block], self.y.reshape(-1)[block])
 
     def triangles(self) -> IntArray:
         """The cells cut into triangles, counter-clockwise, shape ``(2 m, 3)``.
 
         Cell ``k`` gives the rows ``2 k`` and ``2 k + 1``. Each quadrilateral is cut along the diagonal that leaves the
-        larger smallest angle; those at the four corners are cut through the corner, so that no triangle has two edges
-        on the boundary.
+        larger smallest angle. A cell with two boundary edges that meet, as at the corners of a grid, is cut through
+        their corner, so that no triangle has two edges on the boundary.
         """
-        return triangles_of(self.points, (self.x.shape[0], self.x.shape[1]))
+        return self.mesh_parts("triangle").cells
 
     def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
         """Points, cells and sides as plain arrays; quadrilaterals, unless ``cells`` is ``"triangle"``.
 
         Raises :class:`~equimesh_coupling.BadValues` for another kind of cells.
         """
-        shape = (self.x.shape[0], self.x.shape[1])
-        return MeshParts(points=self.points, cells=self.cells, sides=self.sides, shape=shape).mesh_parts(cells)
+        parts = MeshParts(points=self.points, cells=self.cells, sides=self.sides, shape=self.shape)
+        return parts.mesh_parts(cells)
 
     def distance(self, other: Mesh) -> float:
-        """The largest difference of a coordinate to another mesh of the same shape."""
+        """The largest difference of a coordinate to another mesh of the same nodes."""
+        if self._points is not None:
+            return float(largest_difference(self._points, other.points))
         return max(largest_difference(self.x, other.x), largest_difference(self.y, other.y))
 
-    def corner_jacobians(self) -> Array:
-        """Jacobian of the cell map at the corners, shape ``(4, n_xi - 1, n_eta - 1)``, counter-clockwise.
+    def cell_areas(self) -> Array:
+        """The area of every cell, of the ``cell_shape``; negative if inverted."""
+        points, cells = self.points, self.cells
+        a, b, c, d = (points[cells[:, k]] for k in range(4))
+        one, other = c - a, d - b
+        return np.asarray(0.5 * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])).reshape(self.cell_shape)
 
-        Scaled by the spacing of the grid: the uniform mesh of the unit square has 1 everywhere, a mesh of a domain of
-        area A about A in the mean. A bilinear cell is valid (its map one to one) exactly when all four are positive.
+    def corner_jacobians(self) -> Array:
+        """Jacobian of the cell map at the corners of the cells, shape ``(4, *cell_shape)``, counter-clockwise.
+
+        The cross product of the two edges at the corner. On a grid it is scaled by the spacing: the uniform mesh of the
+        unit square has 1 everywhere, a mesh of a domain of area A about A in the mean. On any other mesh it is divided
+        by the mean area of cells. A bilinear cell is valid (its map one to one) exactly when all four are positive.
         """
-        x, y = self.x, self.y
-        ex, ey = np.diff(x, axis=0), np.diff(y, axis=0)  # edges along xi, at each eta
-        fx, fy = np.diff(x, axis=1), np.diff(y, axis=1)  # edges along eta, at each xi
-        jacobians = np.stack(
-            [
-                ex[:, :-1] * fy[:-1] - ey[:, :-1] * fx[:-1],
-                ex[:, :-1] * fy[1:] - ey[:, :-1] * fx[1:],
-                ex[:, 1:] * fy[1:] - ey[:, 1:] * fx[1:],
-                ex[:, 1:] * fy[:-1] - ey[:, 1:] * fx[:-1],
-            ]
-        )
-        return np.asarray(jacobians * ((x.shape[0] - 1) * (x.shape[1] - 1)))
+        at = self.points[self.cells]
+        ahead, behind = np.roll(at, -1, axis=1) - at, np.roll(at, 1, axis=1) - at
+        cross = ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0]
+        return self._scaled(cross.T.reshape(4, *self.cell_shape))
+
+    def _scaled(self, jacobians: Array) -> Array:
+        """Corner Jacobians times the number of cells of a grid, else over the mean area of cells."""
+        scaled = jacobians * math.prod(self.cell_shape) if self.is_grid else jacobians / self.cell_areas().mean()
+        return np.asarray(scaled)
 
     @property
     def min_jacobian(self) -> float:
-        """The smallest corner Jacobian; 1 for the uniform mesh of the unit square, not positive for a folded mesh."""
-        n_xi, n_eta = self.x.shape
-        return float(smallest_jacobian(self.x, self.y) * ((n_xi - 1) * (n_eta - 1)))
+        """The smallest of :meth:`corner_jacobians`; not positive for a folded mesh."""
+        return float(self._scaled(np.asarray(self._smallest(1))))
 
     @property
     def is_folded(self) -> bool:
@@ -268,7 +425,22 @@ class Mesh(Coupled):
 
     def is_folded_on(self, threads: int) -> bool:
         """Whether a cell is folded, as :attr:`is_folded`; the ``threads`` share the cells."""
-        return not smallest_of_rows(self.x, self.y, Rows.whole(self.x.shape, threads)) > 0.0
+        return not self._smallest(threads) > 0.0
+
+    def _smallest(self, threads: int) -> float:
+        """The smallest corner Jacobian, not scaled; NaN where a coordinate is not a number."""
+        if self._points is None or self._connected is None:
+            return smallest_of_rows(self.x, self.y, Rows.whole(self.x.shape, threads))
+        points, cells = self._points, self._connected.cells
+        count = max(1, min(threads, len(cells) // MIN_SHARED_CELLS))
+        ends = np.linspace(0, len(cells), count + 1).astype(np.int64)
+        smallest = np.full(count, np.nan)
+
+        def work(k: int) -> None:
+            smallest[k] = smallest_of_cells(points, cells[ends[k] : ends[k + 1]])
+
+        run_on_threads(count, work)
+        return float(smallest.min())
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,6 +454,8 @@ class MeshRows:
     x: Array
     y: Array
     rows: Rows
+    is_grid: ClassVar[bool] = True
+    """Rows are those of a grid."""
 
     @classmethod
     def of(cls, mesh: Mesh | MeshRows, threads: int = 1) -> MeshRows:
@@ -328,3 +502,82 @@ class MeshRows:
     def strips(self) -> Iterator[tuple[Array, Array]]:
         """x and y around the cells of every strip of own rows."""
         return (self.nodes(first, last) for first, last in self.rows.strips)
+
+
+# Checks of the numbers of a mesh, and the cells of its blocks.
+
+
+def _check_tables(points: Array, tables: Mapping[str, tuple[IntArray, int]], sides: Mapping[str, IntArray]) -> None:
+    """Refuse points, cells, ties and edges of other shapes."""
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise InputError(f"points has shape {points.shape}: it must be (n, 2)", field="points")
+    for name, (table, columns) in {**tables, **{f"sides.{name}": (edges, 2) for name, edges in sides.items()}}.items():
+        if table.ndim != 2 or table.shape[1] != columns:
+            raise InputError(f"{name} has shape {table.shape}: it must be (k, {columns})", field=name)
+        _check_numbers(table, name, len(points))
+
+
+def _check_blocks(blocks: tuple[IntArray, ...], count: int) -> None:
+    """Refuse blocks of other shapes, and numbers that are no nodes."""
+    for k, block in enumerate(blocks):
+        if block.ndim != 2 or min(block.shape) < 2:
+            raise InputError(f"blocks[{k}] has shape {block.shape}: at least 2 nodes each way", field=f"blocks[{k}]")
+    numbers = np.concatenate([block.reshape(-1) for block in blocks]) if blocks else np.empty(0)
+    if numbers.size and not (numbers.min() >= 0 and numbers.max() < count):
+        for k, block in enumerate(blocks):
+            _check_numbers(block, f"blocks[{k}]", count)
+
+
+def _names_of(blocks: tuple[IntArray, ...], names: tuple[str, ...]) -> tuple[str, ...]:
+    """A name for each block."""
+    if names and len(names) != len(blocks):
+        message = f"{len(names)} names for {len(blocks)} blocks: one name for each block"
+        raise InputError(message, field="block_names")
+    return names or tuple(f"block{k}" for k in range(len(blocks)))
+
+
+def cells_of_blocks(blocks: tuple[IntArray, ...], cells: IntArray) -> tuple[IntArray, ...]:
+    """For each block the places of its cells among ``cells``, shape ``(n_i - 1, n_j - 1)``."""
+    if not blocks:
+        return ()
+    corners = [quads_of_block(block) for block in blocks]
+    ends = np.cumsum([len(block) for block in corners])
+    wanted = np.concatenate(corners)
+    if len(wanted) == len(cells) and np.array_equal(wanted, cells):
+        found = np.arange(len(cells))
+    else:
+        found = _places(np.sort(cells, axis=1), np.sort(wanted, axis=1))
+    pieces = np.split(found, ends[:-1])
+    shapes = [(block.shape[0] - 1, block.shape[1] - 1) for block in blocks]
+    return tuple(piece.reshape(shape) for piece, shape in zip(pieces, shapes, strict=True))
+
+
+def quads_of_block(block: IntArray) -> IntArray:
+    """The nodes of every cell of a block, counter-clockwise, shape ``(m, 4)``; j runs fastest."""
+    corners = block[:-1, :-1], block[1:, :-1], block[1:, 1:], block[:-1, 1:]
+    return np.stack([corner.ravel() for corner in corners], axis=1)
+
+
+def _check_numbers(table: IntArray, name: str, count: int) -> None:
+    """Refuse numbers that are no nodes."""
+    if table.size and not (table.min() >= 0 and table.max() < count):
+        place = np.unravel_index(int(((table < 0) | (table >= count)).argmax()), table.shape)
+        where = "".join(f"[{int(k)}]" for k in place)
+        raise InputError(f"{name}{where} = {table[place]}: the nodes have the numbers 0 to {count - 1}", field=name)
+
+
+def _places(rows: IntArray, wanted: IntArray) -> IntArray:
+    """The place among ``rows`` of each of the ``wanted`` rows; both have four sorted columns."""
+    both = np.concatenate([rows, wanted])
+    order = np.lexsort(both.T[::-1])
+    ordered = both[order]
+    starts = np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)])
+    group = np.empty(len(both), dtype=np.int64)
+    group[order] = np.cumsum(starts) - 1
+    place = np.full(group.max() + 1, -1)
+    place[group[: len(rows)]] = np.arange(len(rows))
+    found = place[group[len(rows) :]]
+    if found.size and found.min() < 0:
+        cell = wanted[found.argmin()].tolist()
+        raise InputError(f"a block has a cell with the nodes {cell}, which is no cell of the mesh", field="blocks")
+    return found

@@ -9,7 +9,6 @@ import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.second_order import CurvedEdges
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
@@ -19,13 +18,13 @@ SEAMS = (("left", "right"), ("bottom", "top"))
 """The sides that are the two copies of a seam, of closed xi-lines and of closed eta-lines."""
 
 
-def joined(mesh: Mesh | QuadMesh, ties: IntArray) -> QuadMesh:
+def joined(mesh: Mesh, ties: IntArray) -> Mesh:
     """The mesh without the second copies of nodes that lie where the first ones do, as around a ring.
 
     ``ties``, shape ``(k, 2)``, are the copies and their originals. Such a seam is no side any more. Copies that lie a
     period apart stay, with their sides, as the ``ties`` of the mesh. A mesh of blocks has none, and is returned itself.
     """
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         return mesh
     points = mesh.points
     same = at_one_place(points, ties)
@@ -41,7 +40,7 @@ def joined(mesh: Mesh | QuadMesh, ties: IntArray) -> QuadMesh:
         if len(np.unique(edges, axis=0)) < len(edges):
             for name in seam:
                 del sides[name]
-    return QuadMesh(
+    return Mesh(
         points=points[kept],
         cells=number[mesh.cells],
         sides={name: number[edges] for name, edges in sides.items()},
@@ -76,7 +75,7 @@ class MeshData:
     Raises :class:`~equimesh.errors.InputError` for other shapes.
     """
 
-    mesh: Mesh | QuadMesh
+    mesh: Mesh
     u: Array | None
     q_eq: Array
     subdomain: IntArray
@@ -101,7 +100,7 @@ class MeshData:
     @property
     def grid_mesh(self) -> Mesh:
         """The mesh, which must be a grid. Raises :class:`~equimesh.errors.InputError` for a mesh of blocks."""
-        if isinstance(self.mesh, QuadMesh):
+        if not self.mesh.is_grid:
             raise InputError("this needs a grid, and a mesh of blocks has no rows and columns", field="mesh")
         return self.mesh
 

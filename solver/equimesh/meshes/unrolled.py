@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import scipy
 
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_search import QuadSearch
 from equimesh.numerics.types import Array, IntArray
 
@@ -31,7 +31,7 @@ class Unrolled:
     """The number of cells of the mesh itself."""
 
     @classmethod
-    def of(cls, mesh: QuadMesh) -> Unrolled:
+    def of(cls, mesh: Mesh) -> Unrolled:
         """The search in a valid mesh."""
         if not len(mesh.ties):
             search = QuadSearch.of(mesh.points, mesh.cells)
@@ -45,7 +45,7 @@ class Unrolled:
         return cls(search=search, nodes=kept % count, cells=len(mesh.cells))
 
 
-def translations_of(mesh: QuadMesh) -> Array:
+def translations_of(mesh: Mesh) -> Array:
     """The different translations from the originals to the copies of a mesh, shape ``(1 or 2, 2)``.
 
     A corner of a mesh that is joined both ways may have the sum of both, which is left out.
@@ -62,7 +62,7 @@ def translations_of(mesh: QuadMesh) -> Array:
     return np.array(found)
 
 
-def moves_of(mesh: QuadMesh) -> Array:
+def moves_of(mesh: Mesh) -> Array:
     """The translations of all copies of a mesh, the mesh itself first, shape ``(1, 3 or 9, 2)``."""
     if not len(mesh.ties):
         return np.zeros((1, 2))
@@ -75,7 +75,7 @@ def _moves(translations: Array) -> list[tuple[int, ...]]:
     return sorted(product((-1, 0, 1), repeat=len(translations)), key=any)
 
 
-def _joined(mesh: QuadMesh, translations: Array, moves: list[tuple[int, ...]]) -> IntArray:
+def _joined(mesh: Mesh, translations: Array, moves: list[tuple[int, ...]]) -> IntArray:
     """The number of each node of each copy, shape ``(copies, n)``; equal numbers are one node."""
     count, place = len(mesh.points), {move: k for k, move in enumerate(moves)}
     apart = mesh.points[mesh.ties[:, 0]] - mesh.points[mesh.ties[:, 1]]

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh_coupling.display import drawing, pieces_of
@@ -190,30 +189,30 @@ def _runs(x: Array, y: Array, mine: npt.NDArray[np.bool_]) -> list[Array]:
 # The lines of a mesh of blocks in a picture, and cells with colours for any mesh.
 
 
-def step_of(mesh: QuadMesh, most: int) -> int:
+def step_of(mesh: Mesh, most: int) -> int:
     """Every how many lines one is drawn, so that no block has more than about ``most`` lines in a direction."""
     return max((math.ceil((max(block.shape) - 1) / most) for block in mesh.blocks), default=1)
 
 
-def block_lines(mesh: QuadMesh, block: int, step: int) -> list[Array]:
+def block_lines(mesh: Mesh, block: int, step: int) -> list[Array]:
     """Every ``step``-th line of a block in both directions, its four edges among them; shape ``(nodes, 2)`` each."""
     numbers = mesh.blocks[block]
     rows, columns = (np.unique([*range(0, n, step), n - 1]) for n in numbers.shape)
     return [mesh.points[numbers[i]] for i in rows] + [mesh.points[numbers[:, j]] for j in columns]
 
 
-def outlines(mesh: QuadMesh) -> list[Array]:
+def outlines(mesh: Mesh) -> list[Array]:
     """The four edges of every block, shape ``(nodes, 2)`` each."""
     edges = [(block[0], block[-1], block[:, 0], block[:, -1]) for block in mesh.blocks]
     return [mesh.points[line] for four in edges for line in four]
 
 
-def all_edges(mesh: QuadMesh) -> list[Array]:
+def all_edges(mesh: Mesh) -> list[Array]:
     """The edges of all cells, for a mesh whose blocks are not known; one closed line for each cell."""
     return [*mesh.points[np.column_stack([mesh.cells, mesh.cells[:, 0]])]]
 
 
-def drawn_lines(mesh: QuadMesh, most: int) -> tuple[list[Array], int]:
+def drawn_lines(mesh: Mesh, most: int) -> tuple[list[Array], int]:
     """The lines of all blocks, about ``most`` in a direction of each, and every how many lines one is drawn."""
     if not mesh.blocks:
         return all_edges(mesh), 1
@@ -221,7 +220,7 @@ def drawn_lines(mesh: QuadMesh, most: int) -> tuple[list[Array], int]:
     return [line for k in range(len(mesh.blocks)) for line in block_lines(mesh, k, step)], step
 
 
-def colour_cells(axes: Axes, mesh: Mesh | QuadMesh, values: Array, **style: Any) -> ScalarMappable:
+def colour_cells(axes: Axes, mesh: Mesh, values: Array, **style: Any) -> ScalarMappable:
     """Draw every cell with the colour of its value, an array of the ``cell_shape`` of the mesh, perhaps masked.
 
     ``style`` is that of matplotlib's ``pcolormesh``, with a ``norm``.
@@ -230,7 +229,7 @@ def colour_cells(axes: Axes, mesh: Mesh | QuadMesh, values: Array, **style: Any)
     return drawn[0]
 
 
-def owners_of_blocks(mesh: QuadMesh, of_cell: IntArray) -> list[int] | None:
+def owners_of_blocks(mesh: Mesh, of_cell: IntArray) -> list[int] | None:
     """The subdomain of every block; ``None`` where a block has cells of several."""
     owners = []
     for cells in mesh.block_cells:

@@ -14,7 +14,6 @@ import numpy as np
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.plot.figure import (
     SHARED_OWNER,
@@ -131,7 +130,7 @@ def draw_mesh(
     of the blocks are drawn thicker.
     """
     of_cell = data.subdomain if show_subdomains else np.zeros_like(data.subdomain)
-    if isinstance(data.mesh, QuadMesh):
+    if not data.mesh.is_grid:
         pieces, remark, across = _lines_of_blocks(data.mesh, of_cell)
     else:
         pieces, remark, across = _lines_of_grid(data.mesh, of_cell, decomposition if show_subdomains else None)
@@ -149,7 +148,7 @@ def draw_mesh(
             else:
                 colour, label = SUBDOMAIN_COLOURS[owner % len(SUBDOMAIN_COLOURS)], _name(data.mesh, owner)
             axes.add_collection(LineCollection(pieces[owner], colors=colour, linewidths=width, label=label))
-        if isinstance(data.mesh, QuadMesh):
+        if not data.mesh.is_grid:
             axes.add_collection(LineCollection(outlines(data.mesh), colors=OUTLINE_COLOUR, linewidths=2.0 * width))
         _physical_plane(axes, data.mesh)
         many = (
@@ -174,7 +173,7 @@ def _lines_of_grid(
     return pieces, lines.remark, max(lines.x.shape)
 
 
-def _lines_of_blocks(mesh: QuadMesh, of_cell: IntArray) -> tuple[dict[int, list[Array]], str, float]:
+def _lines_of_blocks(mesh: Mesh, of_cell: IntArray) -> tuple[dict[int, list[Array]], str, float]:
     """The lines of a mesh of blocks by subdomain; all belong to one where a block has several."""
     owners = owners_of_blocks(mesh, of_cell)
     if not owners:
@@ -247,7 +246,7 @@ def draw_quality(data: MeshData, path: str | Path) -> None:
             norm=LogNorm(1 / spread, spread),
             rasterized=q.size > MAX_CELLS_WITH_EDGES**2,
         )
-        if isinstance(mesh, QuadMesh):
+        if not mesh.is_grid:
             pieces = drawn_lines(mesh, MAX_CELLS_WITH_EDGES)[0] if q.size <= MAX_CELLS_WITH_EDGES**2 else []
             axes.add_collection(LineCollection(pieces, colors="#00000066", linewidths=0.5))
         elif max(q.shape) <= MAX_CELLS_WITH_EDGES:
@@ -266,7 +265,7 @@ def draw_quality(data: MeshData, path: str | Path) -> None:
 
 def draw_surface(data: MeshData, path: str | Path) -> None:
     """Draw u over the mesh as a surface in three dimensions, with the mesh lines on it; flat where there is no u."""
-    if isinstance(data.mesh, QuadMesh):
+    if not data.mesh.is_grid:
         _draw_triangles(data, data.mesh, path)
         return
     lines = MeshLines.of(data.mesh, most=MAX_SURFACE_LINES)
@@ -282,7 +281,7 @@ def draw_surface(data: MeshData, path: str | Path) -> None:
         axes.set_title(f"u on the mesh of {_size(data.mesh)}{lines.remark}")
 
 
-def _draw_triangles(data: MeshData, mesh: QuadMesh, path: str | Path) -> None:
+def _draw_triangles(data: MeshData, mesh: Mesh, path: str | Path) -> None:
     """The surface over a mesh of blocks, from the triangles of its cells."""
     u = np.zeros(mesh.node_shape) if data.u is None else data.u
     with figure_file(path, 7.0, 5.8) as figure:
@@ -296,18 +295,18 @@ def _draw_triangles(data: MeshData, mesh: QuadMesh, path: str | Path) -> None:
         axes.set_title(f"u on the mesh of {_size(mesh)}")
 
 
-def _name(mesh: Mesh | QuadMesh, owner: int) -> str:
+def _name(mesh: Mesh, owner: int) -> str:
     """The name of a block in the legend, or the number of a subdomain."""
-    if isinstance(mesh, QuadMesh) and owner < len(mesh.block_names):
+    if not mesh.is_grid and owner < len(mesh.block_names):
         return mesh.block_names[owner]
     return f"subdomain {owner + 1}"
 
 
-def _size(mesh: Mesh | QuadMesh) -> str:
+def _size(mesh: Mesh) -> str:
     return f"{' × '.join(map(str, mesh.node_shape))} points"
 
 
-def _inches(mesh: Mesh | QuadMesh, width: float, height: float, *, least: tuple[float, float]) -> tuple[float, float]:
+def _inches(mesh: Mesh, width: float, height: float, *, least: tuple[float, float]) -> tuple[float, float]:
     """The size of a figure around a mesh that is not square, where one of a square mesh has ``width`` and ``height``.
 
     It has the ``least`` size, with room for titles and legends.
@@ -326,7 +325,7 @@ def _ends(values: Array) -> tuple[float, float]:
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
 
 
-def _physical_plane(axes: Axes, mesh: Mesh | QuadMesh) -> None:
+def _physical_plane(axes: Axes, mesh: Mesh) -> None:
     """Equal scales, and limits that leave the mesh a narrow margin."""
     for set_limits, values in ((axes.set_xlim, mesh.x), (axes.set_ylim, mesh.y)):
         low, high = _ends(values)

@@ -15,7 +15,6 @@ from equimesh.domains.domain import Domain
 from equimesh.meshes.cell_edges import CellEdges
 from equimesh.meshes.mesh import Grid, Mesh, MeshRows
 from equimesh.meshes.nested import OPEN, Closed
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_maps import (
@@ -392,8 +391,8 @@ class BilinearCells(MeshCells):
 
 # The cells of a mesh of blocks as bilinear quadrilaterals: one row of cells after the other, in one column.
 
-AnyMesh: TypeAlias = Mesh | MeshRows | QuadMesh
-"""A grid of nodes, some rows of one, or a mesh of blocks."""
+AnyMesh: TypeAlias = Mesh | MeshRows
+"""A mesh, or some rows of a grid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -403,7 +402,7 @@ class QuadCells(MeshCells):
     They count as one column of cells, since they have no rows of more: sums go over runs of consecutive cells.
     """
 
-    mesh: QuadMesh
+    mesh: Mesh
 
     @cached_property
     def rows(self) -> Rows:
@@ -482,7 +481,7 @@ class QuadCells(MeshCells):
 
 def cells_of(mesh: AnyMesh, closed: Closed = OPEN) -> BilinearCells | QuadCells:
     """The cells of any mesh; lines of a grid may be ``closed``."""
-    return QuadCells(mesh) if isinstance(mesh, QuadMesh) else BilinearCells(mesh, closed)
+    return BilinearCells(mesh, closed) if isinstance(mesh, MeshRows) or mesh.is_grid else QuadCells(mesh)
 
 
 # The angles at the corners of the cells.
@@ -509,7 +508,7 @@ class Angles:
         return {"min": self.smallest, "max": self.largest, "share_within": self.share_within}
 
 
-def corner_angles(mesh: Mesh | QuadMesh) -> Array:
+def corner_angles(mesh: Mesh) -> Array:
     """The angle at each corner of each cell, from 0 to 360 degrees, shape ``(4, cells)``, counter-clockwise."""
     cells = cells_of(mesh)
     corners = cells.corners(cells.own)
@@ -520,9 +519,7 @@ def corner_angles(mesh: Mesh | QuadMesh) -> Array:
     return np.asarray(np.degrees(turned) % 360.0)
 
 
-def measure_angles(
-    mesh: Mesh | QuadMesh, *, from_degrees: float = FROM_DEGREES, to_degrees: float = TO_DEGREES
-) -> Angles:
+def measure_angles(mesh: Mesh, *, from_degrees: float = FROM_DEGREES, to_degrees: float = TO_DEGREES) -> Angles:
     """The measures of the angles of ``mesh``; the share is that between the two angles given."""
     found = corner_angles(mesh)
     within = (found >= from_degrees) & (found <= to_degrees)

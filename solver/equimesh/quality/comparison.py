@@ -12,7 +12,6 @@ from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
@@ -29,7 +28,7 @@ from equimesh.quality.triangles import squared_errors
 class ComparedMesh:
     """One of two compared meshes, with the measures of its cells."""
 
-    mesh: Mesh | QuadMesh
+    mesh: Mesh
     """The mesh of the domain."""
     q_eq: Array
     """Equidistribution of every cell, 1 best, of the ``cell_shape`` of the mesh; infinite on a folded cell."""
@@ -68,11 +67,11 @@ class UniformComparison:
 
 
 def compare_with_uniform(
-    mesh: Mesh | QuadMesh,
+    mesh: Mesh,
     monitor: Monitor,
     *,
     domain: Domain = UNIT_SQUARE,
-    uniform: Mesh | QuadMesh | None = None,
+    uniform: Mesh | None = None,
     kind: Literal["quad", "triangle"] = "quad",
     degree: int = 1,
     interpolation: InterpolationErrors | None = None,
@@ -87,10 +86,9 @@ def compare_with_uniform(
     ``degree``. ``interpolation`` are the errors of the whole mesh, which
     :func:`~equimesh.quality.measures.measure` finds. ``threads`` share the cells.
     """
-    if uniform is None and isinstance(mesh, QuadMesh):
+    if uniform is None and not mesh.is_grid:
         raise InputError("a mesh of blocks has no uniform one: give the mesh that it began with", field="uniform")
     if uniform is None:
-        assert isinstance(mesh, Mesh)
         uniform = map_mesh(Mesh.uniform(mesh.grid), domain)
     return UniformComparison(
         adapted=_measured(mesh, monitor, (kind, degree), threads),
@@ -99,7 +97,7 @@ def compare_with_uniform(
     )
 
 
-def _measured(mesh: Mesh | QuadMesh, monitor: Monitor, element: tuple[CellKind, int], threads: int) -> ComparedMesh:
+def _measured(mesh: Mesh, monitor: Monitor, element: tuple[CellKind, int], threads: int) -> ComparedMesh:
     with np.errstate(all="ignore"):
         cells, u = cells_of(mesh), monitor.u
         nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]

@@ -16,7 +16,6 @@ from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.nested import OPEN, Closed
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cells import AnyMesh, QuadCells
@@ -61,7 +60,7 @@ def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
     Interfaces between blocks are faces as all others, and so are the sides of a periodic join, which are one. So are
     the seams of a grid with ``closed`` lines, whose rows are all here.
     """
-    if isinstance(mesh, QuadMesh):
+    if isinstance(mesh, Mesh) and not mesh.is_grid:
         return _of_blocks(mesh)
     window = MeshRows.of(mesh)
     if any(closed):
@@ -92,7 +91,7 @@ def _with_last_cells(nodes: Array, closed: Closed) -> Array:
     return np.ascontiguousarray(nodes)
 
 
-def _of_blocks(mesh: QuadMesh) -> Faces:
+def _of_blocks(mesh: Mesh) -> Faces:
     cells, centres = QuadCells(mesh), np.empty((2, len(mesh.cells)))
     corners = cells.corners(cells.own)
     if not place_centroids(corners, *centres):

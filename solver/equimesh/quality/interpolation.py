@@ -12,7 +12,6 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_maps import gather_values
@@ -96,7 +95,7 @@ class InterpolationErrors:
 
 
 def interpolation_errors(
-    mesh: Mesh | QuadMesh, u: Field, uniform: Mesh | QuadMesh | None = None, *, nodal: Array | None = None
+    mesh: Mesh, u: Field, uniform: Mesh | None = None, *, nodal: Array | None = None
 ) -> InterpolationErrors:
     """The interpolation errors of u on ``mesh`` and on ``uniform``, at the cost of a small part of a solve.
 
@@ -107,7 +106,7 @@ def interpolation_errors(
     """
     with np.errstate(all="ignore"):
         first = cells_of(mesh)
-        if isinstance(mesh, Mesh) and uniform is None:
+        if mesh.is_grid and uniform is None:
             uniform = Mesh.uniform(mesh.grid)
         second = None if uniform is None else cells_of(uniform)
         return errors_of(first, second, u, ErrorRule.lean(), sample(first.rows), nodal=nodal)

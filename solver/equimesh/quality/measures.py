@@ -24,7 +24,6 @@ from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh, MeshRows
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_maps import shapes
@@ -153,9 +152,7 @@ PER_CELL = ROWS
 """The measures of :class:`Quality` that have one value per cell."""
 
 
-def measure(
-    mesh: Mesh | QuadMesh, monitor: Monitor, *, uniform: Mesh | QuadMesh | None = None, gauss: int | None = None
-) -> Quality:
+def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss: int | None = None) -> Quality:
     """The quality measures of ``mesh`` for ``monitor``, which must be bound to a domain if it depends on one.
 
     ``uniform`` is the mesh of the same size that interpolation of u is compared with, by default the uniform mesh of
@@ -171,7 +168,7 @@ def measure_all(
     mesh: AnyMesh,
     monitor: Monitor,
     *,
-    uniform: Mesh | QuadMesh | None = None,
+    uniform: Mesh | None = None,
     domain: Domain = UNIT_SQUARE,
     gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
@@ -227,18 +224,14 @@ def window_image(window: MeshRows, domain: Domain) -> MeshRows:
     return MeshRows(mapped.x, mapped.y, window.rows)
 
 
-def _triangle_errors(
-    cells: MeshCells, u: Field, uniform: Mesh | QuadMesh | None, domain: Domain
-) -> InterpolationErrors:
+def _triangle_errors(cells: MeshCells, u: Field, uniform: Mesh | None, domain: Domain) -> InterpolationErrors:
     if isinstance(cells, BilinearCells):
         return triangle_errors(cells.window, u, window_image(cells.window, domain) if uniform is None else uniform)
     assert isinstance(cells, QuadCells)
     return triangle_errors(cells.mesh, u, uniform)
 
 
-def _uniform_cells(
-    cells: MeshCells, uniform: Mesh | QuadMesh | None, domain: Domain, numbers: IntArray | None
-) -> Cells | None:
+def _uniform_cells(cells: MeshCells, uniform: Mesh | None, domain: Domain, numbers: IntArray | None) -> Cells | None:
     """The cells of the mesh that a mesh is compared with, where those with ``numbers`` or all are looked at.
 
     ``None`` where a mesh of blocks is compared with nothing.
@@ -296,7 +289,7 @@ def equidistribution(mesh: AnyMesh, monitor: Monitor, *, gauss: int | None = Non
         return np.reshape(found, cells.own_shape)
 
 
-def alignment(mesh: Mesh | QuadMesh, monitor: Monitor, *, gauss: int | None = None) -> Array:
+def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Array:
     """``Q_ali`` of every cell: how far its shape is from a square in the metric M_K.
 
     ``Q_ali = tr(F'^T M_K F') / (2 sqrt(det M_K) det F')`` (Huang and Russell, chapter 4), F' the Jacobian
@@ -306,7 +299,7 @@ def alignment(mesh: Mesh | QuadMesh, monitor: Monitor, *, gauss: int | None = No
     return _values_of(mesh, monitor, gauss, "q_ali")
 
 
-def shape_regularity(mesh: Mesh | QuadMesh) -> Array:
+def shape_regularity(mesh: Mesh) -> Array:
     """``Q_geo`` of every cell: :func:`alignment` with the identity for the metric.
 
     At least 1, and 1 for a square; ``(r + 1/r) / 2`` for a rectangle of sides in the ratio r.
@@ -318,7 +311,7 @@ def shape_regularity(mesh: Mesh | QuadMesh) -> Array:
         return np.reshape(out[0], cells.own_shape)
 
 
-def _values_of(mesh: Mesh | QuadMesh, monitor: Monitor, gauss: int | None, name: str) -> Array:
+def _values_of(mesh: Mesh, monitor: Monitor, gauss: int | None, name: str) -> Array:
     with np.errstate(all="ignore"):
         cells = cells_of(mesh)
         rule = metric_rule(cells, gauss)
@@ -346,10 +339,10 @@ def error_rule(cells: MeshCells, gauss: int | None = None) -> ErrorRule:
 
 
 def measure_interpolation(
-    mesh: Mesh | QuadMesh,
+    mesh: Mesh,
     u: Field | None,
     *,
-    uniform: Mesh | QuadMesh | None = None,
+    uniform: Mesh | None = None,
     gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
     degree: int = 1,
@@ -374,7 +367,7 @@ def measure_interpolation(
 
 
 def measure_alone(
-    mesh: Mesh | QuadMesh,
+    mesh: Mesh,
     u: Field,
     *,
     kind: Literal["quad", "triangle"] = "quad",
@@ -445,7 +438,7 @@ def _of_window(domain: Domain, reference: MeshRows) -> float:
     return sum(cut_off(domain, line[:, :-1], line[:, 1:]) for line in lines)
 
 
-def measure_block_cut_off(domain: Blocks, mesh: QuadMesh) -> CutOff:
+def measure_block_cut_off(domain: Blocks, mesh: Mesh) -> CutOff:
     """The cut-off of a mesh of a domain in blocks; its nodes are at the nearest points of their curves."""
     edges = np.concatenate([side for side in domain.mesh.sides.values() if len(side)])
     total = np.zeros(2)

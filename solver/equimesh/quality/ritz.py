@@ -18,7 +18,6 @@ import scipy
 
 from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cell_maps import locate
@@ -59,7 +58,7 @@ UNKNOWN = RitzErrors(l2=math.nan, h1=math.nan)
 
 
 def solver_gain(
-    mesh: Mesh | QuadMesh, uniform: Mesh | QuadMesh, u: Field, *, ties: IntArray | None = None, triangles: bool = False
+    mesh: Mesh, uniform: Mesh, u: Field, *, ties: IntArray | None = None, triangles: bool = False
 ) -> SolverGain | None:
     """How many times smaller the error of a solver is on ``mesh`` than on ``uniform``, in L2 and in H1.
 
@@ -69,16 +68,16 @@ def solver_gain(
     both errors are those on every second, third, ... node, and ``points`` tells how many. ``None`` for a larger mesh of
     blocks. NaN where an error is not known.
     """
-    if isinstance(mesh, QuadMesh) and len(mesh.points) > MAX_BLOCK_POINTS:
+    if not mesh.is_grid and len(mesh.points) > MAX_BLOCK_POINTS:
         return None
     found = [coarsened(one, ties) for one in (mesh, uniform)]
     here, there = (ritz_errors(one, u, triangles=triangles) for one in found)
     return SolverGain(l2=here.gain(there, "l2"), h1=here.gain(there, "h1"), points=len(found[0].points))
 
 
-def coarsened(mesh: Mesh | QuadMesh, ties: IntArray | None = None) -> QuadMesh:
+def coarsened(mesh: Mesh, ties: IntArray | None = None) -> Mesh:
     """The mesh with one number for each node; of a grid with many points every second, third, ... line and the last."""
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         return mesh
     step = next(step for step in range(1, mesh.x.size) if _kept(mesh.x.shape, step) <= MAX_GRID_POINTS)
     lines = [_lines(count, step) for count in mesh.x.shape]
@@ -86,7 +85,7 @@ def coarsened(mesh: Mesh | QuadMesh, ties: IntArray | None = None) -> QuadMesh:
     number[np.ix_(*lines)] = np.arange(lines[0].size * lines[1].size).reshape(lines[0].size, lines[1].size)
     kept = Mesh(*(np.ascontiguousarray(q[np.ix_(*lines)]) for q in (mesh.x, mesh.y)))
     tied = number.ravel()[np.empty((0, 2), dtype=np.int64) if ties is None else ties]
-    return QuadMesh(points=kept.points, cells=kept.cells, sides=kept.sides, ties=tied[(tied >= 0).all(axis=1)])
+    return Mesh(points=kept.points, cells=kept.cells, sides=kept.sides, ties=tied[(tied >= 0).all(axis=1)])
 
 
 def _lines(count: int, step: int) -> IntArray:
@@ -99,7 +98,7 @@ def _kept(shape: tuple[int, ...], step: int) -> int:
     return math.prod(_lines(count, step).size for count in shape)
 
 
-def ritz_errors(mesh: QuadMesh, u: Field, *, triangles: bool = False) -> RitzErrors:
+def ritz_errors(mesh: Mesh, u: Field, *, triangles: bool = False) -> RitzErrors:
     """The errors of the Ritz projection of u on all cells of ``mesh``, or on the ``triangles`` of them.
 
     One sparse direct solve; :data:`UNKNOWN` where the mesh is folded, or an error is not finite.
@@ -128,7 +127,7 @@ def ritz_errors(mesh: QuadMesh, u: Field, *, triangles: bool = False) -> RitzErr
         return RitzErrors(l2=l2, h1=h1, rounding=noise(cells, float(np.abs(nodal).max())))
 
 
-def _elements(mesh: QuadMesh, *, triangles: bool) -> IntArray:
+def _elements(mesh: Mesh, *, triangles: bool) -> IntArray:
     """The nodes of every element, shape ``(4, elements)``; a triangle is a cell whose last two corners are one."""
     if not triangles:
         return np.ascontiguousarray(mesh.cells.T)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,6 @@ from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
 from equimesh.least_error.starts import coordinates_of
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
 from equimesh_coupling.display import draw_on, picture
@@ -48,7 +47,7 @@ class Recovery:
 
     u: Field
     domain: Domain | Blocks
-    mesh: Mesh | QuadMesh
+    mesh: Mesh
     """The mesh of the values, on the reference square; of blocks the mesh itself."""
     values: Array
     """The values at the nodes, shape ``(n_xi, n_eta)``, on blocks ``(n,)``."""
@@ -56,7 +55,7 @@ class Recovery:
     """The estimated L2 error that is nothing but rounding of the values."""
 
     @classmethod
-    def of(cls, mesh: Mesh | QuadMesh, values: npt.ArrayLike, domain: Domain | Blocks) -> Recovery:
+    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain | Blocks) -> Recovery:
         """From ``values`` of the shape ``mesh.node_shape`` at the nodes of ``mesh``, a mesh of ``domain``.
 
         Raises as :func:`~equimesh.fields.on_domain.recover`, on blocks as
@@ -64,13 +63,13 @@ class Recovery:
         than the domain, too, and for a mesh and a domain of two kinds.
         """
         u: Field
-        reference: Mesh | QuadMesh
-        if isinstance(mesh, QuadMesh) and isinstance(domain, Blocks):
+        reference: Mesh
+        if not mesh.is_grid and isinstance(domain, Blocks):
             if not np.array_equal(mesh.cells, domain.mesh.cells):
                 raise InputError(OTHER_CELLS, field="mesh")
             field = QuadField(mesh=mesh, values=values)
             u, reference, known = field, mesh, field.values
-        elif isinstance(mesh, QuadMesh) or isinstance(domain, Blocks):
+        elif not mesh.is_grid or isinstance(domain, Blocks):
             raise InputError(TWO_KINDS, field="mesh")
         else:
             found = recover(mesh, values, domain)
@@ -91,9 +90,9 @@ class Recovery:
         return gradient_norm(cells_of(on_domain(self.mesh, self.domain)), self.values)
 
 
-def on_domain(reference: Mesh | QuadMesh, domain: Domain | Blocks) -> Any:
+def on_domain(reference: Mesh, domain: Domain | Blocks) -> Any:
     """The mesh of the domain whose ``reference`` is known: a mesh of its class, of blocks the mesh itself."""
-    return reference if isinstance(reference, QuadMesh) or isinstance(domain, Blocks) else map_mesh(reference, domain)
+    return reference if not reference.is_grid or isinstance(domain, Blocks) else map_mesh(reference, domain)
 
 
 def gradient_norm(cells: MeshCells, values: Array) -> float:
@@ -107,10 +106,10 @@ def gradient_norm(cells: MeshCells, values: Array) -> float:
     return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
 
 
-def measured(u: Field, domain: Domain | Blocks, mesh: Mesh | QuadMesh, rule: Rule, threads: int = 1) -> float:
+def measured(u: Field, domain: Domain | Blocks, mesh: Mesh, rule: Rule, threads: int = 1) -> float:
     """The norm of the error of the bilinear interpolant of u on a ``mesh`` of the reference square, or of blocks."""
     weights = Weights(distortion=0.0, smoothness=0.0)
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         points = np.ascontiguousarray(mesh.points.T)
         count, area = points.shape[1], float(mesh.cell_areas().sum())
         curves = CurveChart([], np.full(count, FREE), np.zeros(count), area)
@@ -122,12 +121,12 @@ def measured(u: Field, domain: Domain | Blocks, mesh: Mesh | QuadMesh, rule: Rul
     return objective.error(np.ascontiguousarray(coordinates_of(mesh)))
 
 
-def moved_cells(before: Mesh | QuadMesh, after: Mesh | QuadMesh) -> float:
+def moved_cells(before: Mesh, after: Mesh) -> float:
     """The root mean square of the moves of the nodes, in spacings of the uniform mesh of the square.
 
     On blocks in sides of a square with the area of the mean cell.
     """
-    if isinstance(before, QuadMesh):
+    if not before.is_grid:
         size = float(np.mean(before.cell_areas()))
         moves = np.sum((after.points - before.points) ** 2, axis=1)
         return math.sqrt(float(np.mean(moves)) / size)
@@ -138,8 +137,6 @@ def moved_cells(before: Mesh | QuadMesh, after: Mesh | QuadMesh) -> float:
 
 # The error of the values, and the mesh for the next solve.
 
-AnyMesh = TypeVar("AnyMesh", Mesh, QuadMesh)
-"""The class of the meshes, of grids or of blocks."""
 KEPT = "kept"
 """The name of the mesh before, where no candidate is valid or the values are linear in x and y."""
 
@@ -158,9 +155,7 @@ class ErrorEstimate:
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
 
     @classmethod
-    def of(
-        cls, mesh: Mesh | QuadMesh, values: npt.ArrayLike, domain: Domain | Blocks, threads: int = 1
-    ) -> ErrorEstimate:
+    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain | Blocks, threads: int = 1) -> ErrorEstimate:
         """From ``values`` of the shape ``mesh.node_shape`` at the nodes of ``mesh``, a mesh of ``domain``.
 
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
@@ -182,10 +177,10 @@ class ErrorEstimate:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NextMesh(Generic[AnyMesh]):
+class NextMesh:
     """The mesh for the next solve."""
 
-    reference: AnyMesh
+    reference: Mesh
     """The mesh for the next solve on the reference square; of blocks the mesh itself."""
     chosen: str
     """The name of the candidate that was chosen."""
@@ -204,12 +199,12 @@ class NextMesh(Generic[AnyMesh]):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Round(Generic[AnyMesh]):
+class Round:
     """The next mesh, and the estimated error of the values on their own mesh."""
 
-    mesh: AnyMesh
+    mesh: Mesh
     """The next mesh of the domain, with as many nodes."""
-    reference: AnyMesh
+    reference: Mesh
     """The same mesh on the reference square; of blocks the mesh itself."""
     estimate: float
     """The estimated L2 error of the values on their own mesh, 0 where that is nothing but rounding."""

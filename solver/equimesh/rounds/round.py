@@ -17,7 +17,6 @@ from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import coarse_level
 from equimesh.least_error.starts import mesh_of
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.numerics.threads import thread_count
@@ -42,7 +41,7 @@ WHOLE = "whole"
 """The name of the descent from the initial mesh of the domain."""
 
 
-def descents(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> Iterator[tuple[str, QuadMesh]]:
+def descents(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> Iterator[tuple[str, Mesh]]:
     """The valid meshes with their names, for the better one of two pairs of weights."""
     tried = []
     before: Any = known.mesh
@@ -54,7 +53,7 @@ def descents(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> Itera
     _, monitor, reached = min(tried, key=lambda one: one[0])
     solve = LeastErrorSolve(monitor=monitor, domain=domain, threads=threads)
     is_first = before.distance(domain.mesh) == 0.0
-    starts: list[tuple[str, QuadMesh | None, DescentEnd | None]] = [(WHOLE, None, reached)]
+    starts: list[tuple[str, Mesh | None, DescentEnd | None]] = [(WHOLE, None, reached)]
     if not is_first:
         starts.append((PARTS, before, None))
     for name, start, coarse in starts:
@@ -76,14 +75,14 @@ def _end_of(steps: Generator[object, None, T]) -> T:
             return found
 
 
-def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1) -> NextMesh[Any]:
+def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1) -> NextMesh:
     """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly.
 
     Candidates are descents from the mesh of the values, on a grid also meshes of straight lines, on blocks descents
     from the initial mesh of the domain.
     """
     before, domain = known.recovery.mesh, known.recovery.domain
-    kept = NextMesh[Any](reference=before, chosen=KEPT, candidates={}, gain=1.0, moved_cells=0.0)
+    kept = NextMesh(reference=before, chosen=KEPT, candidates={}, gain=1.0, moved_cells=0.0)
     if known.is_exact:
         return kept
     if isinstance(domain, Blocks):
@@ -91,7 +90,7 @@ def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1) -> NextMesh[An
     return _best_of_grid(known.recovery, norm, threads) or kept
 
 
-def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> NextMesh[Any] | None:
+def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> NextMesh | None:
     rule = Rule(norm=norm, points=MEASURED_POINTS + (MORE_SLOPE_POINTS if norm == "h1" else 0))
     found = dict(descents(known, domain, norm, threads))
     errors = {name: measured(known.u, domain, mesh, rule, threads) for name, mesh in found.items()}
@@ -109,7 +108,7 @@ def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -
     )
 
 
-def _best_of_grid(known: Recovery, norm: Norm, threads: int) -> NextMesh[Any] | None:
+def _best_of_grid(known: Recovery, norm: Norm, threads: int) -> NextMesh | None:
     before: Any = known.mesh
     domain: Any = known.domain
     search = Search(u=known.u, domain=domain, before=before, norm=norm, threads=threads)
@@ -131,18 +130,16 @@ def _best_of_grid(known: Recovery, norm: Norm, threads: int) -> NextMesh[Any] | 
 @overload
 def adapt_round(
     mesh: Mesh, values: npt.ArrayLike, domain: Domain = UNIT_SQUARE, norm: Norm = "l2", threads: int = 1
-) -> Round[Mesh]: ...
+) -> Round: ...
 @overload
+def adapt_round(mesh: Mesh, values: npt.ArrayLike, domain: Blocks, norm: Norm = "l2", threads: int = 1) -> Round: ...
 def adapt_round(
-    mesh: QuadMesh, values: npt.ArrayLike, domain: Blocks, norm: Norm = "l2", threads: int = 1
-) -> Round[QuadMesh]: ...
-def adapt_round(
-    mesh: Mesh | QuadMesh,
+    mesh: Mesh,
     values: npt.ArrayLike,
     domain: Domain | Blocks = UNIT_SQUARE,
     norm: Norm = "l2",
     threads: int = 1,
-) -> Round[Mesh] | Round[QuadMesh]:
+) -> Round:
     """The next mesh for a solution that is known by ``values`` at the nodes of ``mesh``.
 
     ``values`` have the shape ``mesh.node_shape``: ``(n_xi, n_eta)`` on a grid, ``(n,)`` on blocks. ``mesh`` is one of

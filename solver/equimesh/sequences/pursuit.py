@@ -24,7 +24,6 @@ from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.monitors.metrics import Curvature, Smoothed
 from equimesh.monitors.monitor import Monitor
@@ -43,7 +42,7 @@ NODE_SHARE = 0.95
 MAX_SILENT_JUMP = 0.5
 
 
-def displacement(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> Array:
+def displacement(old: Mesh, new: Mesh) -> Array:
     """The displacement of every node, shape ``(n_xi, n_eta, 2)`` or ``(n, 2)``, in the unit of the coordinates.
 
     Divided by the time step it is the velocity of the mesh, for the ALE form of the equations.
@@ -51,14 +50,14 @@ def displacement(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> Array:
     return np.stack([new.x - old.x, new.y - old.y], axis=-1)
 
 
-def cells_moved(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> float:
+def cells_moved(old: Mesh, new: Mesh) -> float:
     """The displacement in cells that 95 % of the nodes do not exceed.
 
     The cells are those of the old mesh: a displacement is the sum of multiples of the half differences of neighbours
     along both lines through the node, and the larger multiple counts. On blocks it is the sum of multiples of the two
     edges of each cell at the node, and the mean over these cells counts.
     """
-    if isinstance(old, QuadMesh):
+    if not old.is_grid:
         return float(np.quantile(_moved_in_cells(old, new.points - old.points), NODE_SHARE))
     move = displacement(old, new)
     (x_s, x_t), (y_s, y_t) = ((np.gradient(z, axis=0), np.gradient(z, axis=1)) for z in (old.x, old.y))
@@ -70,7 +69,7 @@ def cells_moved(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> float:
     return float(np.quantile(cells[np.isfinite(cells)], NODE_SHARE))
 
 
-def _moved_in_cells(mesh: QuadMesh, move: Array) -> Array:
+def _moved_in_cells(mesh: Mesh, move: Array) -> Array:
     """The displacement of each node in the cells of a mesh of blocks."""
     sums, counts = np.zeros(len(mesh.points)), np.zeros(len(mesh.points))
     for corner in range(4):
@@ -84,7 +83,7 @@ def _moved_in_cells(mesh: QuadMesh, move: Array) -> Array:
     return np.asarray((sums / np.maximum(counts, 1.0))[counts > 0.0])
 
 
-def stays_valid(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> bool:
+def stays_valid(old: Mesh, new: Mesh) -> bool:
     """Whether all cells are valid at all times while each node moves on a straight line at constant speed.
 
     A corner's Jacobian is then quadratic in time, and positive throughout when it is so at both ends and where it is
@@ -99,18 +98,16 @@ def stays_valid(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> bool:
     return bool(np.all(least > 0.0))
 
 
-def _jacobians(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> tuple[Array, Array, Array]:
+def _jacobians(old: Mesh, new: Mesh) -> tuple[Array, Array, Array]:
     """The Jacobians of all corners of the old mesh, of the mesh half way, and of the new one, in one unit."""
-    if isinstance(old, Mesh):
-        middle = Mesh(0.5 * (old.x + new.x), 0.5 * (old.y + new.y))
-        return old.corner_jacobians(), middle.corner_jacobians(), new.corner_jacobians()
-    first, half, last = (_corner_areas(p, old) for p in (old.points, 0.5 * (old.points + new.points), new.points))
+    before, after, cells = old.points, new.points, old.cells
+    first, half, last = (_corner_areas(points, cells) for points in (before, 0.5 * (before + after), after))
     return first, half, last
 
 
-def _corner_areas(points: Array, mesh: QuadMesh) -> Array:
-    """The products of the two edges at each corner of the cells of ``mesh``, with its nodes at ``points``."""
-    corners = points[mesh.cells]
+def _corner_areas(points: Array, cells: IntArray) -> Array:
+    """The products of the two edges at each corner of ``cells``, with their nodes at ``points``."""
+    corners = points[cells]
     ahead, behind = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     return np.asarray(ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0])
 
@@ -138,9 +135,7 @@ def outrun_by(moved: float, max_move: float) -> InputError:
     )
 
 
-def about_moves(
-    old: Mesh | QuadMesh, new: Mesh | QuadMesh, jump: float, moved: float, max_move: float
-) -> Iterator[str]:
+def about_moves(old: Mesh, new: Mesh, jump: float, moved: float, max_move: float) -> Iterator[str]:
     """Sentences about a step in which the mesh ``moved`` by so many cells; ``jump`` is the largest jump of its u."""
     if moved > max_move and jump > MAX_SILENT_JUMP:
         yield (
@@ -205,7 +200,7 @@ def mesh_between(before: Mesh, new: Mesh, share: float) -> Mesh:
     return new
 
 
-def blocks_between(domain: Blocks, before: QuadMesh, new: QuadMesh, share: float) -> QuadMesh:
+def blocks_between(domain: Blocks, before: Mesh, new: Mesh, share: float) -> Mesh:
     """The mesh between two meshes of a ``domain`` in blocks; nodes on curves are at their nearest points."""
     finest = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
     for _ in range(MAX_HALVINGS):
@@ -230,7 +225,7 @@ SEVERAL = (
 """The reason why several u are refused on blocks."""
 
 
-def monitor_for(template: Monitor, given: Any, mesh: Mesh | QuadMesh) -> Monitor:
+def monitor_for(template: Monitor, given: Any, mesh: Mesh) -> Monitor:
     """The monitor of a step, with the settings of ``template``.
 
     ``given`` is a monitor, which is returned as it is; u as an array of the shape ``mesh.node_shape`` at the nodes of
@@ -253,11 +248,11 @@ def monitor_for(template: Monitor, given: Any, mesh: Mesh | QuadMesh) -> Monitor
     return with_u(template, field_of(given, mesh, "u"))
 
 
-def field_of(given: Any, mesh: Mesh | QuadMesh, name: str) -> Field:
+def field_of(given: Any, mesh: Mesh, name: str) -> Field:
     """A function of x and y: ``given`` itself, the expression of a text, or nodal values as a field."""
     if isinstance(given, str) or callable(getattr(given, "evaluate", None)):
         return require_field(given, name)
-    return QuadField(mesh=mesh, values=given) if isinstance(mesh, QuadMesh) else NodalField(mesh=mesh, values=given)
+    return QuadField(mesh=mesh, values=given) if not mesh.is_grid else NodalField(mesh=mesh, values=given)
 
 
 def with_u(monitor: Monitor, u: Field) -> Monitor:
@@ -277,10 +272,10 @@ def with_u(monitor: Monitor, u: Field) -> Monitor:
     )
 
 
-def _several(template: Monitor, given: Sequence[tuple[str, Any]], mesh: Mesh | QuadMesh) -> Monitor:
+def _several(template: Monitor, given: Sequence[tuple[str, Any]], mesh: Mesh) -> Monitor:
     if len(given) == 1:
         return monitor_for(template, given[0][1], mesh)
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         raise InputError(SEVERAL, field="u")
     monitors = [
         part if callable(getattr(part, "metric", None)) else with_u(_metric(template), field_of(part, mesh, name))
@@ -296,7 +291,7 @@ def _metric(template: Monitor) -> Monitor:
     return template
 
 
-def _is_whole(part: Any, mesh: Mesh | QuadMesh) -> bool:
+def _is_whole(part: Any, mesh: Mesh) -> bool:
     """Whether this is a u or a monitor by itself, and no row of an array."""
     return (
         isinstance(part, str)
@@ -348,7 +343,7 @@ class Pursuit:
     """Finds the mesh of the next step. ``u`` is the u of the mesh ``before``, ``None`` where it is not known."""
 
     options: SolveArguments
-    before: Mesh | QuadMesh
+    before: Mesh
     """The mesh before, on the reference square and the grid of the step; of blocks the mesh itself."""
     u: Field | None
     gain: float
@@ -390,7 +385,7 @@ class Pursuit:
             mesh = solution.reference
         return StepSolution(solution=self._from(problem, mesh), substeps=count)
 
-    def _from(self, problem: Problem[Any], start: Mesh | QuadMesh | Initial) -> AnySolution:
+    def _from(self, problem: Problem[Any], start: Mesh | Initial) -> AnySolution:
         """The solution from a start."""
         options: SolveArguments = {**self.options, "initial": start, "check": False}
         found: AnySolution = solve(problem, self.schwarz, **options)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Generic, Literal, Self, TypeAlias, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Self, Unpack
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import describe_value
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import prolong
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.sequences.pursuit import (
@@ -38,7 +37,7 @@ from equimesh.sequences.pursuit import (
     smoothed,
 )
 from equimesh.solving.certificate import Certificate
-from equimesh.solving.solution import AnySolution, M, Solution, SolveError
+from equimesh.solving.solution import AnySolution, Solution, SolveError
 from equimesh.solving.solve import check_start_on_blocks, solve
 from equimesh.solving.status import SolveArguments, Status
 from equimesh.transfers.integrals import integral
@@ -51,8 +50,6 @@ from equimesh_schema.notebook import html_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-AnyMesh: TypeAlias = Mesh | QuadMesh
-
 # What a step says of the integrals of the fields that it carried.
 
 # A relative change of an integral that deserves a sentence: rounding is far less.
@@ -60,7 +57,7 @@ MAX_SILENT_CHANGE = 1e-12
 
 
 def about_integrals(
-    meshes: tuple[Mesh | QuadMesh, Mesh | QuadMesh], given: Mapping[str, MeshValues], carried: Mapping[str, Array]
+    meshes: tuple[Mesh, Mesh], given: Mapping[str, MeshValues], carried: Mapping[str, Array]
 ) -> Iterator[str]:
     """Sentences about integrals that were not kept, from the mesh before to the new one."""
     for name, field in given.items():
@@ -72,7 +69,7 @@ def about_integrals(
             )
 
 
-def _change(old: Mesh | QuadMesh, new: Mesh | QuadMesh, field: MeshValues, carried: Array) -> float:
+def _change(old: Mesh, new: Mesh, field: MeshValues, carried: Array) -> float:
     """The largest relative change of the integral of a component."""
     values, largest = np.asarray(field.values, dtype=float), 0.0
     for index in np.ndindex(*values.shape[len(old.node_shape) :]):
@@ -100,22 +97,22 @@ def check_settings(smoothing: Any, max_move: Any, outrun: Any) -> None:
         raise InputError(f"outrun = {outrun!r}: choose 'substeps' or 'refuse'", field="outrun")
 
 
-def first_mesh(begin: AnySolution | AnyMesh | None, domain: Domain | Blocks) -> tuple[Any, Any]:
+def first_mesh(begin: AnySolution | Mesh | None, domain: Domain | Blocks) -> tuple[Any, Any]:
     """The mesh of the domain that a sequence begins with, and the same mesh on the reference square.
 
     Raises :class:`~equimesh.errors.InputError` for what is no mesh and no solution, for a folded mesh, and for one of
     another domain.
     """
     mesh = begin.mesh if isinstance(begin, Solution) else begin
-    if isinstance(domain, Blocks) and isinstance(mesh, QuadMesh):
-        check_start_on_blocks(domain, mesh)
-        return mesh, mesh
-    if isinstance(domain, Blocks) or not isinstance(mesh, Mesh):
+    if not isinstance(mesh, Mesh) or isinstance(domain, Blocks) == mesh.is_grid:
         raise InputError(
-            f"a sequence cannot begin with {describe_value(begin)}: give mesh= an em.Mesh, on blocks a QuadMesh of the"
-            " domain, or solution= the result of em.solve",
+            f"a sequence cannot begin with {describe_value(begin)}: give mesh= an em.Mesh, of blocks that of a"
+            " domain in blocks, or solution= the result of em.solve",
             field="mesh",
         )
+    if isinstance(domain, Blocks):
+        check_start_on_blocks(domain, mesh)
+        return mesh, mesh
     if isinstance(begin, Solution):
         reference = begin.reference
     else:
@@ -146,17 +143,17 @@ def _is_number(value: object) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SequenceStep(Generic[M]):
+class SequenceStep:
     """The result of :meth:`~equimesh.sequences.sequence.Sequence.step`."""
 
     number: int
     """1 for the first step."""
-    mesh: M
+    mesh: Mesh
     """The mesh of the sequence after the step: the mesh of the solution, or the last good mesh if the solve failed.
 
     The next step begins with it: write into copies of its arrays only.
     """
-    solution: Solution[Any, M]
+    solution: Solution[Any]
     """The solve of this step, also a failed one."""
     fields: Mapping[str, Array]
     """The fields on the mesh, by their names."""
@@ -174,7 +171,7 @@ class SequenceStep(Generic[M]):
     """Sentences about this step alone: moves, and integrals that bounds did not allow to keep."""
 
     @classmethod
-    def kept(cls, number: int, mesh: M, solution: Solution[Any, M], given: Mapping[str, MeshValues]) -> Self:
+    def kept(cls, number: int, mesh: Mesh, solution: Solution[Any], given: Mapping[str, MeshValues]) -> Self:
         """The step of a solve that failed: it keeps the mesh and the fields as they were."""
         return cls(
             number=number,
@@ -230,7 +227,7 @@ class SequenceStep(Generic[M]):
 SMOOTHED = "The mesh keeps a share of the mesh before it"
 
 
-class Sequence(Generic[M]):
+class Sequence:
     """Meshes of one domain, with four sides or in blocks, that follow a solution in time.
 
     ``problem`` gives domain, grid and the monitor, whose settings hold for all steps. The first mesh is that of
@@ -260,8 +257,8 @@ class Sequence(Generic[M]):
         problem: Problem[Any],
         schwarz: Schwarz | None = None,
         *,
-        solution: Solution[Any, M] | Earlier | None = None,
-        mesh: M | None = None,
+        solution: Solution[Any] | Earlier | None = None,
+        mesh: Mesh | None = None,
         smoothing: float = 0.0,
         max_move: float = 1.0,
         outrun: Literal["substeps", "refuse"] = "substeps",
@@ -284,8 +281,8 @@ class Sequence(Generic[M]):
             found = solve(problem, schwarz, **self._options)
         self.solution = found
         self._earlier = earlier
-        self.mesh: M
-        self._reference: M
+        self.mesh: Mesh
+        self._reference: Mesh
         self.mesh, self._reference = first_mesh(mesh if found is None else found, problem.domain)
         self._nodes = self.mesh.points.copy()
         self.number = 0
@@ -296,7 +293,7 @@ class Sequence(Generic[M]):
         fields: Mapping[str, Any] | None = None,
         *,
         grid: Grid | None = None,
-    ) -> SequenceStep[M]:
+    ) -> SequenceStep:
         """The next mesh, adapted to ``u``, with the ``fields`` of the mesh before on it.
 
         ``u`` is an array at the nodes of :attr:`mesh`, shape ``(n_xi, n_eta)``, on blocks ``(n,)``; a field, or the
@@ -366,7 +363,7 @@ class Sequence(Generic[M]):
         before: Any = self._reference
         return before if grid is None or grid == before.grid else prolong(before, grid)
 
-    def _pursue(self, problem: Problem[Any], before: Mesh | QuadMesh) -> StepSolution:
+    def _pursue(self, problem: Problem[Any], before: Mesh) -> StepSolution:
         """The solution of a step."""
         earlier = self._earlier
         if self.solution is not None:
@@ -381,7 +378,7 @@ class Sequence(Generic[M]):
         )
         return pursuit.solve(problem)
 
-    def _smoothed(self, solution: AnySolution, before: Mesh | QuadMesh) -> AnySolution:
+    def _smoothed(self, solution: AnySolution, before: Mesh) -> AnySolution:
         """The solution with a share of the mesh before."""
         if self.smoothing == 0.0:
             return solution
@@ -409,7 +406,7 @@ class Sequence(Generic[M]):
         if self.outrun == "refuse" and not self._is_first and moved is not None and moved > self.max_move:
             raise outrun_by(moved, self.max_move)
 
-    def _failed(self, solution: AnySolution, given: Mapping[str, MeshValues]) -> SequenceStep[M]:
+    def _failed(self, solution: AnySolution, given: Mapping[str, MeshValues]) -> SequenceStep:
         """A step that keeps the mesh and the fields as they were."""
         if self._check:
             raise SolveError(solution.message, solution)

@@ -15,8 +15,7 @@ from equimesh.fields.expression import Field
 from equimesh.fields.noise import noise_share
 from equimesh.fields.samples import GridSamples
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh import MeshRows
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.monitors.metrics import ArcLength
 from equimesh.monitors.monitor import orthogonality_of
 from equimesh.numerics.types import Pair
@@ -190,7 +189,7 @@ def about_cut_off(cut: CutOff) -> Iterator[str]:
 
 
 def block_warnings(
-    mesh: QuadMesh,
+    mesh: Mesh,
     u: Field | None,
     errors: InterpolationErrors | None,
     faces: Faces,

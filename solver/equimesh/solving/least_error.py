@@ -16,7 +16,6 @@ from equimesh.least_error.nest import Level, coarse_level, last_compared
 from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.quality.measures import measure_alone
 from equimesh.rounds.recovery import KEPT, Round
@@ -35,7 +34,7 @@ NO_BETTER = "No mesh was found with a smaller error than that of the {} mesh, wh
 
 def solve_least_error(
     problem: Problem[Any],
-    initial: Initial | Mesh | QuadMesh,
+    initial: Initial | Mesh,
     options: SolveOptions,
     *,
     coarse: DescentEnd | None = None,
@@ -92,8 +91,8 @@ def _solve(
 
 def _course(
     solve: LeastErrorSolve,
-    start: Mesh | QuadMesh | None,
-    initial: Initial | Mesh | QuadMesh,
+    start: Mesh | None,
+    initial: Initial | Mesh,
     coarse: DescentEnd | None,
 ) -> DescentProgress:
     """The course of a descent, by its starts and by the levels that are done before."""
@@ -115,7 +114,7 @@ def other_ways(solve: LeastErrorSolve, start: str) -> Iterator[Iterator[Descent]
         yield replace(solve, monitor=replace(solve.monitor, norm="l2").on(solve.domain)).steps()
 
 
-def _or_given(found: AnySolution, start: Mesh | QuadMesh, norm: str) -> AnySolution:
+def _or_given(found: AnySolution, start: Mesh, norm: str) -> AnySolution:
     """The solution, with the mesh that was given to start from where that has the smaller error in ``norm``."""
     placed = _placed(found.problem, start)
     status = status_unless_folded(Status.COMPLETED, folded=placed["mesh"].is_folded_on(found.threads))
@@ -163,9 +162,9 @@ def _finish(
     )
 
 
-def _placed(problem: Problem[Any], mesh: Mesh | QuadMesh) -> dict[str, Any]:
+def _placed(problem: Problem[Any], mesh: Mesh) -> dict[str, Any]:
     """The ``mesh`` and the ``reference`` of a solution, by a mesh of the reference square or of the blocks."""
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         found = problem.domain.mesh.moved(mesh.points)
         return {"mesh": found, "reference": found}
     reference = closed_mesh(Mesh(mesh.x, mesh.y), closed_of(problem.domain))
@@ -272,7 +271,7 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
     )
 
 
-def _estimate(found: Round[Any]) -> Estimate:
+def _estimate(found: Round) -> Estimate:
     return Estimate(
         l2=found.estimate,
         h1=found.estimate_h1,
@@ -281,7 +280,7 @@ def _estimate(found: Round[Any]) -> Estimate:
     )
 
 
-def _comparison(found: Round[Any], norm: str) -> tuple[Candidate, ...]:
+def _comparison(found: Round, norm: str) -> tuple[Candidate, ...]:
     """The candidates, the best one first: how many times smaller their errors are than the estimate."""
     before = found.estimate if norm == "l2" else found.estimate_h1
     return tuple(

@@ -19,7 +19,6 @@ from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.mesh_data import MeshData, joined
 from equimesh.meshes.nested import tied_nodes
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.numerics.types import Array, IntArray
@@ -52,14 +51,6 @@ from equimesh_schema.notebook import html_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from typing_extensions import TypeVar
-
-    M = TypeVar("M", Mesh, QuadMesh, default=Mesh)
-else:
-    from typing import TypeVar
-
-    M = TypeVar("M", Mesh, QuadMesh)
-    """The class of a mesh: of a grid, or of blocks; the first where a type does not say it."""
 
 # Measurements of a mesh after its solve: its quality, and the numbers of its certificate.
 #
@@ -168,7 +159,7 @@ class MeasuredBlocks:
     """A mesh of a domain in blocks; ``errors`` gives how well it interpolates u, ``cut_off`` its shares."""
 
     problem: Problem[Blocks]
-    mesh: QuadMesh
+    mesh: Mesh
     errors: Callable[[], InterpolationErrors | None]
     cut_off: Callable[[], CutOff]
     threads: int = 1
@@ -177,7 +168,7 @@ class MeasuredBlocks:
         """All quality measures."""
         return measure_quality(self.mesh, self.problem.monitor, self.errors(), threads=self.threads)
 
-    def against_uniform(self, mesh: QuadMesh, errors: InterpolationErrors | None) -> UniformComparison:
+    def against_uniform(self, mesh: Mesh, errors: InterpolationErrors | None) -> UniformComparison:
         """The ``mesh``, of these ``errors``, next to the initial one."""
         monitor, initial = self.problem.monitor, self.problem.initial
         return compare_with_uniform(
@@ -222,10 +213,10 @@ class MeasuredBlocks:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Solution(Generic[D, M]):
+class Solution(Generic[D]):
     """A mesh of the physical domain, the record of its computation, and whether it is the requested one.
 
-    The mesh is a :class:`~equimesh.meshes.mesh.Mesh` of a grid, or a :class:`~equimesh.meshes.quad_mesh.QuadMesh` of
+    The mesh is a :class:`~equimesh.meshes.mesh.Mesh` of a grid, or a :class:`~equimesh.meshes.mesh.Mesh` of
     blocks, whose errors are compared with those on the initial mesh of the domain. What only equidistribution on a grid
     has is left at its default on blocks: ``None``, NaN, 0 or empty.
     """
@@ -234,9 +225,9 @@ class Solution(Generic[D, M]):
     """The problem that was solved."""
     schwarz: Schwarz | None = None
     """The settings of the Schwarz iteration; ``None`` for a solve of the whole mesh."""
-    mesh: M
+    mesh: Mesh
     """The mesh of the domain."""
-    reference: M
+    reference: Mesh
     """The same mesh on the reference square; of blocks the mesh itself. Solves can start from it."""
     status: Status
     """The end of the solve."""
@@ -334,15 +325,12 @@ class Solution(Generic[D, M]):
     @cached_property
     def against_uniform(self) -> UniformComparison:
         """The mesh next to the uniform mesh of its size, of blocks the initial one: u, Q_eq, the error of each cell."""
-        mesh: Any = self.mesh
-        return self._measured.against_uniform(mesh, self.interpolation)
+        return self._measured.against_uniform(self.mesh, self.interpolation)
 
     @property
-    def initial(self) -> M:
+    def initial(self) -> Mesh:
         """The mesh with which this one is compared: the uniform mesh of the domain, of blocks their initial mesh."""
-        initial: Any = self.problem.initial
-        found: M = initial
-        return found
+        return self.problem.initial
 
     @cached_property
     def u(self) -> Array | None:
@@ -356,12 +344,12 @@ class Solution(Generic[D, M]):
     @property
     def ties(self) -> IntArray:
         """Nodes of closed lines or periodic sides that are one, shape ``(k, 2)``: a copy, and its original."""
-        if isinstance(self.mesh, QuadMesh):
+        if not self.mesh.is_grid:
             return self.mesh.ties
         return tied_nodes(self.problem.grid.shape, closed_of(self.problem.domain))
 
     @cached_property
-    def joined(self) -> QuadMesh:
+    def joined(self) -> Mesh:
         """The mesh of the domain with one number for each node, also on a seam that lies on itself, as of a ring.
 
         Copies that are a period apart stay, as its ``ties``. Of blocks it is the mesh itself.
@@ -382,7 +370,7 @@ class Solution(Generic[D, M]):
     def cut_off(self) -> CutOff:
         """The areas between the curved sides of the domain and the cells, as shares of its area."""
         domain: Any = self.problem.domain
-        if isinstance(self.reference, QuadMesh):
+        if not self.reference.is_grid:
             return measure_block_cut_off(domain, self.reference)
         return measure_cut_off(domain, MeshRows.of(self.reference))
 
@@ -392,7 +380,7 @@ class Solution(Generic[D, M]):
         problem: Problem[Any] = self.problem
         mesh: Any = self.mesh
         reference: Any = self.reference
-        if isinstance(mesh, QuadMesh):
+        if not mesh.is_grid:
             return MeasuredBlocks(
                 problem=problem,
                 mesh=mesh,
@@ -523,7 +511,7 @@ class Solution(Generic[D, M]):
         With ``joined`` the mesh is :attr:`joined`, without the second copies of nodes of a seam that lies on itself.
         """
         owner, parts = np.zeros(self.mesh.cell_shape, dtype=np.int64), self.decomposition
-        if isinstance(self.mesh, QuadMesh):
+        if not self.mesh.is_grid:
             for number, cells in enumerate(self.mesh.block_cells):
                 owner[cells] = number
             return MeshData(mesh=self.mesh, q_eq=self.quality.q_eq.cells, u=self.u, subdomain=owner)
@@ -537,9 +525,9 @@ def status_unless_folded(status: Status, *, folded: bool) -> Status:
     return Status.FOLDED if status.succeeded and folded else status
 
 
-OnBlocks: TypeAlias = Solution[Blocks, QuadMesh]
+OnBlocks: TypeAlias = Solution[Blocks]
 """A solution on a domain in blocks."""
-AnySolution: TypeAlias = Solution[Any, Any]
+AnySolution: TypeAlias = Solution[Any]
 """A solution on a grid, or on blocks."""
 
 

@@ -16,7 +16,6 @@ from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import nested_levels
 from equimesh.least_error.subdomains import Subdomains, owners
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, require_lines
 from equimesh.numerics.threads import thread_count
@@ -61,7 +60,7 @@ NO_DEGREE = (
 NO_BETTER_FOR_SOLVERS = "No candidate has a smaller error of a solver than the uniform mesh, which this is."
 """The note of a uniform mesh."""
 
-AnyStart: TypeAlias = Initial | Mesh | QuadMesh
+AnyStart: TypeAlias = Initial | Mesh
 """The start of a solve: a word, or a mesh of the reference square or of the blocks."""
 
 
@@ -386,7 +385,7 @@ def checked_start(problem: Problem[Any], initial: AnyStart) -> AnyStart:
     """
     if in_blocks(problem):
         return check_start_on_blocks(problem.domain, initial)
-    if isinstance(initial, QuadMesh):
+    if isinstance(initial, Mesh) and not initial.is_grid:
         message = "initial is a mesh of blocks, and the problem has a grid: give a mesh of the reference square"
         raise InputError(message, field="initial")
     start = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
@@ -401,12 +400,12 @@ def checked_start(problem: Problem[Any], initial: AnyStart) -> AnyStart:
     return start
 
 
-def check_start_on_blocks(domain: Blocks, initial: AnyStart) -> Initial | QuadMesh:
+def check_start_on_blocks(domain: Blocks, initial: AnyStart) -> Initial | Mesh:
     """The start of a solve on blocks; raises as :func:`checked_start`."""
-    if isinstance(initial, Mesh):
-        raise InputError("initial is the mesh of a grid: give a QuadMesh of the domain in blocks", field="initial")
-    if not isinstance(initial, QuadMesh):
+    if not isinstance(initial, Mesh):
         return choice(Initial, initial, "initial")
+    if initial.is_grid:
+        raise InputError("initial is the mesh of a grid: give a mesh of the domain in blocks", field="initial")
     own = domain.mesh
     if initial.points.shape != own.points.shape or not np.array_equal(initial.cells, own.cells):
         raise InputError(

@@ -15,7 +15,6 @@ from equimesh.errors import DecompositionError
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.nest import Level
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.metrics import ArcLength
 from equimesh.schwarz.conditions import Optimized, label
 from equimesh.schwarz.records import Iteration, IterationNumbers
@@ -262,7 +261,7 @@ class Initial(StrEnum):
 class SolveArguments(TypedDict, total=False):
     """Options of :func:`~equimesh.solving.solve.solve`. Each of them may be left out."""
 
-    initial: Initial | Mesh | QuadMesh
+    initial: Initial | Mesh
     """The start: nested (default), uniform, or a mesh of the reference square, such as the ``reference`` of the
     solution for a monitor a time step earlier. Where such a mesh is far from the solution, the start is nested. On a
     domain in blocks a mesh of the domain, such as the ``mesh`` of a solution.

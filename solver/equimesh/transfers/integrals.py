@@ -14,7 +14,6 @@ from equimesh.errors import SamplesError
 from equimesh.inputs import real_array
 from equimesh.meshes.cell_edges import QuadLinks, links_of
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 
 # Areas, centroids and weights of the corners of straight-edged cells.
@@ -75,7 +74,7 @@ class QuadCells:
     """The node here for each node of the mesh."""
 
     @classmethod
-    def of(cls, mesh: QuadMesh) -> QuadCells:
+    def of(cls, mesh: Mesh) -> QuadCells:
         """The cells of a valid mesh."""
         corners = np.stack([mesh.x[mesh.cells], mesh.y[mesh.cells]])
         area, x, y, weights = measures_of(corners)
@@ -114,7 +113,7 @@ class QuadCells:
         return self.at_nodes(self.weights)
 
 
-def untied(mesh: QuadMesh) -> tuple[IntArray, IntArray]:
+def untied(mesh: Mesh) -> tuple[IntArray, IntArray]:
     """The nodes that are left where tied ones are one, and the number among these for each node of the mesh."""
     first = np.arange(len(mesh.points))
     while len(mesh.ties):  # a corner that is joined both ways is a copy of a copy
@@ -180,7 +179,7 @@ def cells_of(mesh: Mesh) -> Cells:
     return Cells(shape=shape, area=area, x=x, y=y, weights=weights, corners=corners)
 
 
-def integral(mesh: Mesh | QuadMesh, values: npt.ArrayLike, location: Literal["nodes", "cells"] = "nodes") -> float:
+def integral(mesh: Mesh, values: npt.ArrayLike, location: Literal["nodes", "cells"] = "nodes") -> float:
     """The integral of values on a valid mesh, which a conservative transfer keeps.
 
     ``values`` are averages over the cells, or values at the nodes of a bilinear function, in the shapes
@@ -191,7 +190,7 @@ def integral(mesh: Mesh | QuadMesh, values: npt.ArrayLike, location: Literal["no
     wanted = mesh.node_shape if location == "nodes" else mesh.cell_shape
     if checked.shape != wanted:
         raise SamplesError(f"values have shape {checked.shape}: {wanted} is needed for {location}", field="values")
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         of_quads = QuadCells.of(mesh)
         if location == "nodes":
             return total(of_quads.node_weights, checked[of_quads.kept])

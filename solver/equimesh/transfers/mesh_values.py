@@ -14,7 +14,6 @@ from equimesh.errors import InputError, SamplesError
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 
 Transfer: TypeAlias = Literal["spline", "conservative"]
@@ -59,7 +58,7 @@ class MeshValues:
         if self.bounds is not None:
             _check_bounds(self.bounds, self.transfer)
 
-    def on(self, mesh: Mesh | QuadMesh, name: str) -> Array:
+    def on(self, mesh: Mesh, name: str) -> Array:
         """The checked values on ``mesh``; raises :class:`~equimesh.errors.SamplesError` with the field ``name``."""
         axes = len(mesh.node_shape)
         checked = real_array(self.values, name, ndim=_dimensions(self.values, axes))

@@ -8,7 +8,6 @@ from equimesh.errors import InputError
 from equimesh.inputs import describe_value
 from equimesh.meshes.cell_edges import QuadLinks, links_of
 from equimesh.meshes.mesh import MIN_POINTS, Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.unrolled import moves_of
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
@@ -20,16 +19,7 @@ MAX_CURVE_TURN = 0.8
 """The largest turn of a curve at a node of its mesh, in radians; a larger one is a corner."""
 
 
-def require_valid_quads(mesh: QuadMesh) -> None:
-    """Raise :class:`~equimesh.errors.InputError` for a folded mesh."""
-    if mesh.is_folded:
-        raise InputError(
-            "a mesh is folded, or has a coordinate that is not finite: give one whose min_jacobian is positive",
-            field="mesh",
-        )
-
-
-def boundary_of(mesh: QuadMesh) -> tuple[Array, Array]:
+def boundary_of(mesh: Mesh) -> tuple[Array, Array]:
     """The nodes of the boundary, shape ``(k, 2)``, and its edges.
 
     Of each edge there are x and y of both ends, and how far a curve may be from it; shape ``(edges, 5)``. They are in
@@ -77,12 +67,9 @@ MAX_TURN = 1.0
 
 def require_valid(mesh: object) -> None:
     """Raise :class:`~equimesh.errors.InputError` for what is no mesh, a folded one, and less than 4 nodes a side."""
-    if isinstance(mesh, QuadMesh):
-        require_valid_quads(mesh)
-        return
     if not isinstance(mesh, Mesh):
         raise InputError(f"a mesh is needed, such as solution.mesh, not {describe_value(mesh)}", field="mesh")
-    if min(mesh.x.shape) < MIN_POINTS:
+    if mesh.is_grid and min(mesh.x.shape) < MIN_POINTS:
         raise InputError(
             f"a mesh has {mesh.x.shape[0]} x {mesh.x.shape[1]} nodes: at least {MIN_POINTS} in each direction are"
             " needed",
@@ -95,7 +82,7 @@ def require_valid(mesh: object) -> None:
         )
 
 
-def require_one_domain(mesh: Mesh | QuadMesh, new_mesh: Mesh | QuadMesh) -> None:
+def require_one_domain(mesh: Mesh, new_mesh: Mesh) -> None:
     """Raise :class:`~equimesh.errors.InputError` unless both meshes are valid ones of the same domain.
 
     Each node on a side of one mesh must lie on a side of the other one: up to rounding where that is straight, and
@@ -104,7 +91,7 @@ def require_one_domain(mesh: Mesh | QuadMesh, new_mesh: Mesh | QuadMesh) -> None
     """
     for one in (mesh, new_mesh):
         require_valid(one)
-    if isinstance(mesh, QuadMesh) != isinstance(new_mesh, QuadMesh):
+    if mesh.is_grid != new_mesh.is_grid:
         raise InputError(
             "one mesh is that of a grid, the other one is not: fields are carried between two meshes of one kind",
             field="mesh",
@@ -121,9 +108,9 @@ def require_one_domain(mesh: Mesh | QuadMesh, new_mesh: Mesh | QuadMesh) -> None
             )
 
 
-def _boundary(mesh: Mesh | QuadMesh) -> tuple[Array, Array]:
+def _boundary(mesh: Mesh) -> tuple[Array, Array]:
     """The nodes of the boundary, shape ``(nodes, 2)``, and its edges as in :func:`_edges`."""
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         return boundary_of(mesh)
     sides = _sides(mesh)
     return np.concatenate(sides), np.concatenate([_edges(side) for side in sides])

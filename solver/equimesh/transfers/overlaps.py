@@ -10,7 +10,6 @@ import numpy as np
 from equimesh.fields.mesh_map import walk
 from equimesh.meshes.cell_edges import QuadLinks
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.quad_search import Boxes, find_cell
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.compiled import compiled
@@ -208,11 +207,11 @@ class Overlaps:
     """The area of each new cell that lies in the old mesh."""
 
     @classmethod
-    def of(cls, old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> Overlaps:
+    def of(cls, old: Mesh, new: Mesh) -> Overlaps:
         """The common parts of two valid meshes of one kind."""
-        if isinstance(old, QuadMesh) and isinstance(new, QuadMesh):
+        if not old.is_grid and not new.is_grid:
             return cls._of_quads(old, new)
-        if isinstance(old, QuadMesh) or isinstance(new, QuadMesh):
+        if not old.is_grid or not new.is_grid:
             raise AssertionError("the caller refuses meshes of two kinds")
         of_old, of_new = cells_of(old), cells_of(new)
         x, y, new_x, new_y = (np.ascontiguousarray(q, dtype=float) for q in (old.x, old.y, new.x, new.y))
@@ -223,7 +222,7 @@ class Overlaps:
         return cls._of_parts(of_old, of_new, parts)
 
     @classmethod
-    def _of_quads(cls, old: QuadMesh, new: QuadMesh) -> Overlaps:
+    def _of_quads(cls, old: Mesh, new: Mesh) -> Overlaps:
         """Common parts of the cells of two meshes of blocks; old cells beyond a periodic join count as themselves."""
         unrolled, of_old, of_new = Unrolled.of(old), QuadCells.of(old), QuadCells.of(new)
         search, cells = unrolled.search, np.ascontiguousarray(new.cells)

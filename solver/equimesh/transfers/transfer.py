@@ -26,7 +26,6 @@ from equimesh.inputs import describe_value
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import joined
 from equimesh.meshes.nested import Closed, tied_nodes
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.types import Array
 from equimesh.transfers.integrals import QuadCells, total
@@ -103,13 +102,13 @@ MAX_BEYOND = 0.25
 """How far, as a share of a cell, the cubics go on where a curved side lies beyond the edges of the mesh."""
 
 
-def transfer_spline(mesh: Mesh | QuadMesh, fields: Mapping[str, Array], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
+def transfer_spline(mesh: Mesh, fields: Mapping[str, Array], new_mesh: Mesh) -> dict[str, Array]:
     """Values at the nodes of ``mesh``, shape ``(n_xi, n_eta, ...)``, interpolated to those of ``new_mesh``, by name.
 
     As :class:`~equimesh.fields.nodal_field.NodalField`: accurate to O(h^4), exact for linear functions; not monotone,
     so that an under-resolved front may overshoot by a few percent, and integrals are kept to the order only.
     """
-    if isinstance(mesh, QuadMesh):
+    if not mesh.is_grid:
         return _by_cubics(mesh, fields, new_mesh)
     places = MeshMap.of(mesh).locate(new_mesh.x, new_mesh.y)
     rough = np.flatnonzero(~places.smooth)
@@ -126,7 +125,7 @@ def transfer_spline(mesh: Mesh | QuadMesh, fields: Mapping[str, Array], new_mesh
     return moved
 
 
-def _by_cubics(mesh: QuadMesh, fields: Mapping[str, Array], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
+def _by_cubics(mesh: Mesh, fields: Mapping[str, Array], new_mesh: Mesh) -> dict[str, Array]:
     """The fields carried from a mesh of quadrilaterals by cubics on its edges."""
     unrolled = Unrolled.of(mesh)
     places, moved = unrolled.search.find(new_mesh.x, new_mesh.y, MAX_BEYOND), {}
@@ -139,7 +138,7 @@ def _by_cubics(mesh: QuadMesh, fields: Mapping[str, Array], new_mesh: Mesh | Qua
     return moved
 
 
-def transfer(mesh: Mesh | QuadMesh, fields: Mapping[str, Any], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
+def transfer(mesh: Mesh, fields: Mapping[str, Any], new_mesh: Mesh) -> dict[str, Array]:
     """Fields of ``mesh`` on ``new_mesh``, by their names, in the shapes of that mesh.
 
     A field is an array of shape ``(n_xi, n_eta)`` or ``(n_xi, n_eta, components)`` at the nodes, which is carried by
@@ -167,7 +166,7 @@ def named(fields: Any) -> dict[str, MeshValues]:
     return {name: mesh_values(field) for name, field in fields.items()}
 
 
-def carry(mesh: Mesh | QuadMesh, given: Mapping[str, MeshValues], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
+def carry(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh) -> dict[str, Array]:
     """The fields on the new mesh, as by :func:`transfer`, between two valid meshes of one domain."""
     checked = {name: field.on(mesh, name) for name, field in given.items()}
     if not checked:
@@ -197,7 +196,7 @@ def carry_closed(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh, cl
     }
 
 
-def _flat(field: MeshValues, mesh: Mesh, joined_mesh: QuadMesh, name: str) -> Array:
+def _flat(field: MeshValues, mesh: Mesh, joined_mesh: Mesh, name: str) -> Array:
     """The values on a grid as those on the same mesh with one number for each node."""
     values = field.on(mesh, name)
     if field.location == "cells":
@@ -207,9 +206,7 @@ def _flat(field: MeshValues, mesh: Mesh, joined_mesh: QuadMesh, name: str) -> Ar
     return flat
 
 
-def _conserved(
-    overlaps: Overlaps, field: MeshValues, values: Array, interpolated: Array | None, mesh: Mesh | QuadMesh
-) -> Array:
+def _conserved(overlaps: Overlaps, field: MeshValues, values: Array, interpolated: Array | None, mesh: Mesh) -> Array:
     """One field on the new ``mesh``, each component by itself."""
     shape, axes = (mesh.cell_shape if interpolated is None else mesh.node_shape), len(mesh.node_shape)
     moved = np.empty(shape + values.shape[axes:])

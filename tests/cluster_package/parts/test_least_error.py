@@ -75,7 +75,7 @@ def solve_on(channel: Channel | None, smoothness: float = 1.0) -> LeastErrorSolv
 
 def points_of(records: list[Descent]) -> Array:
     mesh = records[-1].mesh
-    assert isinstance(mesh, em.QuadMesh)
+    assert isinstance(mesh, em.Mesh)
     return mesh.points
 
 

@@ -301,7 +301,7 @@ def test_the_record_of_values_on_blocks_has_their_estimates() -> None:
     assert (record.estimate, record.unresolved) == (known.estimate, known.unresolved)
     assert record_of(known, mesh, values).estimate_h1 == record.estimate_h1
     found, moved, start = following()
-    assert isinstance(found, em.QuadMesh)
+    assert isinstance(found, em.Mesh)
     assert moved > 0.0
     assert start == "whole"
 
@@ -309,14 +309,14 @@ def test_the_record_of_values_on_blocks_has_their_estimates() -> None:
 def test_a_loop_on_blocks_adapts_to_values_and_to_averages() -> None:
     front = em.Expression("tanh(15*(x + y - 1))")
 
-    def nodal(mesh: em.QuadMesh) -> np.ndarray:
+    def nodal(mesh: em.Mesh) -> np.ndarray:
         return front.evaluate(mesh.x, mesh.y)[0]
 
-    def averages(mesh: em.QuadMesh) -> em.CellAverages:
+    def averages(mesh: em.Mesh) -> em.CellAverages:
         return em.CellAverages(front.evaluate(*mesh.points[mesh.cells].mean(axis=1).T)[0])
 
     for solve in (nodal, averages):
-        seen: list[em.AdaptRound[em.QuadMesh]] = []
+        seen: list[em.AdaptRound[em.Mesh]] = []
         found = em.adapt(solve, domain=DOMAIN, rounds=2, threads=1, observe=seen.append)
         assert [one.number for one in seen] == [0, 1, 2]
         assert found.rounds[0].mesh is DOMAIN.mesh

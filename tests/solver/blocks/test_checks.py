@@ -16,7 +16,7 @@ from equimesh.blocks.checks import _pairs_of_cells, check_not_crossing, find_ove
 from equimesh.blocks.curve_entries import Airfoil
 from equimesh.blocks.curves import Circle
 from equimesh.blocks.spline_curve import SplineCurve
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.testing import geometries
 from solver.blocks import documents
 
@@ -120,7 +120,7 @@ def test_blocks_that_are_not_connected_are_named() -> None:
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
 
-def chain(squares: Sequence[tuple[int, int]], cells: int = 1) -> QuadMesh:
+def chain(squares: Sequence[tuple[int, int]], cells: int = 1) -> Mesh:
     """Unit squares of ``cells`` x ``cells``, each of which has an edge in common with the one before, and no more."""
     numbers: dict[tuple[int, int], int] = {}
     points: list[tuple[float, float]] = []
@@ -136,7 +136,7 @@ def chain(squares: Sequence[tuple[int, int]], cells: int = 1) -> QuadMesh:
             found.append(quad)
             edges += list(zip(quad, quad[1:] + quad[:1], strict=True))
     boundary = [edge for edge in edges if edge[::-1] not in set(edges)]
-    return QuadMesh(points=np.array(points), cells=np.array(found), sides={"all": np.array(boundary)})
+    return Mesh(points=np.array(points), cells=np.array(found), sides={"all": np.array(boundary)})
 
 
 @pytest.mark.parametrize("cells", [1, 3])
@@ -169,7 +169,7 @@ def square(x: float, y: float, size: float) -> NDArray[np.float64]:
 @pytest.mark.parametrize(("shift", "overlaps"), [(1 - 1e-9, False), (1 - 1e-6, True), (1 / 3, True), (1, False)])
 def test_squares_that_touch_to_rounding_do_not_overlap(shift: float, overlaps: bool) -> None:
     quads = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
-    mesh = QuadMesh(
+    mesh = Mesh(
         points=np.concatenate([square(0, 0, 1), square(shift, 0.5, 1)]),
         cells=quads,
         sides={"all": np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)},
@@ -185,7 +185,7 @@ def test_a_part_inside_of_another_one_is_found_without_a_crossing() -> None:
     outer = np.array([edge for edge in edges if edge[::-1] not in edges])
     small = len(points) + np.arange(4)
     hole = {"inner": np.column_stack([small, np.roll(small, -1)])}
-    mesh = QuadMesh(
+    mesh = Mesh(
         points=np.concatenate([points, square(3.4, 3.3, 0.25)]),
         cells=np.concatenate([cells, small[None]]),
         sides={"outer": outer} | hole,
@@ -222,7 +222,7 @@ def test_few_pairs_of_long_thin_slanted_cells_are_compared() -> None:
     line = np.concatenate([numbers[:, 0], numbers[-1, 1:], numbers[-2::-1, -1], numbers[0, -2:0:-1]])
     edges = np.column_stack([line, np.roll(line, -1)])
     points = np.stack([x - y, x + y], axis=-1).reshape(-1, 2)
-    mesh = QuadMesh(points=points, cells=cells, sides={"all": edges})
+    mesh = Mesh(points=points, cells=cells, sides={"all": edges})
     one, _ = _pairs_of_cells(mesh, edges, np.arange(len(cells)), 1e-8)
     assert len(cells) - 2 < len(one) < 5 * len(cells)
     assert find_overlap(mesh) is None

@@ -20,7 +20,7 @@ def bent(domain: em.Domain, shift: float = 0.0) -> Mesh:
     return map_mesh(Mesh(uniform.x**1.3, uniform.y - 0.1 * np.sin(2 * np.pi * uniform.y) / np.pi + shift), domain)
 
 
-def check_equidistant(mesh: Mesh | em.QuadMesh, found: CurvedEdges, count: int) -> None:
+def check_equidistant(mesh: Mesh, found: CurvedEdges, count: int) -> None:
     edges, middles = found.edges, found.middles
     assert len(edges) == count
     begin, end = (np.hypot(*(middles - mesh.points[edges[:, k]]).T) for k in (0, 1))

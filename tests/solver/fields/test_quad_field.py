@@ -9,7 +9,7 @@ import equimesh as em
 from equimesh.fields.nodal_field import HermiteField
 from equimesh.fields.quad_field import MAX_TURNS, QuadField, along_lines, from_neighbours, mean_of_cells, quad_gradients
 from equimesh.meshes.cell_edges import QuadLinks, links_of
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from solver.fields.bent_meshes import smooth_mesh
 from solver.meshes.quad_cases import bent, corner, disc, inner_points, merged, ring, strip
 
@@ -21,7 +21,7 @@ def wave(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("limited", [False, True])
 @pytest.mark.parametrize("mesh", [corner(5), bent(disc(6), 0.03), ring(4)])
-def test_linear_functions_are_exact(mesh: QuadMesh, limited: bool) -> None:
+def test_linear_functions_are_exact(mesh: Mesh, limited: bool) -> None:
     x, y = inner_points(mesh).T
     found = QuadField(mesh=mesh, values=1 + 2 * mesh.x - 3 * mesh.y, limited=limited).evaluate(x, y, order=2)
     for part, wanted in zip(found, (1 + 2 * x - 3 * y, 2, -3, 0, 0, 0), strict=True):
@@ -58,7 +58,7 @@ def test_derivatives_are_those_of_the_values() -> None:
 
 def test_a_grid_has_the_same_function_inside() -> None:
     grid = smooth_mesh(40)  # lines turn by less than 0.1 at each node
-    quads = QuadMesh(points=grid.points, cells=grid.cells, sides=grid.sides)
+    quads = Mesh(points=grid.points, cells=grid.cells, sides=grid.sides)
     values = np.tanh(9 * (grid.x - 0.5 * grid.y - 0.3))
     x, y = (grid.points[grid.cells].reshape(grid.x.shape[0] - 1, -1, 4, 2)[2:-2, 2:-2].mean(axis=2).reshape(-1, 2)).T
     one = HermiteField(mesh=grid, values=values).evaluate(x, y, order=2)
@@ -110,13 +110,13 @@ def test_values_that_do_not_fit_are_refused_with_their_place() -> None:
 # Gradients at the nodes of meshes of blocks.
 
 
-def arguments(mesh: QuadMesh) -> tuple[tuple[np.ndarray, np.ndarray], QuadLinks]:
+def arguments(mesh: Mesh) -> tuple[tuple[np.ndarray, np.ndarray], QuadLinks]:
     """The nodes and the links of a mesh."""
     return (mesh.x.copy(), mesh.y.copy()), links_of(mesh.cells, len(mesh.points))
 
 
 @pytest.mark.parametrize("mesh", [corner(4), bent(disc(6), 0.03), ring(3), disc(1)])
-def test_linear_functions_have_exact_gradients(mesh: QuadMesh) -> None:
+def test_linear_functions_have_exact_gradients(mesh: Mesh) -> None:
     u_x, u_y = quad_gradients(*arguments(mesh), 1 + 2 * mesh.x - 3 * mesh.y)
     assert max(np.abs(u_x - 2).max(), np.abs(u_y + 3).max()) < 1e-12
 

@@ -7,14 +7,13 @@ import re
 import struct
 import xml.etree.ElementTree as ET
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
 
-from block_cases import data_of, l_shape
+from block_cases import changed, data_of, l_shape
 from equimesh.errors import InputError
 from equimesh.io.reading.vtk import VtkXml
 from equimesh.io.vtk import vtm_text, write_vtu
@@ -52,7 +51,7 @@ def test_a_grid_is_one_block_and_unknown_blocks_are_refused(tmp_path: Path) -> N
     write_mesh(tmp_path / "mesh.vtm.zip", DATA)
     with zipfile.ZipFile(tmp_path / "mesh.vtm.zip") as archive:
         assert archive.namelist() == ["mesh.vtm", "mesh_0.vts"]
-    unknown = data_of(replace(l_shape(), blocks=(), block_names=()))
+    unknown = data_of(changed(l_shape(), blocks=(), block_names=()))
     with pytest.raises(InputError, match="the blocks of this mesh are not known: choose a format without blocks"):
         write_mesh(tmp_path / "mesh.vtm", unknown)
     with pytest.raises(InputError, match="a vts file holds one grid, not blocks: choose vtm or vtu"):

@@ -23,7 +23,7 @@ import pytest
 import skfem
 
 import equimesh
-from block_cases import data_of, l_shape
+from block_cases import changed, data_of, l_shape
 from equimesh.errors import InputError
 from equimesh.io.write import (
     FORMATS,
@@ -311,7 +311,7 @@ def test_ten_sides_have_two_digits_each() -> None:
     wall = mesh.sides["wall"]
     sides = {"inlet": mesh.sides["inlet"], "outlet": mesh.sides["outlet"]}
     sides |= {f"wall {k}": wall[2 * k : 2 * k + 2] for k in range(10)}
-    found = node_groups(data_of(replace(mesh, sides=sides)))
+    found = node_groups(data_of(changed(mesh, sides=sides)))
     assert found.max() == 1112
     assert found[mesh.blocks[0][0, 0]] == 103
 

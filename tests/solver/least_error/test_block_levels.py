@@ -10,7 +10,7 @@ import pytest
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.least_error.block_levels import block_levels, edges_of
-from equimesh.meshes.quad_mesh import quads_of_block
+from equimesh.meshes.mesh import quads_of_block
 from equimesh.testing.geometries import disc, l_shape, naca0012_c, pitz_daily, ring
 
 MAKERS = [l_shape, disc, ring, naca0012_c, pitz_daily]

@@ -10,17 +10,17 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.subdomains import owners
-from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
+from equimesh.meshes.mesh import Mesh, quads_of_block
 from equimesh.testing.geometries import l_shape
 
 ROW = np.arange(4 * 3).reshape(4, 3)
 
 
-def row_of_blocks() -> QuadMesh:
+def row_of_blocks() -> Mesh:
     """Three blocks in a row, of one column of two cells each; cells are in another order than blocks."""
     blocks = tuple(ROW[k : k + 2] for k in (2, 0, 1))
     points = np.stack(np.meshgrid(np.arange(4.0), np.arange(3.0), indexing="ij"), axis=-1).reshape(-1, 2)
-    return QuadMesh(points=points, cells=quads_of_block(ROW), sides={}, blocks=blocks, block_names=("c", "a", "b"))
+    return Mesh(points=points, cells=quads_of_block(ROW), sides={}, blocks=blocks, block_names=("c", "a", "b"))
 
 
 def test_each_block_is_a_subdomain_unless_groups_say_otherwise() -> None:

@@ -8,11 +8,11 @@ import pytest
 from block_cases import channel, in_blocks, l_shape
 from equimesh.errors import InputError
 from equimesh.meshes.cell_edges import NO_CELL, CellEdges, originals_of
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from solver.quality.handmade import wavy
 
 
-def edges_of(mesh: QuadMesh) -> CellEdges:
+def edges_of(mesh: Mesh) -> CellEdges:
     return CellEdges.of(mesh.cells, len(mesh.points), mesh.ties)
 
 

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from block_cases import channel, in_blocks, l_shape
+from block_cases import changed, channel, in_blocks, l_shape
 from equimesh.meshes.interfaces import EDGES, Contact, contacts
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from solver.quality.handmade import wavy
 
 
-def nodes_of(mesh: QuadMesh, block: int, edge: int, first: int, last: int) -> list[int]:
+def nodes_of(mesh: Mesh, block: int, edge: int, first: int, last: int) -> list[int]:
     lines = mesh.blocks[block][0], mesh.blocks[block][-1], mesh.blocks[block][:, 0], mesh.blocks[block][:, -1]
     step = 1 if last > first else -1
     return [int(lines[edge][k]) for k in range(first, last + step, step)]
 
 
-def interfaces(mesh: QuadMesh) -> list[tuple[list[int], list[int]]]:
+def interfaces(mesh: Mesh) -> list[tuple[list[int], list[int]]]:
     return [
         (
             nodes_of(mesh, one.block, one.edge, one.first, one.last),
@@ -30,7 +29,7 @@ def interfaces(mesh: QuadMesh) -> list[tuple[list[int], list[int]]]:
     ]
 
 
-def covered(mesh: QuadMesh) -> int:
+def covered(mesh: Mesh) -> int:
     """The edges of cells that the contacts cover, with those of both blocks of an interface."""
     return sum((one.last - one.first) * (1 if one.side else 2) for one in contacts(mesh))
 
@@ -64,7 +63,7 @@ def test_joined_sides_are_an_interface_of_the_block_with_itself() -> None:
 def test_an_edge_may_touch_several_sides() -> None:
     mesh = l_shape()
     wall = mesh.sides["wall"]
-    parted = replace(mesh, sides={**mesh.sides, "wall": wall[2:], "valve": wall[:2]})
+    parted = changed(mesh, sides={**mesh.sides, "wall": wall[2:], "valve": wall[:2]})
     along = [(one.first, one.last, one.side) for one in contacts(parted) if (one.block, one.edge) == (0, 2)]
     assert along == [(0, 2, "valve"), (2, 4, "wall")]
     assert np.array_equal(mesh.points, parted.points)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from equimesh.meshes.cell_edges import MAX_SPOKES, corner_at, links_of, spokes_of
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from solver.meshes.quad_cases import corner, disc, ring
 
 
 @pytest.mark.parametrize(("mesh", "edges"), [(corner(3), 24), (disc(4), 16), (ring(3), 24)])
-def test_neighbours_share_an_edge_the_other_way_round(mesh: QuadMesh, edges: int) -> None:
+def test_neighbours_share_an_edge_the_other_way_round(mesh: Mesh, edges: int) -> None:
     links = links_of(mesh.cells, len(mesh.points))
     cells, at = np.nonzero(links.neighbours >= 0)
     for cell, edge in zip(cells, at, strict=True):

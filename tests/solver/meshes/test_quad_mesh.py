@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
+from equimesh.meshes.mesh import Mesh, quads_of_block
 
 
-def two_blocks(points: np.ndarray | None = None) -> QuadMesh:
+def two_blocks(points: np.ndarray | None = None) -> Mesh:
     """Two blocks of 2 x 2 and 1 x 2 cells side by side; the second one begins on the right."""
     left = np.arange(9).reshape(3, 3)
     right = np.array([[6, 7, 8], [9, 10, 11]])
     x, y = np.meshgrid([0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 2.0], indexing="ij")
     places = np.column_stack([x.ravel(), y.ravel()]) if points is None else points
     cells = np.concatenate([quads_of_block(left), quads_of_block(right)])
-    return QuadMesh(points=places, cells=cells, sides={"inlet": np.array([[2, 1], [1, 0]])}, blocks=(left, right))
+    return Mesh(points=places, cells=cells, sides={"inlet": np.array([[2, 1], [1, 0]])}, blocks=(left, right))
 
 
 def test_shapes_names_and_views() -> None:
@@ -35,10 +35,10 @@ def test_cells_of_a_block_are_found_in_any_order() -> None:
     assert [cells.tolist() for cells in mesh.block_cells] == [[[0, 1], [2, 3]], [[4, 5]]]
     order = np.array([3, 5, 0, 1, 4, 2])
     turned = np.roll(mesh.cells[order], 1, axis=1)
-    shuffled = QuadMesh(points=mesh.points, cells=turned, sides={}, blocks=mesh.blocks)
+    shuffled = Mesh(points=mesh.points, cells=turned, sides={}, blocks=mesh.blocks)
     for mine, other in zip(mesh.block_cells, shuffled.block_cells, strict=True):
         assert (order[other] == mine).all()
-    short = QuadMesh(points=mesh.points, cells=mesh.cells[:-1], sides={}, blocks=mesh.blocks)
+    short = Mesh(points=mesh.points, cells=mesh.cells[:-1], sides={}, blocks=mesh.blocks)
     with pytest.raises(em.InputError, match=r"\[7, 8, 10, 11\], which is no cell"):
         _ = short.block_cells
 
@@ -68,7 +68,7 @@ def test_threads_see_each_cell() -> None:
     x, y = np.meshgrid(np.arange(260.0), np.arange(140.0), indexing="ij")
     block = np.arange(x.size).reshape(x.shape)
     points = np.column_stack([x.ravel(), y.ravel()])
-    mesh = QuadMesh(points=points, cells=quads_of_block(block), sides={}, blocks=(block,))
+    mesh = Mesh(points=points, cells=quads_of_block(block), sides={}, blocks=(block,))
     assert not mesh.is_folded_on(2)
     for node in (block[1, 1], block[-2, -2]):
         moved = points.copy()
@@ -105,4 +105,4 @@ def test_arrays_that_do_not_fit_are_refused(change: dict, message: str) -> None:
     mesh = two_blocks()
     given = {"points": mesh.points, "cells": mesh.cells, "sides": {}, "blocks": mesh.blocks} | change
     with pytest.raises(em.InputError, match=message):
-        QuadMesh(**given)
+        Mesh(**given)

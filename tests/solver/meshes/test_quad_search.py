@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_search import QuadSearch, box_of, nearest_edge, search_box, walk_cells
 from solver.meshes.quad_cases import bent, corner, disc, inner_points, ring
 
 
-def placed(mesh: QuadMesh, points: np.ndarray, beyond: float = 0.0) -> np.ndarray:
+def placed(mesh: Mesh, points: np.ndarray, beyond: float = 0.0) -> np.ndarray:
     """Where the search places points."""
     found = QuadSearch.of(mesh.points, mesh.cells).find(points[:, 0], points[:, 1], beyond)
     s, t = found.s, found.t
@@ -19,7 +19,7 @@ def placed(mesh: QuadMesh, points: np.ndarray, beyond: float = 0.0) -> np.ndarra
 
 
 @pytest.mark.parametrize("mesh", [corner(9), bent(disc(8), 0.02), ring(6)])
-def test_points_in_cells_are_found_in_any_order(mesh: QuadMesh) -> None:
+def test_points_in_cells_are_found_in_any_order(mesh: Mesh) -> None:
     points = inner_points(mesh)
     assert np.abs(placed(mesh, points) - points).max() < 1e-12
     assert np.abs(placed(mesh, mesh.points) - mesh.points).max() < 1e-12

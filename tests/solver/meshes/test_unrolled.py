@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.unrolled import Unrolled, moves_of, translations_of
 from solver.meshes.quad_cases import disc, strip
 
@@ -45,7 +45,7 @@ def test_a_point_beyond_a_join_is_found() -> None:
 def test_a_sum_of_two_translations_is_no_third_one() -> None:
     mesh = strip(4, both=True)
     ties = np.concatenate([[[24, 0]], mesh.ties])  # the corner as a copy of the opposite one
-    both = QuadMesh(points=mesh.points, cells=mesh.cells, sides={}, blocks=mesh.blocks, ties=ties)
+    both = Mesh(points=mesh.points, cells=mesh.cells, sides={}, blocks=mesh.blocks, ties=ties)
     assert np.array_equal(translations_of(both), translations_of(mesh))
     neighbours = Unrolled.of(both).search.links.neighbours[: len(mesh.cells)] % len(mesh.cells)
     assert np.array_equal(neighbours, Unrolled.of(mesh).search.links.neighbours[: len(mesh.cells)] % len(mesh.cells))

@@ -12,11 +12,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 import equimesh as em
-from block_cases import data_of, in_blocks, l_shape
+from block_cases import changed, data_of, in_blocks, l_shape
 from equimesh.fields.expression import Expression
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.metrics import ArcLength
 from equimesh.plot.figure import MeshLines, all_edges, colour_cells, drawn_lines, outlines, owners_of_blocks
 from equimesh.plot.meshes import (
@@ -219,8 +218,8 @@ def edges_in(lines: list[np.ndarray]) -> set[frozenset[tuple[float, ...]]]:
     return {frozenset((tuple(one), tuple(two))) for piece in pieces for one, two in piece}
 
 
-def without_blocks(mesh: QuadMesh) -> QuadMesh:
-    return replace(mesh, blocks=(), block_names=())
+def without_blocks(mesh: Mesh) -> Mesh:
+    return changed(mesh, blocks=(), block_names=())
 
 
 def test_the_lines_are_the_edges_of_all_cells() -> None:

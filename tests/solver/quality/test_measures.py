@@ -6,13 +6,12 @@ import json
 import math
 import tracemalloc
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import equimesh as em
-from block_cases import channel, in_blocks, l_shape
+from block_cases import changed, channel, in_blocks, l_shape
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.metrics import ArcLength
@@ -371,7 +370,7 @@ def test_a_folded_cell_spoils_what_it_touches() -> None:
         found = getattr(quality, name).cells
         assert np.array_equal(np.isinf(found), np.isinf(getattr(expected, name).cells.ravel()[whole.cells])), name
     assert quality.interpolation_error.l2 == math.inf
-    broken = replace(whole.mesh, points=np.where(np.arange(36)[:, None] == 7, np.nan, whole.mesh.points))
+    broken = changed(whole.mesh, points=np.where(np.arange(36)[:, None] == 7, np.nan, whole.mesh.points))
     assert not cells_of(broken).all_valid
 
 
@@ -382,7 +381,7 @@ def test_cells_across_a_join_are_neighbours() -> None:
     x[mesh.blocks[0][1]] -= 0.5 * (x[mesh.blocks[0][1]] - x[mesh.blocks[0][0]])
     narrow = mesh.moved(np.column_stack([x, mesh.points[:, 1]]))
     ratios = measure(narrow, em.ArcLength(u=SLOPE, scaled=False)).size_ratio.cells[narrow.block_cells[0]]
-    cut = replace(narrow, ties=mesh.ties[:0])
+    cut = changed(narrow, ties=mesh.ties[:0])
     apart = measure(cut, em.ArcLength(u=SLOPE, scaled=False)).size_ratio.cells[narrow.block_cells[0]]
     assert ratios[-1] == pytest.approx(np.full(4, 2.0), rel=0.2)
     assert apart[-1] == pytest.approx(np.full(4, 1.0), rel=0.2)

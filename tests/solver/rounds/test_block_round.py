@@ -16,7 +16,7 @@ DOMAIN = l_shape(500)
 FRONT = em.Expression("tanh(15*(x + y - 1))")
 
 
-def values_on(mesh: em.QuadMesh) -> np.ndarray:
+def values_on(mesh: em.Mesh) -> np.ndarray:
     """The front at the nodes."""
     return FRONT.evaluate(mesh.x, mesh.y)[0]
 

@@ -22,12 +22,12 @@ def front(t: float) -> em.Expression:
 
 
 @cache
-def first() -> em.Solution[em.Blocks, em.QuadMesh]:
+def first() -> em.Solution[em.Blocks]:
     """The solution at the first time."""
     return em.solve(em.Problem(monitor=em.LeastError(u=front(0.0)), domain=DOMAIN), threads=1)
 
 
-def sequence(**settings: Any) -> em.Sequence[em.QuadMesh]:
+def sequence(**settings: Any) -> em.Sequence:
     """A sequence that begins there."""
     return em.Sequence(first().problem, solution=first(), **settings)
 

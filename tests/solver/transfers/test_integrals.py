@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.errors import SamplesError
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.transfers.integrals import QuadCells, cells_of, measures_of, total, untied
 from equimesh.transfers.overlaps import Overlaps
 from equimesh.transfers.transfer import transfer_averages
@@ -106,7 +106,7 @@ def test_a_trapezium() -> None:
 
 def test_a_grid_has_the_same_numbers_as_blocks() -> None:
     grid = smooth_mesh(7)
-    one, other = cells_of(grid), QuadCells.of(QuadMesh(points=grid.points, cells=grid.cells, sides=grid.sides))
+    one, other = cells_of(grid), QuadCells.of(Mesh(points=grid.points, cells=grid.cells, sides=grid.sides))
     nodal = np.sin(grid.x).reshape(-1)
     assert np.array_equal(one.area, other.area)
     assert np.array_equal(one.at_corners(nodal), other.at_corners(nodal))

@@ -9,14 +9,13 @@ import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.errors import InputError
 from equimesh.meshes.cell_edges import links_of
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.transfers.one_domain import (
     boundary_of,
     first_beyond,
     in_loops,
     require_one_domain,
     require_valid,
-    require_valid_quads,
 )
 from solver.fields.bent_meshes import smooth_mesh
 from solver.meshes.quad_cases import bent, corner, disc, ring, strip, turned
@@ -91,7 +90,7 @@ def test_blocks_of_one_domain_pass() -> None:
 
 
 @pytest.mark.parametrize("other", [disc(4), corner(4).moved(1.001 * corner(4).points), turned(corner(4), 0.01)])
-def test_meshes_of_two_domains_are_refused_with_a_node(other: QuadMesh) -> None:
+def test_meshes_of_two_domains_are_refused_with_a_node(other: Mesh) -> None:
     with pytest.raises(em.InputError, match=r"the node at \(.*\) of a side of one mesh does not lie"):
         require_one_domain(corner(4), other)
 
@@ -107,14 +106,14 @@ def test_a_corner_is_no_curve() -> None:
 def test_a_grid_and_blocks_are_of_two_kinds() -> None:
     grid = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5))
     with pytest.raises(em.InputError, match="two meshes of one kind"):
-        require_one_domain(grid, QuadMesh(points=grid.points, cells=grid.cells, sides=grid.sides))
+        require_one_domain(grid, Mesh(points=grid.points, cells=grid.cells, sides=grid.sides))
 
 
 def test_a_folded_mesh_is_refused() -> None:
     points = corner(3).points.copy()
     points[[0, 5]] = points[[5, 0]]
     with pytest.raises(em.InputError, match="folded"):
-        require_valid_quads(corner(3).moved(points))
+        require_valid(corner(3).moved(points))
 
 
 def test_edges_follow_each_other_around_each_loop() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.transfers.overlaps import (
     MAX_CORNERS,
@@ -42,19 +42,19 @@ def half_rings() -> tuple[em.Mesh, em.Mesh]:
     return adapted("tanh(20*(x + y/2 - 0.75))", 17, HALF_RING), adapted("tanh(9*x)", 24, HALF_RING)
 
 
-def corners() -> tuple[QuadMesh, QuadMesh]:
+def corners() -> tuple[Mesh, Mesh]:
     return corner(5), bent(corner(6), 0.03)
 
 
-def discs() -> tuple[QuadMesh, QuadMesh]:
+def discs() -> tuple[Mesh, Mesh]:
     return bent(disc(4), 0.03), disc(4)
 
 
-def strips() -> tuple[QuadMesh, QuadMesh]:
+def strips() -> tuple[Mesh, Mesh]:
     return strip(7), strip(5, 0.2, 0.03)
 
 
-def rings() -> tuple[QuadMesh, QuadMesh]:
+def rings() -> tuple[Mesh, Mesh]:
     return ring(4), turned(ring(4), 0.15)
 
 
@@ -107,7 +107,7 @@ def test_neighbours_and_starts_on_a_grid() -> None:
 
 def test_a_grid_has_the_same_parts() -> None:
     grids = smooth_mesh(9), smooth_mesh(12, depth=-0.05)
-    quads = [QuadMesh(points=grid.points, cells=grid.cells, sides=grid.sides) for grid in grids]
+    quads = [Mesh(points=grid.points, cells=grid.cells, sides=grid.sides) for grid in grids]
     one, other = Overlaps.of(*grids), Overlaps.of(*quads)
     found = []
     for a, b in ((one, one.area), (other, other.area)):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.transfers.integrals import Cells, QuadCells, cells_of
 from equimesh.transfers.slopes import (
     continue_beyond,
@@ -113,7 +113,7 @@ def test_the_loops_fill_in_all_cells() -> None:
 def test_a_grid_has_the_same_slopes_and_bounds() -> None:
     grid = smooth_mesh(9)
     one = cells_of(grid)
-    other = QuadCells.of(QuadMesh(points=grid.points, cells=grid.cells, sides=grid.sides))
+    other = QuadCells.of(Mesh(points=grid.points, cells=grid.cells, sides=grid.sides))
     averages = np.round(np.sin(5 * one.x - 3 * one.y), 1)
     for mine, his in zip(
         slopes_of_quads(other, averages, -1.0, 1.0), slopes_of_averages(one, averages, -1.0, 1.0), strict=True
@@ -122,7 +122,7 @@ def test_a_grid_has_the_same_slopes_and_bounds() -> None:
 
 
 @pytest.mark.parametrize("mesh", [corner(5), bent(disc(5), 0.02)])
-def test_linear_functions_have_exact_slopes_inside(mesh: QuadMesh) -> None:
+def test_linear_functions_have_exact_slopes_inside(mesh: Mesh) -> None:
     cells = QuadCells.of(mesh)
     (g, h), _ = slopes_of_quads(cells, 2 * cells.x - cells.y, -9.0, 9.0)
     exact = (np.abs(g - 2) < 1e-9) & (np.abs(h + 1) < 1e-9)
@@ -157,7 +157,7 @@ def test_slopes_keep_the_bounds_at_the_corners() -> None:
 def test_one_row_of_cells_has_slopes_along_it() -> None:
     x, y = np.meshgrid(np.linspace(0, 1, 6), [0.0, 0.1], indexing="ij")
     grid = em.Mesh(x, y)
-    cells = QuadCells.of(QuadMesh(points=grid.points, cells=grid.cells, sides={}))
+    cells = QuadCells.of(Mesh(points=grid.points, cells=grid.cells, sides={}))
     (g, h), _ = slopes_of_quads(cells, 3 * cells.x, -9.0, 9.0)
     assert np.allclose(g, 3.0)
     assert np.allclose(h, 0.0)

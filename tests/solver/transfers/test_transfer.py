@@ -10,7 +10,7 @@ import pytest
 
 import equimesh as em
 from equimesh.errors import InputError, SamplesError
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.transfers.overlaps import Overlaps
 from equimesh.transfers.transfer import transfer_nodal, transfer_spline
 from solver.fields.bent_meshes import smooth_mesh
@@ -43,7 +43,7 @@ def test_each_field_is_carried_in_its_own_way() -> None:
     ("old", "new"),
     [(corner(8), bent(corner(8), 0.02)), (bent(disc(6), 0.02), turned(disc(7), 0.2)), (strip(12), strip(9, 0.4, 0.03))],
 )
-def test_fields_are_carried_between_meshes_of_blocks(old: QuadMesh, new: QuadMesh) -> None:
+def test_fields_are_carried_between_meshes_of_blocks(old: Mesh, new: Mesh) -> None:
     step, centre = (np.sin(6 * old.x) > 0.2).astype(float), old.points[old.cells].mean(axis=1)[:, 0]
     step[old.ties[:, 0]] = step[old.ties[:, 1]]  # copies have the values of their originals
     averages = (np.sin(6 * centre) > 0.2).astype(float)
@@ -66,9 +66,9 @@ def test_fields_are_carried_between_meshes_of_blocks(old: QuadMesh, new: QuadMes
 
 @pytest.mark.parametrize("make", [corner, ring])
 def test_on_blocks_cubics_are_of_third_order_and_conservative_values_of_second(
-    make: Callable[[int], QuadMesh],
+    make: Callable[[int], Mesh],
 ) -> None:
-    def wave(mesh: QuadMesh) -> np.ndarray:
+    def wave(mesh: Mesh) -> np.ndarray:
         return np.sin(2 * mesh.x + mesh.y)
 
     errors = []

@@ -16,7 +16,7 @@ from equimesh.blocks.recovery.shapes import curve_through
 from equimesh.domains.domain import MAX_COORDINATE
 from equimesh.errors import InputError
 from equimesh.inputs import real_array
-from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 
 # The layout of blocks that are given as arrays of nodes: which edges and vertices they have in common.
@@ -58,7 +58,7 @@ class RecoveredBlocks:
     from begin to end. ``corners`` are the vertices that stay in their place.
     """
 
-    mesh: QuadMesh
+    mesh: Mesh
     layout: Layout
     curves: tuple[BoundaryCurve, ...]
     on_curves: Mapping[int, tuple[int, Array]]
@@ -97,7 +97,7 @@ def recover(
     vertices[boundary.corners] = True
     blocks, block_cells = blocks_of(edges, vertices)
     layout, nodes = layout_of(blocks)
-    mesh = QuadMesh(
+    mesh = Mesh(
         points=places,
         cells=quads,
         sides=_renamed(boundary.sides, names or {}),
@@ -138,9 +138,7 @@ def _names_of(block_cells: Sequence[IntArray], blocks: Sequence[tuple[str, int]]
     return tuple(found)
 
 
-def _on_curves(
-    layout: Layout, mesh: QuadMesh, boundary: Boundary, parameters: list[Array]
-) -> dict[int, tuple[int, Array]]:
+def _on_curves(layout: Layout, mesh: Mesh, boundary: Boundary, parameters: list[Array]) -> dict[int, tuple[int, Array]]:
     """For each edge on the boundary the number of its line, and the parameters of its nodes."""
     line_at, place_at = np.full(len(mesh.points), -1), np.zeros(len(mesh.points), np.int64)
     following = np.full(len(mesh.points), -1)

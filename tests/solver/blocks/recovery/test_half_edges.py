@@ -11,7 +11,7 @@ from equimesh.blocks.layout import line_of
 from equimesh.blocks.recovery.half_edges import HalfEdges, blocks_of, counter_clockwise
 from equimesh.blocks.recovery.recovered import layout_of
 from equimesh.errors import InputError
-from equimesh.meshes.quad_mesh import quads_of_block
+from equimesh.meshes.mesh import quads_of_block
 from equimesh.numerics.types import IntArray
 from solver.blocks.recovery.meshes import Arrays, boundary_of, disc, grid, ring, without
 
