@@ -382,7 +382,7 @@ class StepAdmission:
         has_file = "file" in (spec.get("domain") or {})
         if checked.monitor is None and not has_file and all(source.get("samples") in rows for source in sources):
             # The settings have been checked, and functions of finite values fit every domain.
-            nodes = None if isinstance(mesh, Mesh) else len(mesh.points)
+            nodes = None if mesh.is_grid else len(mesh.points)
             hashes = {row.id: row.sha256 for row in rows.values()}
             return AdmittedSpec(read_spec(document).canonical, hashes, "", nodes=nodes)
         try:
@@ -405,11 +405,10 @@ class StepAdmission:
     def _keep(self, mesh: Mesh, u: Array, caller: Caller) -> SamplesRow:
         """Store u as samples, which a monitor can name."""
         with self.files.unfinished(".npz") as path:
-            is_grid = isinstance(mesh, Mesh)
-            nodes: dict[str, Any] = {"x": mesh.x, "y": mesh.y} if is_grid else {"nodes": mesh.points}
+            nodes: dict[str, Any] = {"x": mesh.x, "y": mesh.y} if mesh.is_grid else {"nodes": mesh.points}
             np.savez(path, values=u, **nodes)
             file = self.files.seal(path)
-            kind = "nodal" if is_grid else "block_nodes"
+            kind = "nodal" if mesh.is_grid else "block_nodes"
             summary = {"kind": kind, "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
             row = SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, self.store.clock())
             self.store.samples.add(row, partial(self.files.publish, path, file), key_id=caller.key_id)

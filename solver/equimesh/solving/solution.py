@@ -294,7 +294,7 @@ class Solution(Generic[D]):
 
         On triangles where a least-error monitor asks for them, else on quadrilaterals.
         """
-        if isinstance(self.mesh, Mesh):
+        if self.mesh.is_grid:
             return self.quality.interpolation_error
         monitor = self.problem.monitor
         return measure_interpolation(
