@@ -128,7 +128,9 @@ class History:
     """The last moves and changes of the gradient: an approximation of the inverse of the second derivatives."""
 
     def __init__(self, unknowns: int, pairs: int) -> None:
-        self._moves, self._changes = np.empty((pairs, unknowns)), np.empty((pairs, unknowns))
+        # One pair more than is used: it is written before it is known whether it counts.
+        self._moves, self._changes = np.empty((pairs + 1, unknowns)), np.empty((pairs + 1, unknowns))
+        self._products = np.empty(pairs + 1)
         self._added = 0
 
     @property
@@ -136,12 +138,13 @@ class History:
         """Whether no pair is known."""
         return self._added == 0
 
-    def add(self, move: Array, change: Array) -> None:
-        """Keep a pair whose curvature is positive, in place of the oldest one."""
-        product = float(np.vdot(move, change))
-        if product > MIN_CURVATURE * math.sqrt(float(np.vdot(move, move)) * float(np.vdot(change, change))):
-            slot = self._added % len(self._moves)
-            self._moves[slot], self._changes[slot] = move.reshape(-1), change.reshape(-1)
+    def add(self, before: Array, after: Array, slope: Array, slope_then: Array) -> None:
+        """Keep the move and the change of the gradient, if their curvature is positive, in place of the oldest pair."""
+        slot = self._added % len(self._moves)
+        given = (np.ascontiguousarray(part).reshape(-1) for part in (before, after, slope, slope_then))
+        mixed, of_move, of_change = kernels.keep_pair((self._moves[slot], self._changes[slot]), *given)
+        if mixed > MIN_CURVATURE * math.sqrt(of_move * of_change):
+            self._products[slot] = mixed
             self._added += 1
 
     def clear(self) -> None:
@@ -150,8 +153,9 @@ class History:
 
     def direction(self, gradient: Array, blocks: Array) -> Array:
         """The approximate inverse times the ``gradient``."""
-        out = np.empty_like(gradient)
-        kernels.quasi_newton_direction(self._moves, self._changes, self._added, blocks, gradient, out)
+        out, pairs = np.empty(gradient.shape), (self._moves, self._changes, self._products)
+        slopes = np.ascontiguousarray(gradient).reshape(-1)
+        kernels.quasi_newton_direction(*pairs, self._added, np.ascontiguousarray(blocks), slopes, out.reshape(-1))
         return out
 
 
@@ -181,7 +185,7 @@ def descend(objective: Minimised, mesh: Array, steps: int, min_decrease: float) 
         if found is None:
             return
         moved, then = found
-        history.add(moved - mesh, then.gradient - now.gradient)
+        history.add(mesh, moved, now.gradient, then.gradient)
         mesh, now = moved, then
         yield mesh, now
         values.append(now.value)

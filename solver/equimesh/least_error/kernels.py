@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from equimesh.numerics.compiled import compiled, inlined, vectorised
-from equimesh.numerics.types import Array, IntArray
+from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.elements import Basis, CellKind, Element, basis, quadrilateral, triangle
 from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 
@@ -310,40 +310,87 @@ def bends(moves: Array, triples: IntArray, out: Array) -> float:
 
 @vectorised
 def solve_blocks(blocks: Array, right: Array, out: Array) -> None:
-    """The solutions of 2 x 2 systems with the matrices ``(ss, st, tt)`` of every node; ``right`` is ``(2, nodes)``."""
-    for k in range(right.shape[1]):
+    """The solutions of 2 x 2 systems with the matrices ``(ss, st, tt)`` of every node.
+
+    ``right`` and ``out`` have shape ``(2 nodes,)``: first those along s.
+    """
+    count = blocks.shape[1]
+    for k in range(count):
         a, b, d = blocks[0, k], blocks[1, k], blocks[2, k]
-        det = a * d - b * b
-        out[0, k] = (d * right[0, k] - b * right[1, k]) / det
-        out[1, k] = (a * right[1, k] - b * right[0, k]) / det
+        one, other, det = right[k], right[count + k], a * d - b * b
+        out[k] = (d * one - b * other) / det
+        out[count + k] = (a * other - b * one) / det
+
+
+# The loops below take the place of the linear algebra of NumPy: that shares a product of long arrays among all
+# processors, where the threads wait for each other for longer than they work.
+
+
+@vectorised
+def product(one: Array, other: Array) -> float:
+    """The inner product of two flat arrays."""
+    total = 0.0
+    for k in range(one.size):
+        total += one[k] * other[k]
+    return total
+
+
+@vectorised
+def add_multiple(factor: float, added: Array, out: Array, other: Array) -> float:
+    """Add ``factor`` times ``added`` to ``out``, all of them flat; the inner product of the result with ``other``."""
+    total = 0.0
+    for k in range(out.size):
+        out[k] += factor * added[k]
+        total += out[k] * other[k]
+    return total
+
+
+@vectorised
+def keep_pair(pair: Pair, before: Array, after: Array, slope: Array, slope_then: Array) -> tuple[float, float, float]:
+    """The move from ``before`` to ``after`` and the change of the gradient, in the ``pair`` of flat arrays.
+
+    Returns their inner product, and that of each with itself.
+    """
+    move, change = pair
+    mixed, of_move, of_change = 0.0, 0.0, 0.0
+    for k in range(move.size):
+        m, c = after[k] - before[k], slope_then[k] - slope[k]
+        move[k], change[k] = m, c
+        mixed += m * c
+        of_move += m * m
+        of_change += c * c
+    return mixed, of_move, of_change
 
 
 @vectorised
 def quasi_newton_direction(
-    moves: Array, changes: Array, added: int, blocks: Array, gradient: Array, out: Array
+    moves: Array, changes: Array, products: Array, added: int, blocks: Array, gradient: Array, out: Array
 ) -> None:
-    """The approximate inverse of the second derivatives times the ``gradient``, both of shape ``(2, nodes)``.
+    """The approximate inverse of the second derivatives times the ``gradient``, of shape ``(2 nodes,)`` as ``out``.
 
-    The two loops of L-BFGS over the last of ``added`` pairs, kept in turn in the rows of ``moves`` and ``changes``. The
-    first matrix is that of the ``blocks``, scaled by the last pair.
+    The two loops of L-BFGS over the last of ``added`` pairs, in turn in the rows of ``moves`` and ``changes``, with
+    their ``products``. All rows but one are used. The first matrix is that of the ``blocks``, scaled by the last pair.
     """
-    pairs, count = min(added, moves.shape[0]), gradient.shape[1]
-    rest, shares, products = gradient.copy().reshape(-1), np.empty(pairs), np.empty(pairs)
+    kept = moves.shape[0]
+    pairs, rest, shares = min(added, kept - 1), gradient.copy(), np.empty(kept)
+    if pairs == 0:
+        solve_blocks(blocks, rest, out)
+        return
+    last = (added - 1) % kept
+    along = product(moves[last], rest)
     for k in range(pairs):
-        row = (added - 1 - k) % moves.shape[0]
-        products[k] = np.dot(moves[row], changes[row])
-        shares[k] = np.dot(moves[row], rest) / products[k]
-        rest -= shares[k] * changes[row]
-    flat = out.reshape(-1)
-    solve_blocks(blocks, rest.reshape(2, count), out)
-    if pairs > 0:
-        last = changes[(added - 1) % moves.shape[0]]
-        preconditioned = np.empty_like(gradient)
-        solve_blocks(blocks, last.reshape(2, count), preconditioned)
-        flat *= products[0] / np.dot(last, preconditioned.reshape(-1))
+        row, older = (added - 1 - k) % kept, (added - 2 - k) % kept
+        shares[k] = along / products[row]
+        along = add_multiple(-shares[k], changes[row], rest, moves[older])
+    solve_blocks(blocks, changes[last], out)
+    scale, oldest = products[last] / product(changes[last], out), (added - pairs) % kept
+    solve_blocks(blocks, rest, out)
+    for k in range(out.size):
+        out[k] *= scale
+    along = product(changes[oldest], out)
     for k in range(pairs - 1, -1, -1):
-        row = (added - 1 - k) % moves.shape[0]
-        flat += (shares[k] - np.dot(changes[row], flat) / products[k]) * moves[row]
+        row, newer = (added - 1 - k) % kept, (added - k) % kept
+        along = add_multiple(shares[k] - along / products[row], moves[row], out, changes[newer])
 
 
 # Elements on which the error is measured: bilinear quadrilaterals, or the triangles of a cut mesh.

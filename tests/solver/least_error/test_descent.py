@@ -90,12 +90,16 @@ def test_the_history_keeps_the_last_pairs_of_positive_curvature() -> None:
     history, gradient = History(2, 8), np.array([[1.0], [3.0]])
     assert history.is_empty
     assert np.array_equal(history.direction(gradient, blocks), gradient / 2)
-    history.add(np.array([[1.0], [0.0]]), np.array([[-1.0], [0.0]]))
-    history.add(np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]]))
+    nothing = np.zeros((2, 1))
+    history.add(nothing, np.array([[1.0], [0.0]]), nothing, np.array([[-1.0], [0.0]]))
+    history.add(nothing, np.array([[1.0], [0.0]]), nothing, np.array([[0.0], [1.0]]))
     assert history.is_empty
     for _ in range(24):
         move = rng.normal(size=(2, 1))
-        history.add(move, np.array([[4.0], [9.0]]) * move)
+        before, slope = rng.normal(size=(2, 2, 1))
+        change = np.array([[4.0], [9.0]]) * move
+        history.add(before, before + move, slope, slope + change)
+        history.add(before, before - move, slope, slope + change)  # of negative curvature: not kept
         # The last pair is met exactly: its change of the gradient leads to its move.
         assert history.direction(np.array([[4.0], [9.0]]) * move, blocks) == pytest.approx(move, rel=1e-9)
     history.clear()

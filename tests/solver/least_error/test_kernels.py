@@ -179,14 +179,15 @@ def test_blocks_are_solved() -> None:
     rng = np.random.default_rng(3)
     factor, right, out = rng.normal(size=(5, 2, 2)), rng.normal(size=(2, 5)), np.empty((2, 5))
     matrices = factor @ factor.transpose(0, 2, 1) + np.eye(2)
-    kernels.solve_blocks(np.stack([matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]]), right, out)
+    blocks = np.stack([matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]])
+    kernels.solve_blocks(blocks, right.reshape(-1), out.reshape(-1))
     assert out == pytest.approx(np.linalg.solve(matrices, right.T[:, :, None])[..., 0].T, rel=1e-12)
 
 
 @pytest.mark.parametrize("added", [0, 1, 3, 4, 7])
 def test_the_direction_is_that_of_dense_bfgs(added: int) -> None:
     # B^-1 := (I - m c^T / p) B^-1 (I - c m^T / p) + m m^T / p for each kept pair, oldest first.
-    kept, count, rng = 4, 5, np.random.default_rng(added)
+    kept, count, rng = 5, 5, np.random.default_rng(added)
     hessian = (lambda f: f @ f.T + np.eye(10))(rng.normal(size=(10, 10)))
     moves, changes, pairs = np.zeros((kept, 10)), np.zeros((kept, 10)), []
     for number in range(added):
@@ -201,13 +202,14 @@ def test_the_direction_is_that_of_dense_bfgs(added: int) -> None:
     if pairs:
         move, change = pairs[-1]
         dense *= (move @ change) / (change @ dense @ change)
-    for move, change in pairs[-kept:]:
+    for move, change in pairs[1 - kept :]:
         p = move @ change
         left = np.eye(10) - np.outer(move, change) / p
         dense = left @ dense @ left.T + np.outer(move, move) / p
-    gradient, out = rng.normal(size=(2, count)), np.empty((2, count))
-    kernels.quasi_newton_direction(moves, changes, added, blocks, gradient, out)
-    assert out.reshape(-1) == pytest.approx(dense @ gradient.reshape(-1), rel=1e-9)
+    gradient, out = rng.normal(size=2 * count), np.empty(2 * count)
+    products = (moves * changes).sum(axis=1)
+    kernels.quasi_newton_direction(moves, changes, products, added, blocks, gradient, out)
+    assert out == pytest.approx(dense @ gradient, rel=1e-9)
 
 
 def test_points_are_placed_by_the_shape_functions() -> None:
