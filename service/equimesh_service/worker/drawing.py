@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 import equimesh
 from equimesh import Decomposition, Event, Iteration
-from equimesh.meshes.mesh import Mesh, MeshRows
-from equimesh.quality import ComparedMesh, UniformComparison, compare_with_uniform
-from equimesh.solving.solution import MeasuredMesh, OnBlocks, degree_of, interpolated_cells
+from equimesh.meshes.mesh import Mesh
+from equimesh.quality import ComparedMesh, UniformComparison
+from equimesh.solving.solution import MeasuredMesh
 from equimesh.specs import subdomains_of
 from equimesh_service.assembly.problem import SamplesOf, build
 from equimesh_service.problems.problem import Problem
@@ -93,17 +93,8 @@ def compare(
     monitor = problem.monitor
     if isinstance(monitor, equimesh.Auto) and _chosen(certificate or {}) == "least_error":
         problem = replace(problem, monitor=monitor.least_error())
-    if not mesh.is_grid:
-        return of_blocks(mesh, problem).against_uniform
-    window, u = MeshRows.of(mesh), problem.monitor.u
-    nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]
-    measured = MeasuredMesh(problem=problem, mesh=window, reference=window, u=lambda: nodal, threads=1)
+    measured = MeasuredMesh(problem=problem, mesh=mesh, reference=mesh)
     return measured.against_uniform(mesh, measured.quality().interpolation_error)
-
-
-def of_blocks(mesh: Mesh, problem: equimesh.Problem[Any]) -> OnBlocks:
-    """The solution of a problem on blocks whose mesh is known, to measure it."""
-    return equimesh.Solution(problem=problem, mesh=mesh, reference=mesh, status=equimesh.Status.CONVERGED)
 
 
 def _chosen(certificate: Mapping[str, Any]) -> str:
@@ -262,11 +253,7 @@ def draw_mesh_row(
     document = document_of(spec, result, error=row.error, convergence=convergence, decomposition=parts, mesh=mesh)
     document["seconds"] = result.get("timings")
     problem = _problem(spec, result["certificate"], find)
-    if not mesh.is_grid:
-        return pack(document, arrays_of(of_blocks(mesh, problem).against_uniform, is_folded=False))
-    monitor = problem.monitor
-    kind, degree = interpolated_cells(monitor), degree_of(monitor)
-    compared = compare_with_uniform(mesh, monitor, domain=problem.domain, kind=kind, degree=degree)
+    compared = MeasuredMesh(problem=problem, mesh=mesh, reference=mesh).against_uniform(mesh, None)
     return pack(document, arrays_of(compared, is_folded=False))
 
 

@@ -12,7 +12,7 @@ import equimesh
 from equimesh.fields.curved_sides import curved_edges
 from equimesh.io.npz import load_npz
 from equimesh.io.write import CELLS, FORMATS, write_mesh
-from equimesh.meshes.mesh import Mesh
+from equimesh.solving.solution import MeasuredMesh
 from equimesh.specs import subdomains_of
 from equimesh_service.assembly.problem import build
 from equimesh_service.files.port import Files
@@ -21,7 +21,7 @@ from equimesh_service.problems.storage import storage_faults
 from equimesh_service.store.rows import Artifact, MeshInput
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
-from equimesh_service.worker.drawing import compare, draw_mesh_row, of_blocks
+from equimesh_service.worker.drawing import compare, draw_mesh_row
 from equimesh_service.worker.in_parts import PART_FORMATS, WRITTEN, PartsLayout, convert_part_file, write_head_file
 from equimesh_service.worker.job import CONVERGENCE, DRAWING, MESH, Export, part_artifact
 from equimesh_service.worker.solve import samples_of
@@ -101,13 +101,8 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             path.write_bytes(_drawing(task, store, files, sources, source))
         case _:
             mesh, problem = load_npz(source(MESH)).mesh, _problem(task, store, files, sources)
-            path.write_text(json.dumps(_quality(mesh, problem).summary(arrays=True), allow_nan=False))
-
-
-def _quality(mesh: Mesh, problem: equimesh.Problem[Any]) -> equimesh.Quality:
-    if not mesh.is_grid:
-        return of_blocks(mesh, problem).quality
-    return equimesh.measure(mesh, problem.monitor, uniform=problem.initial)
+            quality = MeasuredMesh(problem=problem, mesh=mesh, reference=mesh).quality()
+            path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
 
 
 def _problem(task: Export, store: Store, files: Files, sources: ExitStack) -> equimesh.Problem[Any]:

@@ -207,16 +207,6 @@ def measure_all(
         return replace(_quality(cells, monitor, rule, survey, errors), u=nodal)
 
 
-def measure_quality(
-    mesh: AnyMesh, monitor: Monitor, errors: InterpolationErrors | None, *, threads: int = 1
-) -> Quality:
-    """As :func:`measure`, where the ``errors`` of interpolation are known."""
-    with np.errstate(all="ignore"):
-        cells = cells_of(mesh)
-        rule = metric_rule(cells)
-        return _quality(cells, monitor, rule, Survey.of(cells, monitor, rule, threads=threads), errors)
-
-
 def window_image(window: MeshRows, domain: Domain) -> MeshRows:
     """The rows of the uniform mesh of ``domain`` with the numbers of the rows of ``window``."""
     uniform = MeshRows.uniform(window.rows)
@@ -416,13 +406,15 @@ class CutOff:
         return self.share > self.most * (1.0 + ROUNDING)
 
 
-def measure_cut_off(domain: Domain, reference: MeshRows) -> CutOff:
-    """The cut-off of a mesh by its nodes on the reference square."""
+def measure_cut_off(domain: Domain | Blocks, reference: AnyMesh) -> CutOff:
+    """The cut-off of a mesh by its nodes on the reference square; of blocks, ``reference`` is the mesh itself."""
     if isinstance(domain, Rectangle):
         return CutOff(share=0.0, initial=0.0)
-    rows = reference.rows
-    uniform = MeshRows.uniform(rows)
-    here = [_of_window(domain, one) if rows.first < rows.last else 0.0 for one in (reference, uniform)]
+    if isinstance(domain, Blocks):
+        return _between_curves(domain, reference)
+    window = MeshRows.of(reference)
+    rows = window.rows
+    here = [_of_window(domain, one) if rows.first < rows.last else 0.0 for one in (window, MeshRows.uniform(rows))]
     share, initial = rows.summed(np.array(here)) / domain.area
     return CutOff(share=float(share), initial=float(initial))
 
@@ -438,7 +430,7 @@ def _of_window(domain: Domain, reference: MeshRows) -> float:
     return sum(cut_off(domain, line[:, :-1], line[:, 1:]) for line in lines)
 
 
-def measure_block_cut_off(domain: Blocks, mesh: Mesh) -> CutOff:
+def _between_curves(domain: Blocks, mesh: AnyMesh) -> CutOff:
     """The cut-off of a mesh of a domain in blocks; its nodes are at the nearest points of their curves."""
     edges = np.concatenate([side for side in domain.mesh.sides.values() if len(side)])
     total = np.zeros(2)
@@ -448,7 +440,7 @@ def measure_block_cut_off(domain: Blocks, mesh: Mesh) -> CutOff:
         if chords is None:
             continue
         here = first.copy()
-        here[slides] = curve.nearest(*mesh.points[slides].T)
+        here[slides] = curve.nearest(mesh.x[slides], mesh.y[slides])
         if curve.closed:
             span = curve.ends[1] - curve.ends[0]
             here[slides] -= span * np.round((here - first)[slides] / span)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +16,11 @@ from equimesh.fields.expression import Field
 from equimesh.fields.noise import noise_share
 from equimesh.fields.samples import GridSamples
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh import Mesh, MeshRows
+from equimesh.meshes.mesh import MeshRows
 from equimesh.monitors.metrics import ArcLength
 from equimesh.monitors.monitor import orthogonality_of
 from equimesh.numerics.types import Pair
+from equimesh.quality.cells import AnyMesh
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors, probe_errors
 from equimesh.quality.measures import CutOff, measure_cut_off
@@ -149,10 +151,10 @@ LATTICE = 16
 
 
 def warnings(
-    problem: Problem,
+    problem: Problem[Any],
     status: Status,
     relaxed: Sequence[Relaxed],
-    meshes: tuple[MeshRows, MeshRows],
+    meshes: tuple[AnyMesh, AnyMesh],
     errors: InterpolationErrors | None,
     gains: Sequence[DegreeGain],
 ) -> Iterator[str]:
@@ -160,21 +162,24 @@ def warnings(
 
     ``gains`` are those of elements of each degree.
     """
+    is_grid = meshes[0].is_grid
+    other = "uniform" if is_grid else "initial"
     if status is Status.RELAXED:
         what = ", ".join(map(str, relaxed))
         yield f"The mesh solves relaxed equations, not the requested ones: {what}."
-    yield from _about_rounding(problem, status)
+    if is_grid:
+        yield from _about_rounding(problem, status)
     if errors is None or status is Status.FOLDED:
         return
     yield from _about_noise(problem.monitor.u)
     yield from _about_jumps(problem.monitor.u)
     yield from _about_resolution(errors)
     if status.succeeded:
-        yield from _about_thin_cells(meshes[0].min_jacobian / problem.domain.area)
+        yield from _about_thin_cells(meshes[0].min_jacobian / (problem.domain.area if is_grid else 1.0))
         yield from _about_structure(problem, meshes, errors, relaxed)
         yield from about_cut_off(measure_cut_off(problem.domain, meshes[1]))
-    yield from _about_gains(errors)
-    yield from about_degrees(gains, errors)
+    yield from _about_gains(errors, other)
+    yield from about_degrees(gains, errors, other)
 
 
 def about_cut_off(cut: CutOff) -> Iterator[str]:
@@ -186,26 +191,6 @@ def about_cut_off(cut: CutOff) -> Iterator[str]:
             " measured on the cells alone, and the gain can be flattered: add grid points along the curved sides, or"
             " raise distortion."
         )
-
-
-def block_warnings(
-    mesh: Mesh,
-    u: Field | None,
-    errors: InterpolationErrors | None,
-    faces: Faces,
-    gains: Sequence[DegreeGain],
-) -> Iterator[str]:
-    """Sentences to read before using a mesh of blocks: about u, its interpolant, and thin or oblique cells."""
-    if u is None or errors is None or mesh.is_folded:
-        return
-    yield from _about_noise(u)
-    yield from _about_jumps(u)
-    yield from _about_resolution(errors)
-    yield from _about_thin_cells(mesh.min_jacobian)
-    yield from _about_large_errors(errors)
-    yield from _about_gains(errors, "initial")
-    yield from about_degrees(gains, errors, "initial")
-    yield from about_faces(faces)
 
 
 def _about_rounding(problem: Problem, status: Status) -> Iterator[str]:
@@ -258,14 +243,14 @@ def _about_resolution(errors: InterpolationErrors) -> Iterator[str]:
 
 
 def _about_structure(
-    problem: Problem, meshes: tuple[MeshRows, MeshRows], errors: InterpolationErrors, relaxed: Sequence[Relaxed]
+    problem: Problem[Any], meshes: tuple[AnyMesh, AnyMesh], errors: InterpolationErrors, relaxed: Sequence[Relaxed]
 ) -> Iterator[str]:
     """Warnings of features of u that the monitor or the grid misses."""
     mesh, reference = meshes
     u = problem.monitor.u
     if u is None or errors.largest is None:
         return
-    variation, uniform = errors.variation, _is_uniform(reference)
+    variation, uniform = errors.variation, reference.is_grid and _is_uniform(MeshRows.of(reference))
     if errors.l2 <= errors.rounding[0] and 0.0 < variation < MIN_VARIATION_SHARE * errors.size:
         yield (
             f"u counts as constant or linear: it varies by {variation:.2g}, and its size is {errors.size:.2g}. If it is"
@@ -289,7 +274,7 @@ def _about_large_errors(errors: InterpolationErrors) -> Iterator[str]:
 
 
 def _about_uniformity(
-    problem: Problem, mesh: MeshRows, u: Field, errors: InterpolationErrors, relaxed: Sequence[Relaxed]
+    problem: Problem, mesh: AnyMesh, u: Field, errors: InterpolationErrors, relaxed: Sequence[Relaxed]
 ) -> Iterator[str]:
     """A warning where the mesh is uniform although u is not constant: u is evaluated at many more points."""
     monitor = problem.monitor

@@ -16,13 +16,13 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import closed_of
 from equimesh.equations.problem import D, Problem, understood
 from equimesh.errors import EquimeshError
-from equimesh.meshes.mesh import Mesh, MeshRows
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData, joined
 from equimesh.meshes.nested import tied_nodes
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.cells import Angles, UniformCells, cells_of, measure_angles
+from equimesh.quality.cells import Angles, AnyMesh, UniformCells, cells_of, measure_angles
 from equimesh.quality.comparison import UniformComparison, compare_with_uniform
 from equimesh.quality.degrees import gains_by_degree
 from equimesh.quality.faces import Faces, measure_faces
@@ -31,10 +31,7 @@ from equimesh.quality.measures import (
     CutOff,
     Quality,
     measure_all,
-    measure_block_cut_off,
     measure_cut_off,
-    measure_interpolation,
-    measure_quality,
 )
 from equimesh.quality.ritz import solver_gain
 from equimesh.schwarz.decomposition import Decomposition
@@ -42,7 +39,7 @@ from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, last_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
-from equimesh.solving.certificate import Certificate, about_cut_off, about_faces, block_warnings, warnings
+from equimesh.solving.certificate import Certificate, about_faces, warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation
 from equimesh_coupling.display import draw_on, picture
@@ -73,24 +70,31 @@ def _unknown() -> Array | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredMesh:
-    """The rows of a mesh that are here: ``mesh`` on the domain, ``reference`` on the reference square.
+    """A mesh of any topology, or the rows of a grid that are here.
 
-    ``u`` gives its values at the nodes of these rows, or ``None`` where they are not to be kept.
+    ``mesh`` is that of the domain, ``reference`` the one on the reference square; of blocks the mesh itself. ``u``
+    gives its values at the nodes that are here, or ``None`` where they are not to be kept.
     """
 
-    problem: Problem
-    mesh: MeshRows
-    reference: MeshRows
+    problem: Problem[Any]
+    mesh: AnyMesh
+    reference: AnyMesh
     u: Callable[[], Array | None] = _unknown
     threads: int = 1
 
+    @property
+    def _given(self) -> Mesh | None:
+        """The mesh to compare with where it is given; of a grid it is the image of the uniform one."""
+        return None if self.mesh.is_grid else self.problem.initial
+
     def quality(self, nodal: Array | None = None) -> Quality:
         """All quality measures; ``nodal`` is u at the nodes where that is known."""
-        monitor, domain = self.problem.monitor, self.problem.domain
+        monitor = self.problem.monitor
         return measure_all(
             self.mesh,
             monitor,
-            domain=domain,
+            uniform=self._given,
+            domain=self.problem.domain,
             kind=interpolated_cells(monitor),
             degree=degree_of(monitor),
             nodal=nodal,
@@ -98,12 +102,13 @@ class MeasuredMesh:
         )
 
     def against_uniform(self, mesh: Mesh, errors: InterpolationErrors | None) -> UniformComparison:
-        """The whole ``mesh``, of these ``errors``, next to the uniform mesh of its size."""
-        monitor, domain = self.problem.monitor, self.problem.domain
+        """The whole ``mesh``, of these ``errors``, next to the uniform mesh of its size, or to the initial one."""
+        monitor = self.problem.monitor
         return compare_with_uniform(
             mesh,
             monitor,
-            domain=domain,
+            domain=self.problem.domain,
+            uniform=self._given,
             kind=interpolated_cells(monitor),
             degree=degree_of(monitor),
             interpolation=errors,
@@ -115,23 +120,23 @@ class MeasuredMesh:
         return measure_faces(self.mesh, closed_of(self.problem.domain))
 
     def min_jacobian(self) -> float:
-        """The smallest corner Jacobian, 1 on the uniform mesh of a rectangle."""
-        return self.mesh.min_jacobian / self.problem.domain.area
+        """The smallest corner Jacobian, 1 on the uniform mesh of a rectangle; on blocks relative to the mean cell."""
+        return self.mesh.min_jacobian / (self.problem.domain.area if self.mesh.is_grid else 1.0)
 
     def gains(self, errors: InterpolationErrors | None) -> tuple[DegreeGain, ...]:
         """The gains of elements of each degree; none without u, and on a folded mesh."""
-        problem, mesh = self.problem, cells_of(self.mesh)
+        problem, given, mesh = self.problem, self._given, cells_of(self.mesh)
         if problem.monitor.u is None or errors is None or not mesh.all_valid:
             return ()
-        uniform = UniformCells(problem.grid, problem.domain, self.mesh.rows)
-        return gains_by_degree(mesh, uniform, problem.monitor.u, errors, interpolated_cells(problem.monitor))
+        other = UniformCells(problem.grid, problem.domain, mesh.rows) if given is None else cells_of(given)
+        return gains_by_degree(mesh, other, problem.monitor.u, errors, interpolated_cells(problem.monitor))
 
     def deviation(self, residual: float) -> float | None:
         """The residual of the equidistribution equations; ``None`` where these were not solved.
 
         ``residual`` is the residual of the solve. For a gradient map it is returned.
         """
-        if isinstance(self.problem.monitor, NodalSolution | LeastError):
+        if isinstance(self.problem.monitor, NodalSolution | LeastError) or not self.mesh.is_grid:
             return None
         if map_of(self.problem.monitor) == "gradient":
             return residual
@@ -152,64 +157,6 @@ class MeasuredMesh:
         """Sentences to read before using the mesh."""
         found = warnings(self.problem, status, relaxed, (self.mesh, self.reference), errors, gains)
         return (*found, *about_faces(faces))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MeasuredBlocks:
-    """A mesh of a domain in blocks; ``errors`` gives how well it interpolates u, ``cut_off`` its shares."""
-
-    problem: Problem[Blocks]
-    mesh: Mesh
-    errors: Callable[[], InterpolationErrors | None]
-    cut_off: Callable[[], CutOff]
-    threads: int = 1
-
-    def quality(self, nodal: Array | None = None) -> Quality:  # noqa: ARG002 - as of a grid
-        """All quality measures."""
-        return measure_quality(self.mesh, self.problem.monitor, self.errors(), threads=self.threads)
-
-    def against_uniform(self, mesh: Mesh, errors: InterpolationErrors | None) -> UniformComparison:
-        """The ``mesh``, of these ``errors``, next to the initial one."""
-        monitor, initial = self.problem.monitor, self.problem.initial
-        return compare_with_uniform(
-            mesh,
-            monitor,
-            uniform=initial,
-            kind=interpolated_cells(monitor),
-            degree=degree_of(monitor),
-            interpolation=errors,
-            threads=self.threads,
-        )
-
-    def faces(self) -> Faces:
-        """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
-        return measure_faces(self.mesh)
-
-    def min_jacobian(self) -> float:
-        """The smallest corner Jacobian, relative to the mean cell."""
-        return self.mesh.min_jacobian
-
-    def gains(self, errors: InterpolationErrors | None) -> tuple[DegreeGain, ...]:
-        """The gains of elements of each degree; none without u, and on a folded mesh."""
-        monitor, mesh = self.problem.monitor, cells_of(self.mesh)
-        if monitor.u is None or errors is None or not mesh.all_valid:
-            return ()
-        return gains_by_degree(mesh, cells_of(self.problem.initial), monitor.u, errors, interpolated_cells(monitor))
-
-    def deviation(self, residual: float) -> None:
-        """Always None: no equations of equidistribution are solved."""
-
-    def warnings(
-        self,
-        status: Status,  # noqa: ARG002 - as of a grid
-        relaxed: Sequence[Relaxed],  # noqa: ARG002
-        errors: InterpolationErrors | None,
-        faces: Faces,
-        gains: Sequence[DegreeGain],
-    ) -> tuple[str, ...]:
-        """Sentences to read before using the mesh."""
-        found = block_warnings(self.mesh, self.problem.monitor.u, errors, faces, gains)
-        return (*found, *about_cut_off(self.cut_off()))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -294,17 +241,7 @@ class Solution(Generic[D]):
 
         On triangles where a least-error monitor asks for them, else on quadrilaterals.
         """
-        if self.mesh.is_grid:
-            return self.quality.interpolation_error
-        monitor = self.problem.monitor
-        return measure_interpolation(
-            self.mesh,
-            monitor.u,
-            uniform=self.problem.initial,
-            kind=interpolated_cells(monitor),
-            degree=degree_of(monitor),
-            threads=self.threads,
-        )
+        return self.quality.interpolation_error
 
     @cached_property
     def solver_gain(self) -> SolverGain | None:
@@ -369,40 +306,21 @@ class Solution(Generic[D]):
     @cached_property
     def cut_off(self) -> CutOff:
         """The areas between the curved sides of the domain and the cells, as shares of its area."""
-        domain: Any = self.problem.domain
-        if not self.reference.is_grid:
-            return measure_block_cut_off(domain, self.reference)
-        return measure_cut_off(domain, MeshRows.of(self.reference))
+        return measure_cut_off(self.problem.domain, self.reference)
 
     @property
-    def _measured(self) -> MeasuredMesh | MeasuredBlocks:
-        """The measures of the mesh, which both classes have."""
-        problem: Problem[Any] = self.problem
-        mesh: Any = self.mesh
-        reference: Any = self.reference
-        if not mesh.is_grid:
-            return MeasuredBlocks(
-                problem=problem,
-                mesh=mesh,
-                errors=lambda: self.interpolation,
-                cut_off=lambda: self.cut_off,
-                threads=self.threads,
-            )
+    def _measured(self) -> MeasuredMesh:
+        """The measures of the mesh."""
+        mesh, reference = self.mesh, self.reference
         return MeasuredMesh(
-            problem=problem,
-            mesh=MeshRows.of(mesh),
-            reference=MeshRows.of(reference),
-            u=lambda: self.u,
-            threads=self.threads,
+            problem=self.problem, mesh=mesh, reference=reference, u=lambda: self.u, threads=self.threads
         )
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Sentences to read before using the mesh, as the certificate has them."""
-        found: tuple[str, ...] = self._measured.warnings(
-            self.status, self.relaxed, self.interpolation, self.faces, self.gains_by_degree
-        )
-        return self.detours + found
+        errors, faces, gains = self.interpolation, self.faces, self.gains_by_degree
+        return self.detours + self._measured.warnings(self.status, self.relaxed, errors, faces, gains)
 
     @cached_property
     def gains_by_degree(self) -> tuple[DegreeGain, ...]:

@@ -9,7 +9,7 @@ import pytest
 import equimesh as em
 from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.meshes.rows import Rows
-from equimesh.quality.measures import CutOff, measure_block_cut_off, measure_cut_off
+from equimesh.quality.measures import CutOff, measure_cut_off
 from equimesh.solving.least_error import is_no_worse
 from equimesh.testing.geometries import l_shape, ring
 
@@ -44,15 +44,15 @@ def test_parts_of_rows_add_up_and_straight_domains_have_none() -> None:
 
 def test_meshes_of_blocks_are_measured_on_their_curves() -> None:
     domain = ring(500)
-    initial = measure_block_cut_off(domain, domain.mesh)
+    initial = measure_cut_off(domain, domain.mesh)
     assert 0.0 < initial.share < 0.05
     assert initial.share == pytest.approx(initial.initial, rel=1e-9)
     angles, radii = np.arctan2(*domain.mesh.points.T[::-1]), np.hypot(*domain.mesh.points.T)
     angles = angles + 0.95 * np.sin(angles)
     moved = domain.mesh.moved(np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1))
-    assert measure_block_cut_off(domain, moved).share > 2.0 * initial.share
+    assert measure_cut_off(domain, moved).share > 2.0 * initial.share
     straight = l_shape(200)
-    assert measure_block_cut_off(straight, straight.mesh) == CutOff(share=0.0, initial=0.0)
+    assert measure_cut_off(straight, straight.mesh) == CutOff(share=0.0, initial=0.0)
 
 
 def test_a_mesh_beyond_the_bound_is_no_gain_and_is_not_kept() -> None:
