@@ -14,18 +14,25 @@ from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array
 from equimesh_schema.notebook import html_of
 
-MIN_FALL = 0.15
-"""The share by which the estimate has to fall below the best one before, for a round to count."""
+MIN_FALL: Final = {"l2": 0.15, "h1": 0.08}
+"""The share by which the estimate has to fall below the best one before, for a round to count.
+
+The error of the gradient falls with the spacing, that of u with its square.
+"""
 PATIENCE = 2
 """Rounds in a row without that fall after which the loop ends."""
 MAX_UNRESOLVED_SHARE = 0.15
 """The largest share of the gradient that a mesh may leave unresolved. A layer within one cell leaves 0.2 to 0.4."""
-MIN_RISE = 2.0
-"""The least factor over the best estimate that counts as a rise."""
 MIN_TOTAL_FALL = 2.0
 """Where that share is not known: the least factor by which the estimate has to fall in all while the mesh moves."""
 MAX_REST_CELLS = 1.0
 """Moves of the nodes, in spacings, that count as rest."""
+DOUBT_FACTORS: Final = {True: 2.0, False: 8.0}
+"""How many times the squared estimate is taken off a squared gradient, of a mesh that resolves it and of another one.
+
+Nodal values have a gradient that is wrong by about their error. Where nothing is resolved it may be an oscillation: a
+zigzag from node to node, which says nothing of u, has a squared gradient of 5 times its squared estimate.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,11 +40,18 @@ class RoundNumbers:
     """Estimates of the solution on the mesh of one round; round 0 is the first mesh."""
 
     estimate: float
-    """The estimated error of the solution on its own mesh, in the norm that ranks. Only its proportions matter."""
+    """The estimated L2 error of the solution on its own mesh, or what an indicator sums up to."""
+    estimate_h1: float | None = None
+    """The estimated error of the gradient on the same mesh; ``None`` where it is not known."""
     unresolved: float | None = None
     """The estimated error of the gradient over the norm of the gradient; ``None`` where it is not known."""
     moved_cells: float = 0.0
     """The root mean square of the moves of the nodes from the mesh before, in spacings of the uniform mesh."""
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether the mesh is known to resolve the solution."""
+        return self.unresolved is not None and self.unresolved <= MAX_UNRESOLVED_SHARE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +59,7 @@ class Verdict:
     """The decision from the rounds so far: go on, or end and why."""
 
     best: int
-    """The number of the round with the smallest estimate."""
+    """The number of the round with the smallest error."""
     is_done: bool
     """Whether the loop ends."""
     reason: str
@@ -54,34 +68,63 @@ class Verdict:
     """Whether the mesh of the best round resolves the solution: the shape of its layers is known to the mesh."""
 
 
-def judge(history: Sequence[RoundNumbers], rounds: int) -> Verdict:
+def compared(history: Sequence[RoundNumbers], norm: str) -> list[float]:
+    """Estimates of all rounds in ``norm`` that can be compared with each other.
+
+    The estimate on the own mesh of a round does not see a layer within one cell. Another mesh may see it: then the
+    gradient is larger there. The square of the error of the gradient is the square of its estimate, plus what the
+    squared norm of the gradient lacks of the largest one, as for the energy of a Galerkin solution. From
+    each norm some squared estimates are taken off first (``DOUBT_FACTORS``), which is all of it for an oscillation from
+    node to node. In H1 they are relative to the gradient of the round; in L2 an estimate grows by the same factor.
+    """
+    seen = [_gradient(one) for one in history]
+    shares = [DOUBT_FACTORS[one.is_resolved] * (one.unresolved or 0.0) ** 2 for one in history]
+    most = max(square * (1.0 - share) for square, share in zip(seen, shares, strict=True))
+    found = []
+    for one, square in zip(history, seen, strict=True):
+        slopes = one.estimate_h1 or 0.0
+        if one.estimate == 0.0 or not slopes > 0.0:
+            found.append(one.estimate)
+            continue
+        whole = math.sqrt(slopes**2 + max(0.0, most - square))
+        found.append(whole / math.sqrt(square) if norm == "h1" else one.estimate * whole / slopes)
+    return found
+
+
+def _gradient(one: RoundNumbers) -> float:
+    """The squared norm of the gradient of the values of a round; 0 where it is not known."""
+    return (one.estimate_h1 / one.unresolved) ** 2 if one.estimate_h1 and one.unresolved else 0.0
+
+
+def judge(history: Sequence[RoundNumbers], rounds: int, norm: str = "l2") -> Verdict:
     """The verdict on the rounds so far, of which the first is that of the first mesh; at most ``rounds`` follow it.
 
-    The best round has the smallest estimate, the first of equal ones. The loop ends after two rounds in which the
-    estimate did not fall by 15 %, and after ``rounds``. The best round resolves the solution where the mesh leaves at
-    most 15 % of the gradient unresolved. The estimate itself cannot tell: it does not see a layer within one cell.
+    The best round has the smallest of the :func:`compared` estimates, the first of equal ones. The loop ends after two
+    rounds in which that did not fall by 15 %, in H1 by 8 %, if the best round resolves the solution, where the mesh
+    does not move, and after ``rounds``. The best round resolves the solution where its mesh leaves at most 15 % of the
+    gradient unresolved.
     """
-    best = min(range(len(history)), key=lambda number: history[number].estimate)
-    reason = _reason(history, rounds)
-    return Verdict(best=best, is_done=reason != "", reason=reason, resolved=_is_resolved(history, best))
+    errors = compared(history, norm)
+    best = min(range(len(history)), key=lambda number: errors[number])
+    resolved = _is_resolved(history, best)
+    reason = _reason(history, errors, rounds, MIN_FALL["h1" if norm == "h1" else "l2"])
+    return Verdict(best=best, is_done=reason != "", reason=reason, resolved=resolved)
 
 
-def _reason(history: Sequence[RoundNumbers], rounds: int) -> str:
+def _reason(history: Sequence[RoundNumbers], errors: Sequence[float], rounds: int, min_fall: float) -> str:
     """Why the loop ends; empty while it goes on."""
-    done, stale = len(history) - 1, 0
-    least = history[0].estimate
-    if not history[-1].estimate > 0.0:
-        if history[-1].unresolved is None:
+    done, stale, least, last = len(history) - 1, 0, errors[0], history[-1]
+    if not last.estimate > 0.0:
+        if last.unresolved is None:
             return "The error indicator is zero everywhere."
         return "The estimated error is zero: bilinear elements have the solution exactly."
-    for numbers in history[1:]:
-        has_fallen = numbers.estimate <= (1.0 - MIN_FALL) * least
+    for error in errors[1:]:
+        has_fallen = error <= (1.0 - min_fall) * least
         stale = 0 if has_fallen else stale + 1
-        least = numbers.estimate if has_fallen else least
-    if stale >= PATIENCE and min(one.estimate for one in history[-stale:]) > MIN_RISE * least:
-        return f"The estimate rose in the last {stale} rounds: their meshes saw more of the solution than those before."
-    if stale >= PATIENCE:
-        return f"The estimate stands still: it did not fall by {MIN_FALL:.0%} in the last {stale} rounds."
+        least = error if has_fallen else least
+    may_see_more = last.unresolved is not None and not (last.is_resolved or last.moved_cells == 0.0)
+    if stale >= PATIENCE and not may_see_more:
+        return f"The estimate stands still: it did not fall by {min_fall:.0%} in the last {stale} rounds."
     if done >= rounds:
         said = "the estimate was still falling" if stale == 0 else "the last one brought little"
         return f"It ended after {count_of(rounds)}, the most that was allowed; {said}."
@@ -89,9 +132,8 @@ def _reason(history: Sequence[RoundNumbers], rounds: int) -> str:
 
 
 def _is_resolved(history: Sequence[RoundNumbers], best: int) -> bool:
-    unresolved = history[best].unresolved
-    if unresolved is not None:
-        return unresolved <= MAX_UNRESOLVED_SHARE
+    if history[best].unresolved is not None:
+        return history[best].is_resolved
     if len(history) == 1:
         return history[0].estimate == 0.0
     has_fallen = history[best].estimate <= history[0].estimate / MIN_TOTAL_FALL
@@ -126,25 +168,13 @@ class AdaptRound(Generic[M]):
     its squares.
     """
     estimate_h1: float | None = None
-    """The estimated error of the gradient; ``None`` for an indicator. It must not rank meshes: see ``unresolved``."""
+    """The estimated error of the gradient; ``None`` for an indicator. A mesh that resolves nothing has a small one."""
     unresolved: float | None = None
-    """``estimate_h1`` over the norm of the gradient: the share of the gradient that the mesh does not resolve.
-
-    It ranks meshes for the norm ``"h1"``. A mesh that resolves nothing has a small ``estimate_h1``, but a large share.
-    """
+    """``estimate_h1`` over the norm of the gradient: the share of the gradient that the mesh does not resolve."""
     moved_cells: float = 0.0
     """The root mean square of the moves of the nodes from the mesh before, in spacings of the uniform mesh."""
     start: str = "given"
     """The candidate that became this mesh, such as ``"lines"``; ``"given"`` for the first mesh."""
-
-    def rank(self, norm: str) -> float:
-        """The number by which rounds are compared for an error in ``norm``, the smallest is best; 0 where u is exact.
-
-        An error indicator says nothing of norms.
-        """
-        if norm == "l2" or self.unresolved is None or self.estimate == 0.0:
-            return self.estimate
-        return self.unresolved
 
     def numbers(self) -> dict[str, Any]:
         """The record without the arrays, as plain Python data, ready for JSON."""
@@ -161,8 +191,9 @@ class Adaptation(Generic[M]):
     rounds: tuple[AdaptRound[M], ...]
     """All rounds, the first mesh included."""
     best: int
-    """The number of the round with the smallest estimate; for the norm ``"h1"`` that with the smallest share
-    :attr:`AdaptRound.unresolved`.
+    """The number of the round with the smallest error in the norm of the loop.
+
+    Estimates are compared between rounds: what the gradient of one lacks of the gradient of another is error, too.
     """
     resolved: bool
     """Whether the best mesh resolves the solution. Where it is ``False``, estimates are too small, and a solution may
@@ -208,10 +239,16 @@ class Adaptation(Generic[M]):
 
 def verdict_on(done: Sequence[AdaptRound[M]], rounds: int, norm: str) -> Verdict:
     """The verdict on the rounds that are done, by the error in ``norm``; at most ``rounds`` follow the first one."""
-    return judge(
-        [RoundNumbers(estimate=one.rank(norm), unresolved=one.unresolved, moved_cells=one.moved_cells) for one in done],
-        rounds,
-    )
+    numbers = [
+        RoundNumbers(
+            estimate=one.estimate,
+            estimate_h1=one.estimate_h1,
+            unresolved=one.unresolved,
+            moved_cells=one.moved_cells,
+        )
+        for one in done
+    ]
+    return judge(numbers, rounds, norm)
 
 
 def require_same_kind(done: Sequence[AdaptRound[M]], *, is_indicator: bool) -> None:

@@ -13,9 +13,12 @@ from equimesh_coupling.adaptation import RoundNumbers, ended, judge, verdict_on,
 MESH = em.Mesh.uniform(em.Grid(n_xi=4, n_eta=5))
 
 
-def record(number: int, estimate: float, unresolved: float | None = None) -> em.AdaptRound:
+def record(number: int, estimate: float, unresolved: float | None = None, gradient: float = 1.0) -> em.AdaptRound:
     values = np.full((4, 5), float(number))
-    return em.AdaptRound(number=number, mesh=MESH, values=values, estimate=estimate, unresolved=unresolved)
+    slopes = None if unresolved is None else unresolved * gradient
+    return em.AdaptRound(
+        number=number, mesh=MESH, values=values, estimate=estimate, estimate_h1=slopes, unresolved=unresolved
+    )
 
 
 def test_the_result_is_that_of_the_best_round() -> None:
@@ -159,10 +162,27 @@ def test_an_indicator_of_one_mesh_resolves_nothing() -> None:
     assert judge([RoundNumbers(estimate=0.0)], 5).resolved
 
 
-def test_a_rise_is_told() -> None:
-    history = [RoundNumbers(estimate=one, unresolved=0.5) for one in (1e-9, 1e-5, 1e-4)]
-    verdict = judge(history, 5)
-    assert verdict.reason == (
-        "The estimate rose in the last 2 rounds: their meshes saw more of the solution than those before."
-    )
-    assert (verdict.best, verdict.resolved) == (0, False)
+def test_what_another_mesh_sees_of_the_gradient_is_an_error_of_those_that_do_not() -> None:
+    blind, half, seeing = ((1e-6, 0.05, 0.1), (1e-5, 0.25, 2.0), (1e-6, 0.14, 10.0))
+    done = [record(0, *blind), record(1, *half)]
+    for norm in ("l2", "h1"):
+        verdict = verdict_on(done, 5, norm)
+        assert (verdict.best, verdict.is_done, verdict.resolved) == (1, False, False)
+        assert verdict_on([*done, record(2, *seeing)], 5, norm).best == 2
+
+
+def test_an_oscillation_from_node_to_node_is_not_taken_for_a_gradient() -> None:
+    done = [record(0, 1.0, 0.4, 10.0), record(1, 0.1, 0.05, 3.0), record(2, 0.05, 0.03, 3.0)]
+    assert [verdict_on(done, 5, norm).best for norm in ("l2", "h1")] == [2, 2]
+
+
+def test_it_goes_on_while_nothing_is_resolved_and_the_mesh_moves() -> None:
+    assert not judge(history(4.0, 4.0, 4.0, unresolved=0.3, moved=1.0), 5).is_done
+    assert judge(history(4.0, 4.0, 4.0, unresolved=0.3, moved=0.0), 5).is_done
+    assert judge(history(4.0, 4.0, 4.0, unresolved=0.1, moved=1.0), 5).is_done
+
+
+def test_the_error_of_the_gradient_has_to_fall_by_less() -> None:
+    done = [record(0, 1.0, 0.1), record(1, 1.0, 0.09), record(2, 1.0, 0.081)]
+    assert not verdict_on(done, 5, "h1").is_done
+    assert verdict_on(done, 5, "l2").is_done

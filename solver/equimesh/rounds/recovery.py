@@ -150,7 +150,7 @@ class ErrorEstimate:
     estimate: float
     """The estimated L2 error of the values on their own mesh, in the units of u times a length."""
     estimate_h1: float
-    """The estimated error of the gradient, in the units of u. It must not rank meshes: an unresolved one looks good."""
+    """The estimated error of the gradient, in the units of u. A mesh that resolves nothing has a small one."""
     unresolved: float
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
 
@@ -184,10 +184,12 @@ class NextMesh:
     """The mesh for the next solve on the reference square; of blocks the mesh itself."""
     chosen: str
     """The name of the candidate that was chosen."""
+    norm: Norm
+    """The norm in which it was chosen: the requested one, or L2 on blocks that do not resolve the solution."""
     candidates: Mapping[str, float]
-    """The candidates, with the errors of the interpolant of the recovered u on them in the requested norm."""
+    """The candidates, with the errors of the interpolant of the recovered u on them in that norm."""
     gain: float
-    """The error of the interpolant of the recovered u in the requested norm, on the mesh before over that on this one.
+    """The error of the interpolant of the recovered u in that norm, on the mesh before over that on this one.
 
     Both are measured at the same points of each cell, which are fewer than those of the estimate. Where the values do
     not resolve the solution it can be below 1.
@@ -209,11 +211,13 @@ class Round:
     estimate: float
     """The estimated L2 error of the values on their own mesh, 0 where that is nothing but rounding."""
     estimate_h1: float
-    """The estimated error of the gradient, in the units of u. It must not rank meshes: an unresolved one looks good."""
+    """The estimated error of the gradient, in the units of u. A mesh that resolves nothing has a small one."""
     unresolved: float
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
     chosen: str
     """As :attr:`NextMesh.chosen`."""
+    norm: Norm
+    """As :attr:`NextMesh.norm`."""
     candidates: Mapping[str, float]
     """As :attr:`NextMesh.candidates`."""
     gain: float

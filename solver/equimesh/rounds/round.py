@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
+from dataclasses import replace
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -22,6 +23,7 @@ from equimesh.monitors.metrics import NORMS
 from equimesh.numerics.threads import thread_count
 from equimesh.rounds.candidates import MEASURED_POINTS, PARTS, SHARP, SMOOTH, Search
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells, on_domain
+from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
 
 # The candidates for the next mesh of a domain in blocks.
 
@@ -78,14 +80,17 @@ def _end_of(steps: Generator[object, None, T]) -> T:
 def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1) -> NextMesh:
     """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly.
 
-    Candidates are descents from the mesh of the values, on a grid also meshes of straight lines, on blocks descents
-    from the initial mesh of the domain.
+    On blocks it is the best one in L2 where the values do not resolve the solution: a descent on the error of the
+    gradient stays near the mesh of the values there. Candidates are descents from the mesh of the values, on a grid
+    also meshes of straight lines, on blocks descents from the initial mesh of the domain.
     """
     before, domain = known.recovery.mesh, known.recovery.domain
-    kept = NextMesh(reference=before, chosen=KEPT, candidates={}, gain=1.0, moved_cells=0.0)
+    kept = NextMesh(reference=before, chosen=KEPT, norm=norm, candidates={}, gain=1.0, moved_cells=0.0)
     if known.is_exact:
         return kept
     if isinstance(domain, Blocks):
+        norm = norm if known.unresolved <= MAX_UNRESOLVED_SHARE else "l2"
+        kept = replace(kept, norm=norm)
         return _best_of_blocks(known.recovery, domain, norm, threads) or kept
     return _best_of_grid(known.recovery, norm, threads) or kept
 
@@ -102,6 +107,7 @@ def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -
     return NextMesh(
         reference=mesh,
         chosen=chosen,
+        norm=norm,
         candidates=errors,
         gain=measured(known.u, domain, known.mesh, rule, threads) / least if least > 0.0 else 1.0,
         moved_cells=moved_cells(known.mesh, mesh),
@@ -121,6 +127,7 @@ def _best_of_grid(known: Recovery, norm: Norm, threads: int) -> NextMesh | None:
     return NextMesh(
         reference=reference,
         chosen=best.name,
+        norm=norm,
         candidates={one.name: one.error for one in found},
         gain=search.error_on(before) / best.error if best.error > 0.0 else 1.0,
         moved_cells=moved_cells(before, reference),
@@ -166,6 +173,7 @@ def adapt_round(
         estimate_h1=known.estimate_h1,
         unresolved=known.unresolved,
         chosen=found.chosen,
+        norm=found.norm,
         candidates=found.candidates,
         gain=found.gain,
         moved_cells=found.moved_cells,

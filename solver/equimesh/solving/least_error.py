@@ -265,7 +265,7 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
         reference=found.reference,
         status=status_unless_folded(Status.COMPLETED, folded=found.mesh.is_folded),
         note=NOT_BETTER if found.chosen == KEPT else "",
-        comparison=_comparison(found, monitor.norm),
+        comparison=_comparison(found),
         estimate=_estimate(found),
         threads=threads,
     )
@@ -280,8 +280,9 @@ def _estimate(found: Round) -> Estimate:
     )
 
 
-def _comparison(found: Round, norm: str) -> tuple[Candidate, ...]:
+def _comparison(found: Round) -> tuple[Candidate, ...]:
     """The candidates, the best one first: how many times smaller their errors are than the estimate."""
+    norm = found.norm
     before = found.estimate if norm == "l2" else found.estimate_h1
     return tuple(
         Candidate(

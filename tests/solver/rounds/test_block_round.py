@@ -9,7 +9,7 @@ import equimesh as em
 from equimesh.least_error.kernels import Rule
 from equimesh.rounds.candidates import PARTS
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, measured
-from equimesh.rounds.round import WHOLE
+from equimesh.rounds.round import WHOLE, next_mesh
 from equimesh.testing.geometries import disc, l_shape
 
 DOMAIN = l_shape(500)
@@ -65,6 +65,7 @@ def test_a_thin_front_is_not_resolved_and_a_smooth_function_is() -> None:
     smooth = ErrorEstimate.of(mesh, np.sin(mesh.x + mesh.y), DOMAIN)
     assert thin.unresolved > 0.15 > 0.05 > smooth.unresolved
     assert not thin.is_exact
+    assert [next_mesh(one, "h1").norm for one in (thin, smooth)] == ["l2", "h1"]
 
 
 def test_a_mesh_and_a_domain_of_two_kinds_are_refused() -> None:

@@ -1,0 +1,323 @@
+"""Adapting with u unknown against refinement: relative errors of bilinear elements with equally many unknowns.
+
+Problems of W. F. Mitchell, *A collection of 2D elliptic problems for testing adaptive algorithms* (NISTIR 7668, 2010),
+and others with a steep feature that the first mesh does not see. Dirichlet data on all sides; the load is a(u, v) with
+the exact gradient. Relative errors are in the L2 and in the full H1 norm, by a quadrature of its own.
+
+    python benchmarks/refinement.py                         all problems, about 1,000 unknowns: some minutes
+    python benchmarks/refinement.py --unknowns 4000 --only 01 04
+    python benchmarks/refinement.py --norm h1 --rounds      every round of the loop, not only the mesh that it returns
+    python benchmarks/refinement.py --movement              the Helmholtz demo of Firedrake's movement
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+
+import equimesh as em
+
+SOLVE_POINTS, ERROR_POINTS = 6, 12
+"""Gauss points a direction and cell of matrices and loads, and of errors."""
+MAX_CHUNK = 200_000
+"""Points at which u is evaluated at once."""
+NEWTON_STEPS = 12
+"""Steps, at most, for an equation that is not linear."""
+MAX_ROUNDS = 5
+CORNER = "(x**2 + y**2 + 1e-30)**(1/3)*sin(2/3*(atan2(-x - y, y - x) + 3*pi/4))"
+"""The function of a corner that turns inwards; the missing quadrant is x > 0 > y."""
+
+
+class Published(NamedTuple):
+    """Errors of others, in percent of the H1 norm, with about 1,000 and 4,000 unknowns; NaN where none are known."""
+
+    small: float
+    large: float
+
+
+class Remeshed(NamedTuple):
+    """Relative errors in L2 and H1 of a loop of five passes that remeshes with Mmg, linear triangles."""
+
+    l2: float
+    h1: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """``-div(a grad u) + b . grad(u) + c u = f`` with the solution ``u``, an expression in x and y."""
+
+    u: str
+    domain: Literal["square", "box", "L"] = "square"
+    diffusion: float = 1.0
+    stream: tuple[float, float] = (0.0, 0.0)
+    reaction: float = 0.0
+    is_nonlinear: bool = False
+    """Whether a is 1 + u^2."""
+    power: int = 1
+    """The power of the substitution in the quadrature along xi: above 1 for a gradient that is infinite at x = 0."""
+    refined: Published | None = None
+    """Anisotropic refinement of bilinear elements by Hermes: https://github.com/hpfem/hermes-examples, ``conv_dof``."""
+    remeshed: tuple[Remeshed, Remeshed] | None = None
+    """A loop with Mmg, measured with the same unknowns on a machine of two cores."""
+
+
+UNKNOWN = Remeshed(math.nan, math.nan)
+PROBLEMS = {
+    "01": Problem(u="2**40*(x*(1 - x)*y*(1 - y))**10", refined=Published(4.26, 2.13)),
+    "02": Problem(u=CORNER, domain="L", refined=Published(0.876, 0.439), remeshed=(UNKNOWN, Remeshed(1.2e-4, 1.3e-2))),
+    "04": Problem(
+        u="exp(-1000*((x - 0.5)**2 + (y - 0.5)**2))",
+        refined=Published(4.44, 2.17),
+        remeshed=(UNKNOWN, Remeshed(7.4e-4, 2.6e-2)),
+    ),
+    "07": Problem(u="(x + 1e-12)**0.6", power=6, refined=Published(1.46, math.nan)),
+    "09": Problem(u="atan(50*(sqrt((x - 0.5)**2 + (y - 0.5)**2) - 0.25))", refined=Published(8.50, 4.27)),
+    "LB": Problem(
+        u="(1 - cosh(100*x)/cosh(100))*(1 - cosh(100*y)/cosh(100))",
+        domain="box",
+        reaction=1e4,
+        refined=Published(3.65, 1.25),
+    ),
+    "peak": Problem(u="exp(-1e5*((x - 0.51)**2 + (y - 0.117)**2))", remeshed=(Remeshed(3.4e-3, 5.4e-2), UNKNOWN)),
+    "steep": Problem(
+        u="atan(1000*(sqrt((x + 0.05)**2 + (y + 0.05)**2) - 0.7))",
+        remeshed=(Remeshed(3.3e-3, 0.15), Remeshed(1.0e-3, 6.2e-2)),
+    ),
+    "12": Problem(
+        u=f"{CORNER} + exp(-1000*((x + sqrt(5)/4)**2 + (y + 0.25)**2))"
+        " + atan(200*(sqrt(x**2 + (y + 0.75)**2) - 0.75)) + exp(-100*(1 + y))",
+        domain="L",
+        remeshed=(Remeshed(2.7e-3, 0.14), Remeshed(6.0e-4, 6.0e-2)),
+    ),
+    "skew": Problem(u="(1 + tanh(150*(y - x/2 - 0.25)))/2*(1 - exp((x - 1)/1e-3))", diffusion=1e-3, stream=(1.0, 0.5)),
+    "ridge": Problem(u="exp(-2000*(y - 0.5 - 0.25*sin(2*pi*x))**2)", is_nonlinear=True),
+}
+"""The names of the collection, and words for the others."""
+
+
+def domain_of(problem: Problem, cells: int) -> tuple[Any, int | None]:
+    """The domain with about ``cells`` squared cells, and the points a side; None on blocks, which have their own."""
+    if problem.domain != "L":
+        box = (-1.0, 1.0) if problem.domain == "box" else (0.0, 1.0)
+        return em.Rectangle(x=box, y=box), cells + 1
+    side = round(cells * 36 / 64)
+    vertices = {f"{x}{y}": [x - 1, y - 1] for x in range(3) for y in range(3) if (x, y) != (2, 0)}
+    corners = (("00", "10", "11", "01"), ("01", "11", "12", "02"), ("11", "21", "22", "12"))
+    blocks = [{"corners": list(names), "cells": [side, side]} for names in corners]
+    return em.Blocks.of({"vertices": vertices, "blocks": blocks}), None
+
+
+# Bilinear elements on any mesh of quadrilaterals.
+
+
+class Quadrature(NamedTuple):
+    """Points of all cells, ``(points, cells)``, with their weights and the slopes of the four shape functions."""
+
+    x: np.ndarray
+    y: np.ndarray
+    weights: np.ndarray
+    shape: np.ndarray
+    """``(4, points, 1)``."""
+    slopes: np.ndarray
+    """``(2, 4, points, cells)``."""
+
+
+def quadrature(nodes: np.ndarray, cells: np.ndarray, points: int, power: int) -> Quadrature:
+    """A Gauss rule of some ``cells``, of ``points`` a direction."""
+    at, w = np.polynomial.legendre.leggauss(points)
+    at, w = 0.5 * (at + 1.0), 0.5 * w
+    s, t = (q.ravel()[:, None] for q in np.meshgrid(at**power, at, indexing="ij"))
+    weights = np.outer(power * at ** (power - 1) * w, w).ravel()[:, None]
+    shape = np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t])
+    by_s, by_t = np.stack([t - 1, 1 - t, t, -t]), np.stack([s - 1, -s, s, 1 - s])
+    corners = nodes[cells].transpose(2, 1, 0)[:, :, None, :]  # (2, 4, 1, cells)
+    (x, y), (x_s, y_s), (x_t, y_t) = ((corners * part).sum(axis=1) for part in (shape, by_s, by_t))
+    det = x_s * y_t - x_t * y_s
+    slopes = np.stack([(by_s * y_t - by_t * y_s) / det, (by_t * x_s - by_s * x_t) / det])
+    return Quadrature(x, y, weights * det, shape, slopes)
+
+
+@dataclass(frozen=True)
+class Elements:
+    """A mesh, and the equation of ``problem`` on it."""
+
+    problem: Problem
+    nodes: np.ndarray
+    cells: np.ndarray
+    is_fixed: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, mesh: Any) -> Elements:
+        """The elements of a mesh of a grid or of blocks; all nodes on the sides are fixed."""
+        is_fixed = np.zeros(len(mesh.points), dtype=bool)
+        for side in mesh.sides.values():
+            is_fixed[np.ravel(side)] = True
+        return cls(problem, np.asarray(mesh.points), np.asarray(mesh.cells), is_fixed)
+
+    def chunks(self, points: int) -> Iterator[tuple[np.ndarray, Quadrature]]:
+        """Some cells at a time with their quadrature."""
+        size = max(1, MAX_CHUNK // points**2)
+        for first in range(0, len(self.cells), size):
+            some = self.cells[first : first + size]
+            yield some, quadrature(self.nodes, some, points, self.problem.power)
+
+    def solve(self) -> np.ndarray:
+        """The values at all nodes."""
+        values = em.Expression(self.problem.u).evaluate(*self.nodes.T)[0]
+        free = np.flatnonzero(~self.is_fixed)
+        if self.problem.is_nonlinear:
+            values[free] = 0.0
+        for _ in range(NEWTON_STEPS if self.problem.is_nonlinear else 1):
+            matrix, rest = self.assembled(values)
+            step = splu(matrix[free][:, free].tocsc()).solve(rest[free])
+            values[free] += step
+            if np.abs(step).max() <= 1e-10 * np.abs(values).max():
+                break
+        return values
+
+    def assembled(self, values: np.ndarray) -> tuple[csc_matrix, np.ndarray]:
+        """The matrix of the linear equation at ``values``, and what is left of the load there."""
+        count, problem, u = len(self.nodes), self.problem, em.Expression(self.problem.u)
+        rest, parts = np.zeros(count), []
+        has_stream = any(problem.stream)
+        for cells, at in self.chunks(SOLVE_POINTS):
+            exact, x, y, *bends = u.evaluate(at.x, at.y, order=2 if has_stream else 1)
+            own = values[cells].T[:, None, :]
+            here = (own * at.shape).sum(axis=0)
+            h_x, h_y = (own * at.slopes).sum(axis=1)
+            a, a_exact, slope = problem.diffusion, problem.diffusion, 0.0
+            if problem.is_nonlinear:
+                a, a_exact, slope = 1.0 + here**2, 1.0 + exact**2, 2.0 * here
+            flux = a_exact * x - a * h_x, a_exact * y - a * h_y
+            b, c = problem.stream, problem.reaction
+            other = c * (exact - here) + b[0] * (x - h_x) + b[1] * (y - h_y)
+            test = at.shape
+            along = b[0] * at.slopes[0] + b[1] * at.slopes[1]
+            if has_stream:
+                tau = supg_parameter(self.nodes[cells], along, problem)
+                test = at.shape + tau * along
+                bend = problem.diffusion * (bends[0] + bends[2])
+                extra = tau * along * (other - bend)
+            local = other * at.shape + flux[0] * at.slopes[0] + flux[1] * at.slopes[1]
+            local = local + extra if has_stream else local
+            np.add.at(rest, cells.T, (local * at.weights).sum(axis=1))
+            w = at.weights[None, None]
+            grads = (at.slopes[:, :, None] * at.slopes[:, None, :]).sum(axis=0)
+            matrix = a * grads + c * at.shape[:, None] * at.shape[None] + test[:, None] * along[None, :]
+            if problem.is_nonlinear:
+                across = h_x * at.slopes[0] + h_y * at.slopes[1]
+                matrix = matrix + slope * across[:, None] * at.shape[None]
+            parts.append((cells, (matrix * w).sum(axis=2)))
+        cells = np.concatenate([part for part, _ in parts])
+        entries = np.concatenate([part for _, part in parts], axis=2)
+        rows, columns = np.broadcast_arrays(cells.T[:, None], cells.T[None])
+        return csc_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count)), rest
+
+    def errors(self, values: np.ndarray) -> tuple[float, float]:
+        """The relative errors of nodal values in L2 and in the full H1 norm."""
+        u, sums = em.Expression(self.problem.u), np.zeros(4)
+        for cells, at in self.chunks(ERROR_POINTS):
+            exact, x, y = u.evaluate(at.x, at.y, order=1)
+            own = values[cells].T[:, None, :]
+            error = exact - (own * at.shape).sum(axis=0)
+            h_x, h_y = (own * at.slopes).sum(axis=1)
+            parts = error**2, (x - h_x) ** 2 + (y - h_y) ** 2, exact**2, x**2 + y**2
+            sums += [float((part * at.weights).sum()) for part in parts]
+        return math.sqrt(sums[0] / sums[2]), math.sqrt((sums[0] + sums[1]) / (sums[2] + sums[3]))
+
+
+def supg_parameter(corners: np.ndarray, along: np.ndarray, problem: Problem) -> np.ndarray:
+    """The parameter of each cell, bounded by the thickness of the cell; see the page on SUPG."""
+    eps, speed = problem.diffusion, float(np.hypot(*problem.stream))
+    length = 2.0 * speed / np.abs(along).sum(axis=0).mean(axis=0)
+    peclet = speed * length / (2.0 * eps)
+    tau = length / (2.0 * speed) * (1.0 / np.tanh(peclet) - 1.0 / peclet)
+    a = 0.5 * (corners[:, 1] + corners[:, 2] - corners[:, 0] - corners[:, 3])
+    b = 0.5 * (corners[:, 2] + corners[:, 3] - corners[:, 0] - corners[:, 1])
+    thickness = np.linalg.svd(np.stack([a, b], axis=1), compute_uv=False)[:, -1]
+    return np.minimum(tau, thickness**2 / (12.0 * eps))
+
+
+# The loop.
+
+
+class Looped(NamedTuple):
+    """A loop with the errors of all its rounds, the CPU seconds of adapting, and the number of free unknowns."""
+
+    found: em.Adaptation
+    errors: list[tuple[float, float]]
+    seconds: float
+    unknowns: int
+
+
+def loop(problem: Problem, cells: int, norm: Literal["l2", "h1"], rounds: int = MAX_ROUNDS, **options: Any) -> Looped:
+    """The loop on a mesh with about ``cells`` squared cells."""
+    domain, points = domain_of(problem, cells)
+    spent, errors, unknowns = [0.0], [], [0]
+
+    def solve(mesh: Any) -> np.ndarray:
+        begun = time.process_time()
+        elements = Elements.of(problem, mesh)
+        values = elements.solve()
+        errors.append(elements.errors(values))
+        unknowns[0] = int((~elements.is_fixed).sum())
+        spent[0] += time.process_time() - begun
+        return values.reshape(mesh.node_shape)
+
+    begun = time.process_time()
+    found = em.adapt(solve, points, domain=domain, rounds=rounds, norm=norm, threads=1, **options)
+    return Looped(found, errors, time.process_time() - begun - spent[0], unknowns[0])
+
+
+def said(errors: tuple[float, float]) -> str:
+    """Errors in L2 and H1."""
+    return f"{errors[0]:.2e} / {errors[1]:.2e}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), help="these problems")
+    parser.add_argument("--unknowns", type=int, nargs="+", default=[1000], help="about so many unknowns")
+    parser.add_argument("--norm", nargs="+", choices=("l2", "h1"), default=["l2", "h1"], help="norms of the loop")
+    parser.add_argument("--rounds", action="store_true", help="print every round")
+    parser.add_argument("--save", help="a folder for the meshes and values of all rounds")
+    options = parser.parse_args()
+    for count in options.unknowns:
+        cells = math.ceil(math.sqrt(count))
+        for name in options.only:
+            for norm in options.norm:
+                result = loop(PROBLEMS[name], cells, norm)
+                best = result.found.best
+                print(
+                    f"{name} {norm} {result.unknowns}: uniform {said(result.errors[0])}, returned"
+                    f" {said(result.errors[best])} (round {best} of {len(result.errors) - 1}), least"
+                    f" {min(one[0] for one in result.errors):.2e} / {min(one[1] for one in result.errors):.2e},"
+                    f" {result.seconds:.1f} s, resolved {result.found.resolved}",
+                    flush=True,
+                )
+                if options.rounds:
+                    for one, errors in zip(result.found.rounds, result.errors, strict=True):
+                        print(
+                            f"    {one.number} {said(errors)}  est {one.estimate:.2e} {one.estimate_h1:.3e}"
+                            f" unres {one.unresolved:.4f} moved {one.moved_cells:.2f} {one.start}"
+                        )
+                    print("   ", result.found.reason, flush=True)
+                if options.save:
+                    np.savez(
+                        f"{options.save}/{name}-{norm}-{count}.npz",
+                        **{f"p{one.number}": one.mesh.points for one in result.found.rounds},
+                        **{f"v{one.number}": one.values for one in result.found.rounds},
+                        errors=result.errors,
+                    )
+
+
+if __name__ == "__main__":
+    main()
