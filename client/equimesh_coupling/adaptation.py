@@ -33,6 +33,8 @@ DOUBT_FACTORS: Final = {True: 2.0, False: 8.0}
 Nodal values have a gradient that is wrong by about their error. Where nothing is resolved it may be an oscillation: a
 zigzag from node to node, which says nothing of u, has a squared gradient of 5 times its squared estimate.
 """
+MIN_UNSEEN = 0.01
+"""The least share of the squared gradient that counts as not seen. Boundary values alone make small differences."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +88,8 @@ def compared(history: Sequence[RoundNumbers], norm: str) -> list[float]:
         if one.estimate == 0.0 or not slopes > 0.0:
             found.append(one.estimate)
             continue
-        whole = math.sqrt(slopes**2 + max(0.0, most - square))
+        unseen = most - square
+        whole = math.sqrt(slopes**2 + (unseen if unseen > MIN_UNSEEN * most else 0.0))
         found.append(whole / math.sqrt(square) if norm == "h1" else one.estimate * whole / slopes)
     return found
 
