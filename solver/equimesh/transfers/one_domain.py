@@ -91,11 +91,6 @@ def require_one_domain(mesh: Mesh, new_mesh: Mesh) -> None:
     """
     for one in (mesh, new_mesh):
         require_valid(one)
-    if mesh.is_grid != new_mesh.is_grid:
-        raise InputError(
-            "one mesh is that of a grid, the other one is not: fields are carried between two meshes of one kind",
-            field="mesh",
-        )
     old, new = _boundary(mesh), _boundary(new_mesh)
     rounding = MAX_ROUNDING * max(np.ptp(mesh.x), np.ptp(mesh.y))
     for (points, _), (_, edges) in ((new, old), (old, new)):

@@ -7,14 +7,13 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from equimesh.fields.mesh_map import walk
 from equimesh.meshes.cell_edges import QuadLinks
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_search import Boxes, find_cell
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
-from equimesh.transfers.integrals import Cells, QuadCells, cells_of, measures_of
+from equimesh.transfers.integrals import Cells, measures_of
 
 # The common part of two convex cells: its area and its first moments.
 
@@ -94,7 +93,7 @@ def centroids_of(unrolled: Unrolled) -> Pair:
 
 
 @compiled
-def starts_on_quads(old: Pair, search: tuple[QuadLinks, Boxes, IntArray], nodes: Pair, cells: IntArray) -> IntArray:
+def starts_in(old: Pair, search: tuple[QuadLinks, Boxes, IntArray], nodes: Pair, cells: IntArray) -> IntArray:
     """The old cell that holds the centre of each of the new ``cells`` over ``nodes``, or the nearest one."""
     links, boxes, edges = search
     starts, quad, start = np.empty(cells.shape[0], dtype=np.int64), np.empty((4, 2)), 0
@@ -196,8 +195,8 @@ class Overlaps:
     integrals of x and y over it, from the centroid of that old cell, are ``of_x[p]`` and ``of_y[p]``.
     """
 
-    old: Cells | QuadCells
-    new: Cells | QuadCells
+    old: Cells
+    new: Cells
     first: IntArray
     cell: IntArray
     area: Array
@@ -208,35 +207,24 @@ class Overlaps:
 
     @classmethod
     def of(cls, old: Mesh, new: Mesh) -> Overlaps:
-        """The common parts of two valid meshes of one kind."""
-        if not old.is_grid and not new.is_grid:
-            return cls._of_quads(old, new)
-        if not old.is_grid or not new.is_grid:
-            raise AssertionError("the caller refuses meshes of two kinds")
-        of_old, of_new = cells_of(old), cells_of(new)
-        x, y, new_x, new_y = (np.ascontiguousarray(q, dtype=float) for q in (old.x, old.y, new.x, new.y))
-        nodes, centroids = (new_x.reshape(-1), new_y.reshape(-1)), (of_old.x, of_old.y)
-        starts = starts_on_grid((x, y), nodes, new.cells)
-        links = old.cells, neighbours_on(of_old.shape)
-        parts = common_parts((x.reshape(-1), y.reshape(-1)), links, centroids, starts, nodes, new.cells)
-        return cls._of_parts(of_old, of_new, parts)
-
-    @classmethod
-    def _of_quads(cls, old: Mesh, new: Mesh) -> Overlaps:
-        """Common parts of the cells of two meshes of blocks; old cells beyond a periodic join count as themselves."""
-        unrolled, of_old, of_new = Unrolled.of(old), QuadCells.of(old), QuadCells.of(new)
+        """The common parts of the cells of two valid meshes; old cells beyond a periodic join count as themselves."""
+        unrolled, of_old, of_new = Unrolled.of(old), Cells.of(old), Cells.of(new)
         search, cells = unrolled.search, np.ascontiguousarray(new.cells)
-        nodes = np.array(new.x, dtype=float), np.array(new.y, dtype=float)
-        starts = starts_on_quads(search.nodes, (search.links, search.boxes, search.edges), nodes, cells)
+        nodes = np.array(np.ravel(new.x), dtype=float), np.array(np.ravel(new.y), dtype=float)
+        starts = starts_in(search.nodes, (search.links, search.boxes, search.edges), nodes, cells)
         links = search.links.cells, search.links.neighbours
-        parts = common_parts(search.nodes, links, centroids_of(unrolled), starts, nodes, cells)
-        return cls._of_parts(of_old, of_new, (parts[0], parts[1] % unrolled.cells, *parts[2:]))
-
-    @classmethod
-    def _of_parts(cls, old: Cells | QuadCells, new: Cells | QuadCells, parts: Parts) -> Overlaps:
-        first, cell, area, of_x, of_y = parts
-        covered = np.add.reduceat(area, first[:-1])
-        return cls(old=old, new=new, first=first, cell=cell, area=area, of_x=of_x, of_y=of_y, covered=covered)
+        first, cell, *moments = common_parts(search.nodes, links, centroids_of(unrolled), starts, nodes, cells)
+        area, of_x, of_y = moments
+        return cls(
+            old=of_old,
+            new=of_new,
+            first=first,
+            cell=cell % unrolled.cells,
+            area=area,
+            of_x=of_x,
+            of_y=of_y,
+            covered=np.add.reduceat(area, first[:-1]),
+        )
 
     @property
     def beyond(self) -> Array:
@@ -262,24 +250,3 @@ class Overlaps:
         """The least and the largest number of the old cells that meet each new cell."""
         starts = self.first[:-1]
         return np.minimum.reduceat(lowest[self.cell], starts), np.maximum.reduceat(highest[self.cell], starts)
-
-
-def neighbours_on(shape: tuple[int, int]) -> IntArray:
-    """The cells after and before each cell of a grid, along xi and then along eta; -1 beyond a side."""
-    numbers = np.pad(np.arange(shape[0] * shape[1]).reshape(shape), 1, constant_values=-1)
-    after_before = numbers[2:, 1:-1], numbers[:-2, 1:-1], numbers[1:-1, 2:], numbers[1:-1, :-2]
-    return np.stack(after_before, axis=-1).reshape(-1, 4)
-
-
-@compiled
-def starts_on_grid(old: Pair, nodes: Pair, cells: IntArray) -> IntArray:
-    """The cell of an old grid that holds the centre of each new cell, or one near it."""
-    (x, y), (new_x, new_y) = old, nodes
-    starts = np.empty(cells.shape[0], dtype=np.int64)
-    i = j = 0
-    for n in range(cells.shape[0]):
-        a, b, c, d = cells[n, 0], cells[n, 1], cells[n, 2], cells[n, 3]
-        px, py = 0.25 * (new_x[a] + new_x[b] + new_x[c] + new_x[d]), 0.25 * (new_y[a] + new_y[b] + new_y[c] + new_y[d])
-        i, j = walk(px, py, x, y, i, j)
-        starts[n] = i * (x.shape[1] - 1) + j
-    return starts

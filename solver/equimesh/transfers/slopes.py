@@ -7,7 +7,7 @@ import numpy as np
 from equimesh.meshes.cell_edges import QuadLinks
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
-from equimesh.transfers.integrals import Cells, QuadCells
+from equimesh.transfers.integrals import Cells
 
 # A pair of differences of centroids spans at least this share of the product of their squares, or the slope is zero.
 MIN_SPAN = 1e-14
@@ -16,25 +16,23 @@ MIN_SPAN = 1e-14
 def slopes_of_averages(cells: Cells, averages: Array, least: float, most: float) -> tuple[Pair, Pair]:
     """The slopes in each cell by the averages of its neighbours, and the bounds that the cell keeps; all flat.
 
-    The gradient is that of the differences of the averages along both families of lines, which is exact for linear
-    functions. It is multiplied by the largest number in [0, 1] for which the values at the corners lie between the
-    least and the largest average of the 3 x 3 cells around (T. J. Barth and D. C. Jespersen, AIAA 89-0366, 1989), and
-    between ``least`` and ``most``. Beyond a side the averages are continued by the smaller of the last two
+    The gradient is that of the differences of the averages of opposite neighbours, which is exact for linear functions.
+    It is multiplied by the largest number in [0, 1] for which the values at the corners lie between the least and the
+    largest average of the cells around the corners, 3 x 3 on a grid (T. J. Barth and D. C. Jespersen, AIAA 89-0366,
+    1989), and between ``least`` and ``most``. Beyond a side the averages are continued by the smaller of the last two
     differences. A linear function is therefore exact at a straight row of centroids where ``least`` and ``most`` leave
     room. Where they are the least and the largest average, the slopes of the cells with these are reduced, and so are
     the nearby ones at a side.
     """
-    rows, columns = cells.shape
-    padded, x, y = (np.empty((rows + 2, columns + 2)) for _ in range(3))
-    for target, values in ((padded, averages), (x, cells.x), (y, cells.y)):
-        target[1:-1, 1:-1] = values.reshape(rows, columns)
-    continue_beyond(padded, x, y)
-    slope_x, slope_y, lowest, highest = (np.empty(averages.size) for _ in range(4))
-    limit_averages((x, y), padded, cells.corners, (least, most), (slope_x, slope_y), (lowest, highest))
-    return (slope_x, slope_y), (lowest, highest)
+    count = averages.size
+    beyond = np.empty((3, count, 4))
+    continue_beyond(cells.links, (cells.x, cells.y), averages, cells.corners, beyond)
+    slopes, bounds = (np.empty(count), np.empty(count)), (np.empty(count), np.empty(count))
+    limit_averages(cells.links, (cells.x, cells.y), averages, cells.corners, (least, most), beyond, (slopes, bounds))
+    return slopes, bounds
 
 
-def slopes_of_nodes(cells: Cells | QuadCells, of_corners: Array, averages: Array) -> Pair:
+def slopes_of_nodes(cells: Cells, of_corners: Array, averages: Array) -> Pair:
     """The slopes in each cell by the values at its corners, shape ``(cells, 4)``; flat.
 
     The gradient is the mean of that of the bilinear function, multiplied by the largest number in [0, 1] for which the
@@ -43,32 +41,6 @@ def slopes_of_nodes(cells: Cells | QuadCells, of_corners: Array, averages: Array
     slope_x, slope_y = np.empty(averages.size), np.empty(averages.size)
     limit_nodes((cells.x, cells.y), averages, of_corners, cells.corners, (slope_x, slope_y))
     return slope_x, slope_y
-
-
-@compiled
-def continue_beyond(values: Array, x: Array, y: Array) -> None:
-    """Fill in the margin of one cell around averages and centroids: first along xi, then along eta."""
-    rows, columns = values.shape
-    for j in range(1, columns - 1):
-        continue_line(values[:, j], x[:, j], y[:, j])
-    for i in range(rows):
-        continue_line(values[i], x[i], y[i])
-
-
-@compiled
-def continue_line(values: Array, x: Array, y: Array) -> None:
-    """Fill in the two ends of a line of cells. Centroids are mirrored."""
-    last = values.size - 1
-    for end, one, two, three in ((0, 1, 2, 3), (last, last - 1, last - 2, last - 3)):
-        x[end], y[end] = 2.0 * x[one] - x[two], 2.0 * y[one] - y[two]
-        here = values[one] - values[two]
-        near = np.hypot(x[one] - x[two], y[one] - y[two])
-        far = np.hypot(x[two] - x[three], y[two] - y[three])
-        before = (values[two] - values[three]) * (near / far)
-        step = 0.0
-        if here * before > 0.0:
-            step = here if abs(here) < abs(before) else before
-        values[end] = values[one] + step
 
 
 @compiled
@@ -93,35 +65,6 @@ def limiter(mean: float, gx: float, gy: float, corners: Pair, centre: tuple[floa
 
 
 @compiled
-def limit_averages(
-    centroids: Pair, padded: Array, corners: Array, ends: tuple[float, float], slopes: Pair, bounds: Pair
-) -> None:
-    """Fill in the slopes and bounds of :func:`slopes_of_averages`."""
-    x, y = centroids
-    rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
-    room = np.empty(2)
-    for i in range(1, rows + 1):
-        for j in range(1, columns + 1):
-            k, mean = (i - 1) * columns + j - 1, padded[i, j]
-            lowest = highest = mean
-            for r in range(i - 1, i + 2):
-                for c in range(j - 1, j + 2):
-                    lowest, highest = min(lowest, padded[r, c]), max(highest, padded[r, c])
-            room[0], room[1] = max(lowest, ends[0]), min(highest, ends[1])
-            gx, gy = gradient(
-                x[i + 1, j] - x[i - 1, j],
-                y[i + 1, j] - y[i - 1, j],
-                padded[i + 1, j] - padded[i - 1, j],
-                x[i, j + 1] - x[i, j - 1],
-                y[i, j + 1] - y[i, j - 1],
-                padded[i, j + 1] - padded[i, j - 1],
-            )
-            factor = limiter(mean, gx, gy, (corners[0, k], corners[1, k]), (x[i, j], y[i, j]), room)
-            slopes[0][k], slopes[1][k] = factor * gx, factor * gy
-            bounds[0][k], bounds[1][k] = room[0], room[1]
-
-
-@compiled
 def limit_nodes(centroids: Pair, averages: Array, values: Array, corners: Array, slopes: Pair) -> None:
     """Fill in the slopes of :func:`slopes_of_nodes`: the mean gradient is that of the differences along diagonals."""
     room = np.empty(2)
@@ -133,25 +76,11 @@ def limit_nodes(centroids: Pair, averages: Array, values: Array, corners: Array,
         slopes[0][k], slopes[1][k] = factor * gx, factor * gy
 
 
-# Limited slopes by the averages over the cells of a mesh of quadrilaterals.
-
-
-def slopes_of_quads(cells: QuadCells, averages: Array, least: float, most: float) -> tuple[Pair, Pair]:
-    """The slopes in each cell by the averages of its neighbours, and the bounds that the cell keeps.
-
-    As :func:`~equimesh.transfers.slopes.slopes_of_averages` where opposite neighbours stand for those along a line,
-    and the cells around the corners for the 3 x 3 cells around.
-    """
-    count = averages.size
-    beyond = np.empty((3, count, 4))
-    continue_quads(cells.links, (cells.x, cells.y), averages, cells.corners, beyond)
-    slopes, bounds = (np.empty(count), np.empty(count)), (np.empty(count), np.empty(count))
-    limit_quads(cells.links, (cells.x, cells.y), averages, cells.corners, (least, most), beyond, (slopes, bounds))
-    return slopes, bounds
+# The loops of limited slopes by averages over cells.
 
 
 @compiled
-def continue_quads(links: QuadLinks, centroids: Pair, averages: Array, corners: Array, beyond: Array) -> None:
+def continue_beyond(links: QuadLinks, centroids: Pair, averages: Array, corners: Array, beyond: Array) -> None:
     """Fill in the centroid and the average beyond each edge, shape ``(3, cells, 4)``; continued at the boundary.
 
     There the centroid is mirrored, and the change is the smaller one of the last two along the line, 0 where they have
@@ -198,7 +127,7 @@ def edge_to(neighbours: IntArray, cell: int, to: int) -> int:
 
 
 @compiled
-def limit_quads(
+def limit_averages(
     links: QuadLinks,
     centroids: Pair,
     averages: Array,
@@ -207,7 +136,7 @@ def limit_quads(
     beyond: Array,
     found: tuple[Pair, Pair],
 ) -> None:
-    """Fill in the slopes and bounds of :func:`slopes_of_quads`."""
+    """Fill in the slopes and bounds of :func:`slopes_of_averages`."""
     (x, y), (slopes, bounds) = centroids, found
     room = np.empty(2)
     for cell in range(averages.size):

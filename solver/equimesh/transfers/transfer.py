@@ -28,12 +28,12 @@ from equimesh.meshes.mesh_data import joined
 from equimesh.meshes.nested import Closed, tied_nodes
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.types import Array
-from equimesh.transfers.integrals import QuadCells, total
+from equimesh.transfers.integrals import total
 from equimesh.transfers.mesh_values import MeshValues, mesh_values
 from equimesh.transfers.one_domain import require_one_domain
 from equimesh.transfers.overlaps import Overlaps
-from equimesh.transfers.repair import giving_of, repair, share_out
-from equimesh.transfers.slopes import slopes_of_averages, slopes_of_nodes, slopes_of_quads
+from equimesh.transfers.repair import repair, share_out
+from equimesh.transfers.slopes import slopes_of_averages, slopes_of_nodes
 
 # The conservative transfer of averages over cells.
 
@@ -51,10 +51,7 @@ def transfer_averages(overlaps: Overlaps, averages: Array, bounds: tuple[float, 
     if bounds is not None:  # values may be beyond them by rounding
         least, most = min(least, bounds[0]), max(most, bounds[1])
     old = overlaps.old
-    if isinstance(old, QuadCells):
-        slopes, (lowest, highest) = slopes_of_quads(old, averages, least, most)
-    else:
-        slopes, (lowest, highest) = slopes_of_averages(old, averages, least, most)
+    slopes, (lowest, highest) = slopes_of_averages(old, averages, least, most)
     low, high = overlaps.bounds(lowest, highest)
     moved = np.clip(overlaps.integrals(averages, slopes) / overlaps.new.area, low, high)
     aim = total(old.area, averages)
@@ -69,7 +66,7 @@ def transfer_averages(overlaps: Overlaps, averages: Array, bounds: tuple[float, 
 
 
 def transfer_nodal(overlaps: Overlaps, values: Array, interpolated: Array) -> Array:
-    """Values at the old nodes as values at the new ones, in the shape of the nodes, with the same integral.
+    """Values at the old nodes as values at the new ones, flat, with the same integral; tied nodes have one value.
 
     The integral is that of the bilinear function, the sum of the values times the weights of
     :meth:`~equimesh.transfers.integrals.Cells.node_weights`; the consistent and the lumped mass matrix of bilinear
@@ -89,10 +86,10 @@ def transfer_nodal(overlaps: Overlaps, values: Array, interpolated: Array) -> Ar
     lowest, highest = new.around_nodes(low, np.minimum), new.around_nodes(high, np.maximum)
     moved = np.clip(interpolated, lowest, highest)
     lacking = integrals - np.sum(new.weights * new.at_corners(moved), axis=1)
-    weights = new.node_weights.reshape(new.nodes)
-    moved += new.at_nodes(new.weights * (lacking / new.area)[:, None]).reshape(new.nodes) / weights
-    repair(moved, weights, lowest, highest, giving_of(new))
-    share_out(moved, weights, lowest, highest, total(old.node_weights, values.reshape(-1)))
+    weights = new.node_weights
+    moved += new.at_nodes(new.weights * (lacking / new.area)[:, None]) / weights
+    repair(moved, weights, lowest, highest, new.links)
+    share_out(moved, weights, lowest, highest, total(old.node_weights, values))
     return moved
 
 
@@ -177,7 +174,7 @@ def carry(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh) -> dict[s
         overlaps = Overlaps.of(mesh, new_mesh)
         for name, field in given.items():
             if field.transfer == "conservative":
-                moved[name] = _conserved(overlaps, field, checked[name], moved.get(name), new_mesh)
+                moved[name] = _conserved(overlaps, field, checked[name], moved.get(name), (mesh, new_mesh))
     return {name: moved[name] for name in given}
 
 
@@ -206,23 +203,19 @@ def _flat(field: MeshValues, mesh: Mesh, joined_mesh: Mesh, name: str) -> Array:
     return flat
 
 
-def _conserved(overlaps: Overlaps, field: MeshValues, values: Array, interpolated: Array | None, mesh: Mesh) -> Array:
-    """One field on the new ``mesh``, each component by itself."""
-    shape, axes = (mesh.cell_shape if interpolated is None else mesh.node_shape), len(mesh.node_shape)
+def _conserved(
+    overlaps: Overlaps, field: MeshValues, values: Array, interpolated: Array | None, meshes: tuple[Mesh, Mesh]
+) -> Array:
+    """One field of the first of two ``meshes`` on the second one, each component by itself."""
+    old, new, axes = overlaps.old, overlaps.new, len(meshes[0].node_shape)
+    shape = meshes[1].cell_shape if interpolated is None else meshes[1].node_shape
     moved = np.empty(shape + values.shape[axes:])
     for index in np.ndindex(*values.shape[axes:]):
-        part = np.ascontiguousarray(values[(..., *index)])
+        part = np.ravel(values[(..., *index)])
         if interpolated is None:
-            found = transfer_averages(overlaps, part.reshape(-1), field.bounds).reshape(shape)
+            found = transfer_averages(overlaps, part, field.bounds)
         else:
-            found = _nodal(overlaps, part, interpolated[(..., *index)])
-        moved[(..., *index)] = found
+            rough = np.ravel(interpolated[(..., *index)])
+            found = transfer_nodal(overlaps, part[old.kept], rough[new.kept])[new.number]
+        moved[(..., *index)] = found.reshape(shape)
     return moved
-
-
-def _nodal(overlaps: Overlaps, values: Array, interpolated: Array) -> Array:
-    """Values at the nodes; those of tied nodes are one value."""
-    old, new = overlaps.old, overlaps.new
-    if isinstance(old, QuadCells) and isinstance(new, QuadCells):
-        return transfer_nodal(overlaps, values[old.kept], interpolated[new.kept])[new.number]
-    return transfer_nodal(overlaps, values, interpolated)

@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 
 import equimesh as em
-from equimesh.transfers.integrals import cells_of
+from equimesh.transfers.integrals import Cells
 
 
 def averages(mesh: em.Mesh, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
     """Averages of a function over the cells of a mesh, by 4 x 4 Gauss points."""
-    cells, (points, weights) = cells_of(mesh), np.polynomial.legendre.leggauss(4)
+    cells, (points, weights) = Cells.of(mesh), np.polynomial.legendre.leggauss(4)
     x, y = cells.corners
     whole = np.zeros(x.shape[0])
     for a, of_a in zip((points + 1) / 2, weights / 2, strict=True):
@@ -22,7 +22,7 @@ def averages(mesh: em.Mesh, function: Callable[[np.ndarray, np.ndarray], np.ndar
             along, across = np.array([b - 1, 1 - b, b, -b]), np.array([a - 1, -a, a, 1 - a])
             jacobian = (x @ along) * (y @ across) - (x @ across) * (y @ along)
             whole += of_a * of_b * jacobian * function(x @ shape, y @ shape)
-    return (whole / cells.area).reshape(cells.shape)
+    return (whole / cells.area).reshape(mesh.cell_shape)
 
 
 @cache

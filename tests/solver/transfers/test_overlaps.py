@@ -10,6 +10,7 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_search import QuadSearch
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.transfers.overlaps import (
     MAX_CORNERS,
@@ -20,8 +21,7 @@ from equimesh.transfers.overlaps import (
     corners_from,
     longer,
     moments,
-    neighbours_on,
-    starts_on_grid,
+    starts_in,
 )
 from solver.fields.bent_meshes import smooth_mesh
 from solver.meshes.quad_cases import bent, corner, disc, ring, strip, turned
@@ -96,25 +96,11 @@ def test_more_parts_than_expected_find_room(old: Any, new: Any, area: float) -> 
     assert np.array_equal(longer(np.array([1, 2]), 5)[:2], [1, 2])
 
 
-def test_neighbours_and_starts_on_a_grid() -> None:
+def test_starts_are_the_cells_of_the_centres() -> None:
     mesh = em.Mesh.uniform(em.Grid(n_xi=6, n_eta=5))
-    found = neighbours_on((5, 4))
-    assert found.shape == (20, 4)
-    assert found[[0, 5, 19]].tolist() == [[4, -1, 1, -1], [9, 1, 6, 4], [-1, 15, -1, 18]]
-    nodes = mesh.x.reshape(-1), mesh.y.reshape(-1)
-    assert starts_on_grid((mesh.x, mesh.y), nodes, mesh.cells).tolist() == list(range(20))
-
-
-def test_a_grid_has_the_same_parts() -> None:
-    grids = smooth_mesh(9), smooth_mesh(12, depth=-0.05)
-    quads = [Mesh(points=grid.points, cells=grid.cells, sides=grid.sides) for grid in grids]
-    one, other = Overlaps.of(*grids), Overlaps.of(*quads)
-    found = []
-    for a, b in ((one, one.area), (other, other.area)):
-        assert np.abs(np.bincount(a.cell, b) - one.old.area).max() < 1e-15
-        numbers = np.repeat(np.arange(len(a.first) - 1), np.diff(a.first))
-        found.append({pair for pair, area in zip(zip(numbers, a.cell, strict=True), b, strict=True) if area > 1e-12})
-    assert found[0] == found[1]
+    search = QuadSearch.of(mesh.points, mesh.cells)
+    found = starts_in(search.nodes, (search.links, search.boxes, search.edges), search.nodes, mesh.cells)
+    assert found.tolist() == list(range(20))
 
 
 def test_a_cell_out_of_reach_has_the_nearest_old_one() -> None:

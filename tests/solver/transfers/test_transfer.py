@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from block_cases import in_blocks
 from equimesh.errors import InputError, SamplesError
 from equimesh.meshes.mesh import Mesh
 from equimesh.transfers.overlaps import Overlaps
@@ -137,7 +138,8 @@ WAVY = em.Expression("sin(3*x + y)*exp(y/2)")
 
 
 def moved_values(old: em.Mesh, values: np.ndarray, new: em.Mesh) -> np.ndarray:
-    return transfer_nodal(Overlaps.of(old, new), values, transfer_spline(old, {"u": values}, new)["u"])
+    rough = transfer_spline(old, {"u": values}, new)["u"]
+    return transfer_nodal(Overlaps.of(old, new), values.ravel(), rough.ravel()).reshape(new.node_shape)
 
 
 def test_the_error_is_of_order_2() -> None:
@@ -171,6 +173,23 @@ def test_the_integral_is_kept_by_the_parts_and_not_only_by_sharing_out(monkeypat
     old, new = fronts()
     values = WAVY.evaluate(old.x, old.y)[0]
     assert em.integral(new, moved_values(old, values, new)) == pytest.approx(em.integral(old, values), rel=1e-13)
+
+
+def test_fields_go_from_a_grid_to_blocks_and_back() -> None:
+    grid, blocks = smooth_mesh(17), in_blocks(smooth_mesh(19, depth=0.02)).mesh
+    for old, new in ((grid, blocks), (blocks, grid)):
+        u = WAVY.evaluate(old.x, old.y)[0]
+        means = np.ones(old.cell_shape)
+        fields = {
+            "spline": em.MeshValues(np.stack([u, u], axis=-1)),
+            "nodes": em.MeshValues(u, transfer="conservative"),
+            "cells": em.MeshValues(means, transfer="conservative", location="cells"),
+        }
+        moved = em.transfer(old, fields, new)
+        assert moved["spline"].shape == (*new.node_shape, 2)
+        assert np.abs(moved["spline"][..., 1] - WAVY.evaluate(new.x, new.y)[0]).max() < 1e-3
+        assert em.integral(new, moved["nodes"]) == pytest.approx(em.integral(old, u), rel=1e-13)
+        assert moved["cells"] == pytest.approx(np.ones(new.cell_shape), abs=1e-13)
 
 
 # Values at nodes by splines.
