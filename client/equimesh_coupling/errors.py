@@ -1,4 +1,4 @@
-"""The errors of coupling, and the import of libraries when a mesh goes there, and never before.
+"""The errors of coupling, and imports when something is used, and never before.
 
 ::
 
@@ -11,8 +11,11 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import re
+import sys
+from functools import cache
 from importlib import metadata
 from typing import Any
 
@@ -57,6 +60,29 @@ def library(module: str, *, install: str, package: str = "", at_least: str = "")
             f"this needs {package or module} {at_least} or later, and {version} is installed: {install}", name=module
         )
     return found
+
+
+def deferred(package: str, name: str) -> Any:
+    """A public name of a package that is not imported yet: of the module from which a type checker imports it.
+
+    The package has its imports under ``if TYPE_CHECKING``. Raises AttributeError for a name that is not there.
+    """
+    home = None if name.startswith("__") else _homes(package).get(name)
+    if home is None:
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+    found = getattr(importlib.import_module(home[0]), home[1])
+    setattr(sys.modules[package], name, found)  # the next use finds it there
+    return found
+
+
+@cache
+def _homes(package: str) -> dict[str, tuple[str, str]]:
+    """The module and the name there of each name that a package imports for type checkers alone."""
+    loader: Any = sys.modules[package].__loader__
+    tree = ast.parse(loader.get_source(package))
+    blocks = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    imports = [line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom)]
+    return {alias.asname or alias.name: (line.module or "", alias.name) for line in imports for alias in line.names}
 
 
 def _version(package: str) -> str:

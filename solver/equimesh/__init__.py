@@ -11,64 +11,68 @@ The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistribut
 Decomposition*. Begin reading in ``schwarz/iteration.py``. ``__all__`` is the table of contents.
 """
 
-from typing import NoReturn
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from equimesh import compiling as _compiling
-from equimesh.adapt.loop import adapt
-from equimesh.blocks.block_grid import BlockGrid
-from equimesh.blocks.blocks import Blocks
-from equimesh.domains.curve import Curve
-from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
-from equimesh.domains.quadrilateral import Quadrilateral
-from equimesh.equations.problem import Boundary, Problem
-from equimesh.errors import DecompositionError, EquimeshError, ExpressionError, InputError, Position, SamplesError
-from equimesh.fields.chunked_samples import ChunkedSamples
-from equimesh.fields.expression import Expression, Field
-from equimesh.fields.nodal_field import NodalField
-from equimesh.fields.quad_field import QuadField
-from equimesh.fields.samples import GridSamples
-from equimesh.fields.scattered_samples import ScatteredSamples
-from equimesh.least_error.descent import Descent
-from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.mesh_data import MeshData
-from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
-from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
-from equimesh.monitors.monitor import Monitor
-from equimesh.monitors.tensor import Intersection, Tensor, Weight
-from equimesh.quality.measures import Quality, measure
-from equimesh.rounds.recovery import Round
-from equimesh.rounds.round import adapt_round
-from equimesh.schwarz.conditions import (
-    Classical,
-    LinearRobin,
-    LineData,
-    NonlinearRobin,
-    Optimized,
-    TransmissionCondition,
-)
-from equimesh.schwarz.decomposition import Decomposition, Ordering
-from equimesh.schwarz.iteration import schwarz_iterations as iterate
-from equimesh.schwarz.records import Iteration, SubdomainRecord
-from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
-from equimesh.sequences.pursuit import Earlier
-from equimesh.sequences.sequence import Sequence, SequenceStep
-from equimesh.single_domain.level import Mode, Step
-from equimesh.solving.certificate import Certificate
-from equimesh.solving.solution import Solution, SolveError
-from equimesh.solving.solve import solve
-from equimesh.solving.status import Event, Initial, Status
-from equimesh.solving.target import Target, solve_to
-from equimesh.specs.short import mesh
-from equimesh.transfers.integrals import integral
-from equimesh.transfers.mesh_values import MeshValues
-from equimesh.transfers.transfer import transfer
-from equimesh_coupling.adaptation import Adaptation, AdaptRound
-from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
-from equimesh_coupling.progress_bar import ProgressBar
-from equimesh_coupling.recovery import CellAverages, ErrorIndicator
-from equimesh_schema import Aim, Candidate, Relaxed
+from equimesh_coupling.errors import deferred as _deferred
 
-_compiling.watch()
+if TYPE_CHECKING:
+    from equimesh.adaptation.loop import adapt
+    from equimesh.blocks.block_grid import BlockGrid
+    from equimesh.blocks.blocks import Blocks
+    from equimesh.domains.curve import Curve
+    from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
+    from equimesh.domains.quadrilateral import Quadrilateral
+    from equimesh.equations.problem import Boundary, Problem
+    from equimesh.errors import DecompositionError, EquimeshError, ExpressionError, InputError, Position, SamplesError
+    from equimesh.fields.chunked_samples import ChunkedSamples
+    from equimesh.fields.expression import Expression, Field
+    from equimesh.fields.nodal_field import NodalField
+    from equimesh.fields.quad_field import QuadField
+    from equimesh.fields.samples import GridSamples
+    from equimesh.fields.scattered_samples import ScatteredSamples
+    from equimesh.least_error.descent import Descent
+    from equimesh.meshes.mesh import Grid, Mesh
+    from equimesh.meshes.mesh_data import MeshData
+    from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
+    from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
+    from equimesh.monitors.monitor import Monitor
+    from equimesh.monitors.tensor import Intersection, Tensor, Weight
+    from equimesh.quality.measures import Quality, measure
+    from equimesh.rounds.recovery import Round
+    from equimesh.rounds.round import adapt_round
+    from equimesh.schwarz.conditions import (
+        Classical,
+        LinearRobin,
+        LineData,
+        NonlinearRobin,
+        Optimized,
+        TransmissionCondition,
+    )
+    from equimesh.schwarz.decomposition import Decomposition, Ordering
+    from equimesh.schwarz.iteration import schwarz_iterations as iterate
+    from equimesh.schwarz.records import Iteration, SubdomainRecord
+    from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
+    from equimesh.sequences.pursuit import Earlier
+    from equimesh.sequences.sequence import Sequence, SequenceStep
+    from equimesh.single_domain.level import Mode, Step
+    from equimesh.solving.certificate import Certificate
+    from equimesh.solving.solution import Solution, SolveError
+    from equimesh.solving.solve import solve
+    from equimesh.solving.status import Event, Initial, Status
+    from equimesh.solving.target import Target, solve_to
+    from equimesh.specs.short import mesh
+    from equimesh.transfers.integrals import integral
+    from equimesh.transfers.mesh_values import MeshValues
+    from equimesh.transfers.transfer import transfer
+    from equimesh_coupling.adaptation import Adaptation, AdaptRound
+    from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
+    from equimesh_coupling.progress_bar import ProgressBar
+    from equimesh_coupling.recovery import CellAverages, ErrorIndicator
+    from equimesh_schema import Aim, Candidate, Relaxed
+
+_FACES = ("io", "meshes", "plot", "quality", "schwarz", "specs", "testing", "upload")
+"""Packages with public names of their own."""
 _RENAMED = {
     "BlockProblem": "Problem",
     "BlockSolution": "Solution",
@@ -79,10 +83,15 @@ _RENAMED = {
 }
 
 
-def __getattr__(name: str) -> NoReturn:
-    if name in _RENAMED:
-        raise AttributeError(f"equimesh.{name} is equimesh.{_RENAMED[name]} now, of grids and of blocks")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        """A name of ``__all__``, whose module is imported at its first use."""
+        if name in _RENAMED:
+            raise AttributeError(f"equimesh.{name} is equimesh.{_RENAMED[name]} now, of grids and of blocks")
+        if name in _FACES:
+            return import_module(f"equimesh.{name}")
+        return _deferred(__name__, name)
 
 
 def __dir__() -> list[str]:

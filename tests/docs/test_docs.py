@@ -480,7 +480,7 @@ def test_the_tree_of_exceptions_is_that_of_the_client() -> None:
 def undocumented(names: Iterable[str]) -> list[str]:
     """The names of the package without a docstring of their own, of those that the page does not show."""
     shown = {name for name in names if re.search(rf"\b{name}\b", page("python"))}
-    return [name for name in names if name not in shown and not (vars(equimesh)[name].__doc__ or "").strip()]
+    return [name for name in names if name not in shown and not (getattr(equimesh, name).__doc__ or "").strip()]
 
 
 def test_every_public_name_is_on_the_page_of_python_or_has_a_docstring(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,10 @@
 
 from typing import NoReturn
 
+from equimesh import compiling
 from equimesh.meshes.nested import halved, prolong
+
+compiling.watch()  # whoever compiles loops has a mesh
 
 __all__ = ["halved", "prolong"]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.adapt.loop import Rounds, averaged_mesh, indicated_mesh, record_of
+from equimesh.adaptation.loop import Rounds, averaged_mesh, indicated_mesh, record_of
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError
 from equimesh.quality.cells import BilinearCells
