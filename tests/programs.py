@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes.util
 import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ GMSH_LIBRARIES = ("GL", "GLU", "Xcursor", "Xft", "Xinerama", "Xrender", "Xfixes"
 # Where Debian installs packages of its Python, and the variable that says that its solvers must be here.
 DIST_PACKAGES = Path("/usr/lib/python3/dist-packages")
 NEEDED_SOLVERS = "EQUIMESH_TEST_SOLVERS_NEEDED"
+# That compilers and interpreters of the clients for other languages must be here.
+NEEDED_LANGUAGES = "EQUIMESH_TEST_LANGUAGES_NEEDED"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -55,6 +58,12 @@ def _of_debian(name: str, place: Path, package: str) -> Program:
     return Program(name=name, here=place.exists, remedy=f"apt-get install {package}", needed=NEEDED_SOLVERS)
 
 
+def _compiles(code: str) -> bool:
+    """Whether the C compiler takes a line of code."""
+    done = subprocess.run(["cc", "-E", "-x", "c", "-"], input=code, capture_output=True, text=True)
+    return done.returncode == 0
+
+
 def lacking_for_containers() -> list[str]:
     """What this machine lacks to run containers: rights and programs."""
     folders = [os.environ["PATH"], str(Path(sys.executable).parent), "/usr/lib/podman", "/usr/sbin", "/sbin"]
@@ -72,6 +81,14 @@ PROGRAMS = {
     "wrk": _one("wrk", "EQUIMESH_TEST_WRK_NEEDED"),
     "chromium": Program(name="Chromium", here=lambda: browser() is not None, remedy="apt-get install chromium"),
     "curl": _one("curl"),
+    "cc": Program(
+        name="A C compiler with libcurl",
+        here=lambda: shutil.which("cc") is not None and _compiles("#include <curl/curl.h>"),
+        remedy="apt-get install gcc libc6-dev libcurl4-openssl-dev",
+        needed=NEEDED_LANGUAGES,
+    ),
+    "gfortran": _one("gfortran", NEEDED_LANGUAGES),
+    "octave": _one("octave-cli", NEEDED_LANGUAGES, "octave"),
     "promtool": _one("promtool", package="prometheus"),
     "containers": Program(
         name="What runs containers",

@@ -29,7 +29,13 @@ DOTTED = re.compile(
     r"(?<![\w./:-])(?:equimesh|equimesh_(?:client|cluster|coupling|schema|cli|service))(?:\.[A-Za-z_]\w*)+(?![\w/:])"
 )
 FILE = re.compile(r"(?<![\w/])(?:tests|service|solver|client|examples|benchmarks|docs)/[\w./-]+\.\w+")
-NOT_NAMES = {"equimesh.env", "equimesh.sqlite3", "equimesh_service.access"}  # files, and a logger
+# Files, and a logger.
+NOT_NAMES = {
+    "equimesh.env",
+    "equimesh.sqlite3",
+    "equimesh_service.access",
+    *(f"equimesh.{end}" for end in ("c", "h", "o", "m", "f90")),
+}
 
 
 def pages() -> dict[str, str]:

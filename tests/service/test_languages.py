@@ -1,0 +1,195 @@
+"""One list of cases for the clients of all languages: each finds the meshes and the sentences that Python's finds."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from equimesh_client import Client, EquimeshClientError, RetryPolicy
+
+ROOT = Path(__file__).parents[2]
+DRIVERS = ROOT / "tests" / "languages"
+NOWHERE = "http://127.0.0.1:9"
+FRONT = {"monitor": {"kind": "arc_length", "u": {"expression": "tanh(9*(x - y))"}}, "grid": {"n_xi": 9, "n_eta": 7}}
+BEND = {
+    "kind": "blocks",
+    "vertices": {"a": [0, 0], "b": [1, 0], "c": [2, 0], "d": [0, 1], "e": [1, 1], "f": [2, 1]},
+    "blocks": [
+        {"corners": ["a", "b", "e", "d"], "cells": [4, 4]},
+        {"corners": ["b", "c", "f", "e"], "cells": [4, None]},
+    ],
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """What a client is to do with a spec: ``generate``, a ``round`` after it, or a ``step`` of a sequence."""
+
+    action: str
+    spec: dict[str, Any]
+    url: str = ""
+    """Another address than that of the service."""
+    refused: bool = False
+
+
+CASES = {
+    "a grid": Case(action="generate", spec=FRONT),
+    "triangles": Case(action="generate", spec={**FRONT, "cells": "triangle"}),
+    "blocks": Case(action="generate", spec={"monitor": {"kind": "least_error", "u": "x*x*y"}, "domain": BEND}),
+    "a round": Case(action="round", spec=FRONT),
+    "a step": Case(action="step", spec=FRONT),
+    "a step on blocks": Case(action="step", spec={"monitor": {"kind": "least_error", "u": "x*x*y"}, "domain": BEND}),
+    "a mesh that takes longer": Case(action="generate", spec=FRONT, url="slow"),
+    "a name that is not known": Case(action="generate", spec={"monitor": {"u": {"expression": "x+é"}}}, refused=True),
+    "a grid that is too small": Case(action="step", spec={**FRONT, "grid": {"n_xi": 2, "n_eta": 7}}, refused=True),
+    "a service that is not there": Case(action="generate", spec=FRONT, url=NOWHERE, refused=True),
+}
+
+
+def weighed(values: Any) -> float:
+    """A sum that changes with each value and with their order."""
+    flat = np.ravel(values)
+    return float(np.arange(1, flat.size + 1) @ flat)
+
+
+def by_python(case: Case, url: str) -> str:
+    """What Python's client has for a case: numbers, or a sentence."""
+    spec = {**case.spec}
+    with Client(case.url or url, retries=RetryPolicy(retries=0)) as client:
+        try:
+            if case.action == "step":
+                monitor, domain = spec["monitor"], spec.get("domain")
+                more = {} if domain is None else {"domain": domain}
+                n = () if "grid" not in spec else ((spec["grid"]["n_xi"], spec["grid"]["n_eta"]),)
+                sequence = client.sequences.start(None, *n, monitor=monitor, **more)
+                at = sequence.current.arrays
+                step = sequence.step(at.x * at.x * at.x + at.y, {"T": at.x + 2 * at.y})
+                sequence.delete()
+                return numbers_of(step.arrays, step.arrays.fields["T"])
+            mesh = client.meshes.create(spec, wait=30).wait(progress=False).arrays()
+            if case.action == "round":
+                x, y = mesh.x, mesh.y
+                nodal = {"x": x.tolist(), "y": y.tolist(), "values": (x * x * x + y).tolist()}
+                spec["monitor"] = {"kind": "nodal_solution", "u": {"nodal": nodal}}
+                mesh = client.meshes.create(spec, wait=30).wait(progress=False).arrays()
+            return numbers_of(mesh)
+        except EquimeshClientError as error:
+            return str(error)
+
+
+def numbers_of(mesh: Any, *fields: Any) -> str:
+    values = [len(mesh.points), *mesh.cells.shape, *map(weighed, (mesh.x, mesh.y, mesh.cells, *fields))]
+    return " ".join(map(repr, values))
+
+
+@pytest.fixture(scope="module")
+def slow(url: str) -> Iterator[str]:
+    """A service that answers each request with 202 first, and with the answer of the real one to the second."""
+    keys: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            keys.append(self.headers["Idempotency-Key"])
+            sent = {"Content-Type": "application/json", "Prefer": "wait=30"}
+            answer = httpx.post(url + self.path, content=body, headers=sent, timeout=60) if len(keys) % 2 == 0 else None
+            if answer is not None:
+                assert keys[-1] == keys[-2]
+            self.send_response(202 if answer is None else 201)
+            content = b"{}" if answer is None else answer.content
+            self.send_header("Content-Length", str(len(content)))
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def expected(url: str) -> dict[str, str]:
+    """What Python's client has for each case."""
+    return {name: by_python(case if case.url != "slow" else Case(action="generate", spec=FRONT), url)
+            for name, case in CASES.items()}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def listed(url: str, slow: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The cases as a file, a line each."""
+    file = tmp_path_factory.mktemp("languages") / "cases.tsv"
+    rows = [
+        "\t".join([name, {"slow": slow, "": url}.get(case.url, case.url), case.action, json.dumps(case.spec)])
+        for name, case in CASES.items()
+    ]
+    file.write_text("\n".join(rows) + "\n")
+    return file
+
+
+def run(*command: str | Path, **environment: str) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env={**os.environ, **environment})
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def check(said: str, expected: dict[str, str], url: str) -> None:
+    """Every case has the numbers, or the sentence, that it has in Python."""
+    found = dict(line.split("\t", 1) for line in said.strip().splitlines())
+    assert [*found] == [*CASES]
+    for name, case in CASES.items():
+        if not case.refused:
+            numbers = [[float(word) for word in text.split()] for text in (found[name], expected[name])]
+            assert numbers[0] == pytest.approx(numbers[1], rel=1e-12), name
+        elif case.url:
+            assert case.url in found[name]
+            assert "does not answer" in found[name]
+            assert "equimesh serve" in found[name]
+        else:
+            path = "/v1/sequences" if case.action == "step" else "/v1/meshes"
+            problem = httpx.post(url + path, json=case.spec).json()
+            assert found[name] == problem["detail"]
+            assert problem["errors"][0]["message"] in expected[name]
+
+
+def test_the_cases_tell_meshes_apart(expected: dict[str, str]) -> None:
+    told = [expected[name] for name, case in CASES.items() if not case.url]
+    assert len({*told}) == len(told)
+    assert NOWHERE in expected["a service that is not there"]
+
+
+@pytest.mark.needs("cc")
+def test_c_finds_the_same(expected: dict[str, str], listed: Path, url: str, tmp_path: Path) -> None:
+    client = ROOT / "client" / "c"
+    strict = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsanitize=address,undefined", "-g"]
+    sources = [client / "equimesh.c", DRIVERS / "conformance.c"]
+    run("cc", *strict, f"-I{client}", *sources, "-lcurl", "-o", tmp_path / "run")
+    check(run(tmp_path / "run", listed), expected, url)
+
+
+@pytest.mark.needs("cc", "gfortran")
+def test_fortran_finds_the_same(expected: dict[str, str], listed: Path, url: str, tmp_path: Path) -> None:
+    run("cc", "-c", ROOT / "client" / "c" / "equimesh.c", "-o", tmp_path / "equimesh.o")
+    sources = [ROOT / "client" / "fortran" / "equimesh.f90", DRIVERS / "conformance.f90"]
+    strict = ["-std=f2008", "-Wall", "-Werror", "-fcheck=all", f"-J{tmp_path}"]
+    run("gfortran", *strict, *sources, tmp_path / "equimesh.o", "-lcurl", "-o", tmp_path / "run")
+    check(run(tmp_path / "run", listed), expected, url)
+
+
+@pytest.mark.needs("octave", "curl")
+def test_octave_finds_the_same(expected: dict[str, str], listed: Path, url: str) -> None:
+    command = ["octave-cli", "--norc", "--quiet", "--path", ROOT / "client" / "octave", DRIVERS / "conformance.m"]
+    check(run(*command, CASES=str(listed)), expected, url)
