@@ -9,9 +9,19 @@ from xdist.workermanage import WorkerController
 
 # Folders whose tests share a service or a browser of the session, and how many processes at most start one.
 SHARED = {"browser": 2, "client": 1, "fuzz": 1, "service": 2}
-# Files of other folders that share the service as a process with those of tests/service/telemetry.
-OBSERVED = ("tests/proofs/test_hostile.py",)
-# Files whose tests share nothing: each test is given out by itself.
+# Files that share the service with keys, or the one that is a process, and files of other folders that use the service
+# of the session: one process takes them all, which starts each of these services once.
+ONE_PROCESS = tuple(
+    f"tests/{name}.py"
+    for name in (
+        *("service/admission/test_callers", "service/admission/test_quotas", "service/api/test_cursors"),
+        *("service/api/test_mesh_parts", "service/api/test_unstored", "service/dispatch/test_turns"),
+        *("service/files/test_folder", "service/telemetry/test_logs", "service/telemetry/test_tracing"),
+        *("proofs/test_hostile", "proofs/test_ownership", "proofs/test_security", "proofs/test_load"),
+        *("cli/checks/test_reach", "cli/commands/test_doctor", "client/test_sequence", "loops/test_adapting"),
+    )
+)
+# Files whose tests share nothing: each test, or class of tests, is given out by itself.
 LOOSE = ("tests/examples/test_examples.py",)
 
 
@@ -29,12 +39,12 @@ class FileScheduling(LoadScopeScheduling):
 
 
 def unit_of(nodeid: str) -> str:
-    """What one process takes at a time: a file, a part of a folder whose files share a service, or one test."""
+    """What one process takes at a time: a file, files that share a service, or one test."""
     file = nodeid.partition("::")[0]
     if file in LOOSE:
-        return nodeid
+        return "::".join(nodeid.split("::")[:2])
     folder = file.split("/")[1]
-    if file in OBSERVED or file.startswith("tests/service/telemetry/"):
+    if file in ONE_PROCESS:
         return "tests/service, part 0"
     if folder in SHARED:
         return f"tests/{folder}, part {crc32(file.encode()) % SHARED[folder]}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -23,15 +22,9 @@ from equimesh_client import (
 )
 from equimesh_client.wire.transport import BlockingTransport, Session
 from equimesh_coupling import BadValues, ErrorIndicator
-from equimesh_service import Settings, running
-from service.conftest import until
+from service.conftest import settings, until, url
 
-
-@pytest.fixture(scope="module")
-def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    folder = tmp_path_factory.mktemp("sequences")
-    with running(Settings(port=0, workers=1, data_dir=folder, log_level="warning")) as address:
-        yield address
+__all__ = ["settings", "url"]
 
 
 def front(x: Any, y: Any, moved: float) -> Any:

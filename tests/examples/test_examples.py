@@ -7,7 +7,7 @@ import re
 import runpy
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TypeAlias
@@ -24,13 +24,13 @@ NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]\d+)?")
 Run: TypeAlias = Callable[[str], str]
 
 
-def run_example(number: str, folder: Path) -> str:
+def run_example(number: str, folder: Path, *more: str) -> str:
     """What the example of a number prints, run in this process as a program would be; its files go to ``folder``."""
     (script,) = (path for path in SCRIPTS if path.name.startswith(number))
     said, complained = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(complained):
         patch.chdir(folder)
-        patch.setattr(sys, "argv", [str(script), "--output", str(folder)])
+        patch.setattr(sys, "argv", [str(script), "--output", str(folder), *more])
         runpy.run_path(str(script), run_name="__main__")
     assert complained.getvalue().strip() == ""
     return said.getvalue()
@@ -44,7 +44,7 @@ def run(tmp_path: Path) -> Run:
 
 @pytest.fixture
 def run_alone(tmp_path: Path) -> Run:
-    """As ``run``, in a process of its own, as users do: for the first example, and for one that starts a service."""
+    """As ``run``, in a process of its own, as users do: for the first example."""
 
     def run_script(number: str) -> str:
         (script,) = (path for path in SCRIPTS if path.name.startswith(number))
@@ -98,10 +98,10 @@ def test_the_first_mesh_interpolates_better_than_the_uniform_one(run_alone: Run,
     assert b"Q_eq" in (tmp_path / "first.vtu").read_bytes()
 
 
-def test_a_pde_on_the_mesh_has_a_smaller_error_than_on_uniform_ones(run_alone: Run, tmp_path: Path) -> None:
+def test_a_pde_on_the_mesh_has_a_smaller_error_than_on_uniform_ones(run: Run, tmp_path: Path) -> None:
     pytest.importorskip("skfem")
     pytest.importorskip("equimesh_service")
-    said = run_alone("02")
+    said = run("02")
     (adapted,), (uniform, finer) = rows(said, "adapted"), rows(said, "uniform")
     assert uniform[0] / adapted[0] > 10  # L2
     assert uniform[1] / adapted[1] > 6  # H1
@@ -113,32 +113,45 @@ def test_a_pde_on_the_mesh_has_a_smaller_error_than_on_uniform_ones(run_alone: R
     check_picture(tmp_path / "poisson.png")
 
 
-def test_a_mesh_from_samples_moves_nodes_into_the_interface(run: Run, tmp_path: Path) -> None:
-    pytest.importorskip("equimesh_service")
-    said = run("03")
-    inside, uniform = map(int, re.findall(r"(\d+) on the", said))
-    assert inside > 1.5 * uniform
-    check_picture(tmp_path / "drops.png")
-    assert (tmp_path / "drops.vtu").stat().st_size > 10_000
+@pytest.fixture(scope="class")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A service for several examples."""
+    service = pytest.importorskip("equimesh_service")
+    folder = tmp_path_factory.mktemp("service")
+    with service.running(service.Settings(port=0, workers=1, data_dir=folder, log_level="warning")) as url:
+        yield url
 
 
-def test_a_mesh_that_follows_a_front_keeps_it_sharp(run: Run, tmp_path: Path) -> None:
-    pytest.importorskip("equimesh_service")
-    errors = np.array([list(map(float, line.split())) for line in run("15").splitlines() if line[:2] == "0."])
-    assert errors.shape == (10, 3)
-    assert np.all(errors[:, 2] > 8 * errors[:, 1])
-    assert errors[-1, 1] < 1.1 * errors[0, 1]  # little is lost from mesh to mesh
-    check_picture(tmp_path / "moving-front.png")
+class TestWithAService:
+    """Examples that use a service that is there already; the second example starts its own."""
 
+    def test_a_mesh_from_samples_moves_nodes_into_the_interface(self, url: str, tmp_path: Path) -> None:
+        said = run_example("03", tmp_path, "--url", url)
+        inside, uniform = map(int, re.findall(r"(\d+) on the", said))
+        assert inside > 1.5 * uniform
+        check_picture(tmp_path / "drops.png")
+        assert (tmp_path / "drops.vtu").stat().st_size > 10_000
 
-def test_a_mesh_from_a_callable_sees_its_function(run: Run, tmp_path: Path) -> None:
-    pytest.importorskip("equimesh_service")
-    said = run("04")
-    assert rows(said, "at the nodes, the service's spline")[0][0] < 1e-4
-    l2, uniform = rows(said, "interpolation error L2")[0]
-    assert l2 < 0.5 * uniform
-    check_picture(tmp_path / "clover.png")
-    assert (tmp_path / "clover.h5").exists()
+    def test_a_mesh_that_follows_a_front_keeps_it_sharp(self, url: str, tmp_path: Path) -> None:
+        errors = np.array(
+            [
+                list(map(float, line.split()))
+                for line in run_example("15", tmp_path, "--url", url).splitlines()
+                if line[:2] == "0."
+            ]
+        )
+        assert errors.shape == (10, 3)
+        assert np.all(errors[:, 2] > 8 * errors[:, 1])
+        assert errors[-1, 1] < 1.1 * errors[0, 1]  # little is lost from mesh to mesh
+        check_picture(tmp_path / "moving-front.png")
+
+    def test_a_mesh_from_a_callable_sees_its_function(self, url: str, tmp_path: Path) -> None:
+        said = run_example("04", tmp_path, "--url", url)
+        assert rows(said, "at the nodes, the service's spline")[0][0] < 1e-4
+        l2, uniform = rows(said, "interpolation error L2")[0]
+        assert l2 < 0.5 * uniform
+        check_picture(tmp_path / "clover.png")
+        assert (tmp_path / "clover.h5").exists()
 
 
 def test_an_own_loop_converges_from_the_mesh_before(run: Run, tmp_path: Path) -> None:

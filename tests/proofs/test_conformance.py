@@ -302,19 +302,24 @@ BEND = Quadrilateral(
 )
 
 
-@pytest.mark.parametrize(
-    "domain", [None, Rectangle(x=(-1, 1)), AnnulusSector(), BEND], ids=lambda domain: type(domain).__name__
+DOMAINS = (None, Rectangle(x=(-1, 1)), AnnulusSector(), BEND)
+MONITORS = (
+    ArcLength(smoothing=0.05),
+    Curvature(norm="h1"),
+    Weight("1 + x*x"),
+    Tensor("2", "0", lambda x, _: 1 + x * x),
+    Intersection([Curvature(), Weight("1 + x*x")], smoothing=0.1),
 )
+
+
 @pytest.mark.parametrize(
-    "monitor",
+    ("connect", "monitor", "domain"),
     [
-        ArcLength(smoothing=0.05),
-        Curvature(norm="h1"),
-        Weight("1 + x*x"),
-        Tensor("2", "0", lambda x, _: 1 + x * x),
-        Intersection([Curvature(), Weight("1 + x*x")], smoothing=0.1),
+        pytest.param(("sync", "async")[(k + i) % 2], monitor, domain, id=f"{type(monitor).__name__}, domain {i}")
+        for k, monitor in enumerate(MONITORS)
+        for i, domain in enumerate(DOMAINS)
     ],
-    ids=lambda monitor: type(monitor).__name__,
+    indirect=["connect"],
 )
 def test_every_monitor_on_every_domain(client: Any, monitor: Any, domain: Any) -> None:
     mesh = client.generate(FRONT, 17, monitor=monitor, domain=domain)

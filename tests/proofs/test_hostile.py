@@ -87,7 +87,7 @@ values = st.recursive(
 
 
 @settings(
-    max_examples=200, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data())
 def test_no_spec_breaks_the_service(http: httpx.Client, data: st.DataObject) -> None:
@@ -115,7 +115,7 @@ def test_no_spec_breaks_the_service(http: httpx.Client, data: st.DataObject) -> 
         assert entry["pointer"] == "" or entry["pointer"].startswith("/")
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(body=st.binary(max_size=200))
 def test_no_body_breaks_the_service(http: httpx.Client, body: bytes) -> None:
     for kind in ("application/json", "multipart/form-data; boundary=b", "text/csv", "application/x-npz"):
@@ -133,7 +133,7 @@ def test_the_service_is_still_well(http: httpx.Client) -> None:
 # Bodies ------------------------------------------------------------------------------------------------------
 
 # The size of a body of each kind, and of one on each route; all other bodies are short ones, which no worker reads.
-LARGE = 60_000_000
+LARGE = 20_000_000
 SHORT = 200_000
 LARGE_OF_ROUTE = 3
 JSON = "application/json"

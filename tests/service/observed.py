@@ -64,7 +64,6 @@ def observe(folder: Path) -> Iterator[Observed]:
     settings = {
         "PORT": "0",
         "WORKERS": "1",
-        "WARM_UP": "all",  # as it is for users
         "DATA_DIR": str(folder / "data"),
         "LOG_FORMAT": "json",
         "TRACE_ENDPOINT": f"http://127.0.0.1:{receiver.server_port}/v1/traces",

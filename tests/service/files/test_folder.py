@@ -16,7 +16,7 @@ from equimesh_cli.checks.installation import Level
 from equimesh_service import Settings
 from equimesh_service.files.folder import clear, make_folder
 from service.conftest import small
-from service.processes import service_process
+from service.observed import Observed
 
 
 def readable_by_others(folder: Path) -> list[str]:
@@ -25,19 +25,14 @@ def readable_by_others(folder: Path) -> list[str]:
     return [str(path.relative_to(folder)) for path in found if stat.S_IMODE(path.stat().st_mode) & 0o077]
 
 
-def test_a_service_hides_its_data(tmp_path: Path) -> None:
-    tmp_path.chmod(0o755)
-    with service_process(tmp_path, workers=1) as process:
-        process.start()
-        process.ready()
-        with httpx.Client(base_url=process.url, timeout=60.0) as http:
-            mesh = http.post(
-                "/v1/meshes", json=small(grid={"n_xi": 120, "n_eta": 120}), headers={"Prefer": "wait=30"}
-            ).json()
-            assert http.get(f"/v1/meshes/{mesh['id']}/file", params={"format": "vtu"}).status_code == 200
-        data = tmp_path / "data"
-        assert len([path for path in data.rglob("*") if path.is_file()]) >= 5  # also a large one, which a worker wrote
-        assert readable_by_others(data) == []
+def test_a_service_hides_its_data(observed: Observed) -> None:
+    with httpx.Client(base_url=observed.url, timeout=60.0) as http:
+        spec = small(grid={"n_xi": 120, "n_eta": 120})
+        mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()
+        assert http.get(f"/v1/meshes/{mesh['id']}/file", params={"format": "vtu"}).status_code == 200
+    data = observed.log.parent / "data"
+    assert len([path for path in data.rglob("*") if path.is_file()]) >= 5  # also a large one, which a worker wrote
+    assert readable_by_others(data) == []
 
 
 def test_commands_hide_what_they_make(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
