@@ -258,9 +258,18 @@ class Looped(NamedTuple):
     unknowns: int
 
 
-def loop(problem: Problem, cells: int, norm: Literal["l2", "h1"], rounds: int = MAX_ROUNDS, **options: Any) -> Looped:
-    """The loop on a mesh with about ``cells`` squared cells."""
-    domain, points = domain_of(problem, cells)
+def loop(
+    problem: Problem,
+    cells: int,
+    norm: Literal["l2", "h1"],
+    rounds: int = MAX_ROUNDS,
+    finds_shape: bool = False,
+    **options: Any,
+) -> Looped:
+    """The loop on a mesh with about ``cells`` squared cells, whose shape it finds where requested."""
+    domain, side = domain_of(problem, cells)
+    if finds_shape and side is not None:
+        options, side = {**options, "points": side**2}, None
     spent, errors, unknowns = [0.0], [], [0]
 
     def solve(mesh: Any) -> np.ndarray:
@@ -273,7 +282,7 @@ def loop(problem: Problem, cells: int, norm: Literal["l2", "h1"], rounds: int = 
         return values.reshape(mesh.node_shape)
 
     begun = time.process_time()
-    found = em.adapt(solve, points, domain=domain, rounds=rounds, norm=norm, threads=1, **options)
+    found = em.adapt(solve, side, domain=domain, rounds=rounds, norm=norm, threads=1, **options)
     return Looped(found, errors, time.process_time() - begun - spent[0], unknowns[0])
 
 
@@ -287,14 +296,14 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), help="these problems")
     parser.add_argument("--unknowns", type=int, nargs="+", default=[1000], help="about so many unknowns")
     parser.add_argument("--norm", nargs="+", choices=("l2", "h1"), default=["l2", "h1"], help="norms of the loop")
+    parser.add_argument("--shape", action="store_true", help="let the loop find the shape of the grid")
     parser.add_argument("--rounds", action="store_true", help="print every round")
-    parser.add_argument("--save", help="a folder for the meshes and values of all rounds")
     options = parser.parse_args()
     for count in options.unknowns:
         cells = math.ceil(math.sqrt(count))
         for name in options.only:
             for norm in options.norm:
-                result = loop(PROBLEMS[name], cells, norm)
+                result = loop(PROBLEMS[name], cells, norm, finds_shape=options.shape)
                 best = result.found.best
                 print(
                     f"{name} {norm} {result.unknowns}: uniform {said(result.errors[0])}, returned"
@@ -310,13 +319,6 @@ def main() -> None:
                             f" unres {one.unresolved:.4f} moved {one.moved_cells:.2f} {one.start}"
                         )
                     print("   ", result.found.reason, flush=True)
-                if options.save:
-                    np.savez(
-                        f"{options.save}/{name}-{norm}-{count}.npz",
-                        **{f"p{one.number}": one.mesh.points for one in result.found.rounds},
-                        **{f"v{one.number}": one.values for one in result.found.rounds},
-                        errors=result.errors,
-                    )
 
 
 if __name__ == "__main__":

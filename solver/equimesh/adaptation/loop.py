@@ -25,6 +25,7 @@ from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, moved_cells, on_domain
 from equimesh.rounds.round import next_mesh
+from equimesh.rounds.shape import ShapeSearch, require_budget
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
@@ -86,6 +87,8 @@ class Rounds:
 
     domain: Domain | Blocks
     grid: Grid | None = None
+    shape: ShapeSearch | None = None
+    """The search for the shape of the grid; ``None`` where that is given."""
     norm: Norm
     threads: int
 
@@ -106,7 +109,8 @@ class Rounds:
         known = ErrorEstimate.of(mesh, values, self.domain, self.threads)
 
         def following() -> tuple[Mesh, float, str]:
-            found = next_mesh(known, self.norm, self.threads)
+            grid = None if self.shape is None else self.shape.grid(known, self.norm, self.threads)
+            found = next_mesh(known, self.norm, self.threads, grid)
             return on_domain(found.reference, self.domain), found.moved_cells, found.chosen
 
         return record_of(known, mesh, values), following
@@ -159,13 +163,16 @@ def record_of(known: ErrorEstimate, mesh: Mesh, values: Array) -> AdaptRound[Mes
 
 MAX_ROUNDS = 100
 """The most rounds that can be requested."""
-OWN_POINTS = "a domain in blocks has a number of points of its own, by its counts of cells: leave n out"
+POINTS_OR_N = "give either n, points a direction, or points, those of the whole grid, whose shape is then found"
+"""Why both or none of the two numbers of points are refused."""
+OWN_POINTS = "a domain in blocks has a number of points of its own, by its counts of cells: leave n and points out"
 """Why a number of points is refused."""
 
 
 class AdaptArguments(TypedDict, total=False):
     """The other arguments of :func:`adapt`."""
 
+    points: int | None
     rounds: int
     norm: Norm
     threads: int | None
@@ -193,6 +200,7 @@ def adapt(
     n: int | tuple[int, int] | None = None,
     *,
     domain: Domain | Blocks = UNIT_SQUARE,
+    points: int | None = None,
     rounds: int = 5,
     norm: Norm = "l2",
     threads: int | None = None,
@@ -200,32 +208,41 @@ def adapt(
 ) -> Adaptation[Mesh]:
     """The mesh of ``n`` points a direction, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.
 
-    A domain in blocks has a number of points of its own: leave ``n`` out there. The first mesh is its initial one.
+    ``points`` in place of ``n`` is the number of points of the whole grid, at most. How many lie along xi and along eta
+    is then found by the measured error on coarse grids, once the solution is resolved: the shape of the grid can change
+    from round to round. A domain in blocks has a number of points of its own: leave both out there. The first mesh is
+    its initial one.
 
     ``solve(mesh)`` solves on an :class:`~equimesh.meshes.mesh.Mesh`, or a
     :class:`~equimesh.meshes.mesh.Mesh` of blocks, which has the methods ``to_skfem()``,
     ``to_dolfinx(comm)`` and so on, and returns one of these: values at the nodes, a field of a library with an adaptor,
     :class:`~equimesh_coupling.recovery.CellAverages`, or an :class:`~equimesh_coupling.recovery.ErrorIndicator` of the
     cells. It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that
-    meshes minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient, relative to that on the
-    same mesh, since an absolute one favours meshes that do not resolve. ``observe`` is called with every round.
+    meshes minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient. ``observe`` is called
+    with every round.
 
     Raises :class:`~equimesh_coupling.errors.BadValues` where the values of the first solve cannot be used, and what the
     first solve raises. Later the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the
     exception. Raises :class:`~equimesh.errors.InputError` for arguments that cannot be used.
     """
     if isinstance(domain, Blocks):
-        if n is not None:
-            raise InputError(f"n = {str(n)[:40]!r}: {OWN_POINTS}", field="n")
+        for name, value in (("n", n), ("points", points)):
+            if value is not None:
+                raise InputError(f"{name} = {str(value)[:40]!r}: {OWN_POINTS}", field=name)
         _check(solve, rounds, norm)
         _check_observer(observe)
         on_blocks = Rounds(domain=domain, norm=norm, threads=thread_count(threads))
         return _loop(solve, on_blocks, rounds, norm, observe)
-    grid, threads = _grid(n), thread_count(threads)
+    if points is not None and n is not None:
+        raise InputError(POINTS_OR_N, field="points")
+    shape = None if points is None else ShapeSearch(points=require_budget(points))
+    given, threads = None if shape else _grid(n), thread_count(threads)
     _check(solve, rounds, norm)
     _check_domain(domain)
     _check_observer(observe)
-    return _loop(solve, Rounds(grid=grid, domain=domain, norm=norm, threads=threads), rounds, norm, observe)
+    grid = shape.first(domain) if shape else given
+    by = Rounds(grid=grid, shape=shape, domain=domain, norm=norm, threads=threads)
+    return _loop(solve, by, rounds, norm, observe)
 
 
 def _loop(

@@ -17,12 +17,13 @@ from equimesh.least_error.iteration import MORE_SLOPE_POINTS, DescentEnd, LeastE
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import coarse_level
 from equimesh.least_error.starts import mesh_of
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.numerics.threads import thread_count
 from equimesh.rounds.candidates import MEASURED_POINTS, PARTS, SHARP, SMOOTH, Search
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells, on_domain
+from equimesh.rounds.shape import on_grid
 from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
 
 # The candidates for the next mesh of a domain in blocks.
@@ -77,12 +78,13 @@ def _end_of(steps: Generator[object, None, T]) -> T:
             return found
 
 
-def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1) -> NextMesh:
+def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, grid: Grid | None = None) -> NextMesh:
     """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly.
 
     On blocks it is the best one in L2 where the values do not resolve the solution: a descent on the error of the
     gradient stays near the mesh of the values there. Candidates are descents from the mesh of the values, on a grid
-    also meshes of straight lines, on blocks descents from the initial mesh of the domain.
+    also meshes of straight lines, on blocks descents from the initial mesh of the domain. Another ``grid`` than that of
+    the values changes the number of points; blocks have none.
     """
     before, domain = known.recovery.mesh, known.recovery.domain
     kept = NextMesh(reference=before, chosen=KEPT, norm=norm, candidates={}, gain=1.0, moved_cells=0.0)
@@ -92,7 +94,7 @@ def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1) -> NextMesh:
         norm = norm if known.unresolved <= MAX_UNRESOLVED_SHARE else "l2"
         kept = replace(kept, norm=norm)
         return _best_of_blocks(known.recovery, domain, norm, threads) or kept
-    return _best_of_grid(known.recovery, norm, threads) or kept
+    return _best_of_grid(known.recovery, norm, threads, grid or before.grid) or kept
 
 
 def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> NextMesh | None:
@@ -114,8 +116,8 @@ def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -
     )
 
 
-def _best_of_grid(known: Recovery, norm: Norm, threads: int) -> NextMesh | None:
-    before: Any = known.mesh
+def _best_of_grid(known: Recovery, norm: Norm, threads: int, grid: Grid) -> NextMesh | None:
+    before = on_grid(known.mesh, grid)
     domain: Any = known.domain
     search = Search(u=known.u, domain=domain, before=before, norm=norm, threads=threads)
     found = list(search.candidates())
@@ -129,7 +131,7 @@ def _best_of_grid(known: Recovery, norm: Norm, threads: int) -> NextMesh | None:
         chosen=best.name,
         norm=norm,
         candidates={one.name: one.error for one in found},
-        gain=search.error_on(before) / best.error if best.error > 0.0 else 1.0,
+        gain=search.error_on(known.mesh) / best.error if best.error > 0.0 else 1.0,
         moved_cells=moved_cells(before, reference),
     )
 

@@ -7,15 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Literal, Unpack
 
-import numpy as np
-
 from equimesh.blocks.blocks import Blocks
-from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
+from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.problem import Boundary, Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.monitor import Monitor
+from equimesh.rounds.shape import proportions
 from equimesh.solving.solution import Solution, degree_of
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Announcer, SolveArguments
@@ -36,14 +35,10 @@ LOOSE_SHARE = 0.8
 """A smaller share of the requested error means that a coarser grid may do."""
 MAX_CORRECTIONS = 2
 """Solves, at most, after the one on the predicted grid."""
-MEASURED_CELLS = 16
-"""Cells a side of the uniform mesh whose lines are measured for the proportions."""
 NO_U = "a target is an error of interpolating u, and this monitor has no u: give it one"
 """The reason why a target is refused for a monitor without u."""
 NO_GRID = "the grid of a target is found on domains with four sides: refine the blocks, and solve a Problem of them"
 """The reason why a target is refused on blocks."""
-MAX_PROPORTION = 64.0
-"""The largest ratio of the numbers of cells in the two directions."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,14 +76,6 @@ class Target:
         while cells > MIN_CELLS and self.grid(domain, cells).points > self.max_points:
             cells -= 0.5
         return cells
-
-
-def proportions(domain: Domain) -> tuple[float, float]:
-    """The numbers of cells along xi and eta in units of their geometric mean, for cells of equal sides on average."""
-    mesh = map_mesh(Mesh.uniform(Grid(n_xi=MEASURED_CELLS + 1, n_eta=MEASURED_CELLS + 1)), domain)
-    along = [float(np.hypot(np.diff(mesh.x, axis=k), np.diff(mesh.y, axis=k)).sum()) for k in (0, 1)]
-    ratio = math.sqrt(min(max(along[0] / along[1], 1.0 / MAX_PROPORTION), MAX_PROPORTION))
-    return ratio, 1.0 / ratio
 
 
 def solve_to(

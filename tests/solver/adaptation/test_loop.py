@@ -326,7 +326,24 @@ def test_a_loop_on_blocks_adapts_to_values_and_to_averages() -> None:
 
 
 def test_what_cannot_be_used_on_blocks_is_refused() -> None:
-    with pytest.raises(em.InputError, match="leave n out"):
+    with pytest.raises(em.InputError, match="leave n and points out"):
         em.adapt(lambda mesh: mesh.x, 9, domain=DOMAIN)
     with pytest.raises(em.InputError, match="number of points a direction"):
         em.adapt(lambda mesh: mesh.x)
+
+
+def test_a_loop_finds_the_shape_of_a_grid_for_a_number_of_points() -> None:
+    found = em.adapt(sampled(em.Expression("exp(-20*x)")), points=300, rounds=2)
+    square = em.adapt(sampled(em.Expression("exp(-20*x)")), 17, rounds=2)
+    assert found.mesh.points.shape[0] <= 300
+    assert found.mesh.grid.n_xi > 6 * found.mesh.grid.n_eta
+    assert found.estimate < 0.3 * square.estimate
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"), [({"points": 20}, "points"), ({"n": 9, "points": 100}, "points"), ({}, "n")]
+)
+def test_a_number_of_points_that_cannot_be_used_is_refused(arguments: dict[str, int], field: str) -> None:
+    with pytest.raises(em.InputError) as refused:
+        em.adapt(lambda mesh: mesh.x, **arguments)
+    assert refused.value.field == field

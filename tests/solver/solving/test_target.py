@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 import equimesh as em
-from equimesh.solving.target import proportions, require_reachable
+from equimesh.rounds.shape import proportions
+from equimesh.solving.target import require_reachable
 
 PAPER = em.Expression("(1-exp(15*(x-1)))*sin(pi*y)")
 MONITOR = em.LeastError(u=PAPER)
