@@ -20,6 +20,7 @@ from equimesh_client.spec.sources import StoredSamples, read_mesh_file
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve
 from equimesh_client.wire.arrays import MeshArrays, raise_unless_succeeded
+from equimesh_client.wire.downloads import write_atomically
 from equimesh_client.wire.protocol import Pages
 from equimesh_client.wire.settings import (
     DEADLINE_SECONDS,
@@ -32,6 +33,7 @@ from equimesh_client.wire.settings import (
 )
 from equimesh_client.wire.transport import Session, Transport, base_url
 from equimesh_coupling.adaptation import Adaptation
+from equimesh_schema import Certificate
 from equimesh_schema.monitors import Norm
 
 
@@ -127,6 +129,30 @@ class ClientOperations(ABC, Generic[M]):
         limit, settings = Deadline.after(deadline), self._session.settings
         request = await self._session.run(flows.prepare(arguments, settings, limit))
         return await self._session.run(flows.compute(request, settings, limit))
+
+    @operation
+    async def compute_file(
+        self,
+        path: str | Path,
+        u: object = None,
+        n: int | tuple[int, int] = 64,
+        *,
+        initial: str = "nested",
+        cells: str = "quad",
+        deadline: float = DEADLINE_SECONDS,
+        **options: Unpack[MeshOptions],
+    ) -> Certificate | None:
+        """The certificate of a mesh of which only the file at ``path`` is kept, in the format of its suffix.
+
+        Takes and raises the same as :meth:`compute`, and :class:`BadArgument` where the file cannot be written.
+        """
+        complete = complete_options(options, type(self).generate)
+        arguments = GenerateArguments(u=u, n=n, options=complete, initial=initial, cells=cells)
+        limit, settings, format = Deadline.after(deadline), self._session.settings, protocol.format_of(str(path))
+        request = await self._session.run(flows.prepare(arguments, settings, limit))
+        content, certificate = await self._session.run(flows.compute_file(request, format, settings, limit))
+        write_atomically(path, content)
+        return certificate
 
     @operation
     async def adapt(

@@ -74,6 +74,9 @@ def add_parser(commands: Any) -> None:
     service.add_argument(
         "--no-reuse", action="store_true", help="compute it, even if the service has the mesh of the same request"
     )
+    service.add_argument(
+        "--no-store", action="store_true", help="let the service keep nothing: the mesh is the file of -o alone"
+    )
     parser.set_defaults(run=run)
 
 
@@ -86,6 +89,8 @@ def run(options: argparse.Namespace) -> int:
 
     quiet, picture = options.quiet or None, picture_of(options)
     with Client(options.url, key=options.key) as client:
+        if options.no_store:
+            return _compute_file(client, options)
         try:
             mesh = _request_mesh(client, options, progress=False if quiet else None)
         except MeshFailed as error:
@@ -117,6 +122,25 @@ def run(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
+def _compute_file(client: Client, options: argparse.Namespace) -> int:
+    """Write the file of a mesh that the service does not keep, and report."""
+    from equimesh_cli.report import print_report
+
+    if options.output is None or options.output.is_dir() or options.plot is not None or options.open or options.partial:
+        raise CommandError("--no-store leaves one file and its certificate: name it by -o FILE, without pictures")
+    if options.parts is not None or options.label is not None:
+        raise CommandError("--parts and --label are for meshes that the service keeps: leave out --no-store")
+    certificate = client.compute_file(options.output, **_arguments(options))
+    if options.json:
+        known = None if certificate is None else certificate.to_json()
+        print(json.dumps({"certificate": known, "files": [str(options.output)]}, indent=2))
+    elif not options.quiet:
+        n_xi, n_eta = points_of(options)
+        print_report(certificate, f"{n_xi} x {n_eta}", "The service keeps nothing of it.")
+        print(f"wrote {options.output}")
+    return Exit.DONE
+
+
 def _report_failure(
     client: Client, options: argparse.Namespace, record: dict[str, Any], picture: Picture | None
 ) -> None:
@@ -145,26 +169,28 @@ def _write(mesh: Mesh, options: argparse.Namespace, picture: Picture | None, *, 
 
 
 def _request_mesh(client: Client, options: argparse.Namespace, *, progress: bool | None) -> Mesh:
+    kept = {"parts": options.parts, "label": options.label}
+    return client.generate(**_arguments(options), **kept, reuse=not options.no_reuse, progress=progress)
+
+
+def _arguments(options: argparse.Namespace) -> dict[str, Any]:
+    """The arguments of the client for a mesh that is kept or not."""
     from equimesh_client import SampleFile
 
     samples = options.samples if options.column is None else SampleFile(options.samples, options.column)
-    return client.generate(
-        options.u if samples is None else samples,
-        points_of(options),
-        monitor=monitor_of(options),
-        domain=options.domain,
-        schwarz=schwarz_of(options),
-        target=target_of(options),
-        boundary=options.boundary,
-        initial=options.initial,
-        mode=options.mode,
-        allow_relaxed=not options.no_relax,
-        cells=options.cells,
-        parts=options.parts,
-        label=options.label,
-        parameters=dict(options.parameter),
-        t=options.t,
-        reuse=not options.no_reuse,
-        deadline=options.deadline,
-        progress=progress,
-    )
+    return {
+        "u": options.u if samples is None else samples,
+        "n": points_of(options),
+        "monitor": monitor_of(options),
+        "domain": options.domain,
+        "schwarz": schwarz_of(options),
+        "target": target_of(options),
+        "boundary": options.boundary,
+        "initial": options.initial,
+        "mode": options.mode,
+        "allow_relaxed": not options.no_relax,
+        "cells": options.cells,
+        "parameters": dict(options.parameter),
+        "t": options.t,
+        "deadline": options.deadline,
+    }

@@ -32,6 +32,7 @@ from equimesh_client.wire.protocol import Call, Reply
 from equimesh_client.wire.settings import RETRIED, Deadline, Settings, pause_before_retry, retry_after_of
 from equimesh_client.wire.stream import StreamPosition
 from equimesh_coupling.samples import UNIT_BOX, Box
+from equimesh_schema import Certificate
 from equimesh_schema.domains import MeshFile
 
 T = TypeVar("T")
@@ -198,6 +199,14 @@ def compute(mesh_request: MeshRequest, settings: Settings, deadline: Deadline) -
     """The arrays and the certificate of a mesh that the service does not keep."""
     reply = yield from request(protocol.compute_mesh(mesh_request), settings, deadline)
     return replace(arrays_of(reply.body), certificate=protocol.certificate_of(reply))
+
+
+def compute_file(
+    mesh_request: MeshRequest, format: str, settings: Settings, deadline: Deadline
+) -> Flow[tuple[bytes, Certificate | None]]:
+    """The file of a mesh that the service does not keep, and the certificate."""
+    reply = yield from request(protocol.compute_mesh(mesh_request, format), settings, deadline)
+    return reply.body, protocol.certificate_of(reply)
 
 
 def abandon(mesh_request: MeshRequest, mesh_id: str | None, settings: Settings) -> Flow[None]:

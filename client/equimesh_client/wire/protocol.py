@@ -79,12 +79,12 @@ def create_mesh(mesh_request: MeshRequest, *, wait: int) -> Call:
     )
 
 
-def compute_mesh(mesh_request: MeshRequest) -> Call:
-    """Request the npz of a mesh that the service does not keep."""
+def compute_mesh(mesh_request: MeshRequest, format: str = "npz") -> Call:
+    """Request the file of a mesh that the service does not keep."""
     call = create_mesh(mesh_request, wait=0)
-    headers = {**call.headers, "Accept": f"{NPZ}, application/json"}
+    headers = {**call.headers, "Accept": f"{NPZ}, application/json" if format == "npz" else "*/*"}
     del headers["Idempotency-Key"]
-    return replace(call, query={"store": "false", "format": "npz"}, headers=headers, patience=_COMPUTE_SECONDS)
+    return replace(call, query={"store": "false", "format": format}, headers=headers, patience=_COMPUTE_SECONDS)
 
 
 def create_sequence(mesh_request: MeshRequest, *, wait: int, keep: int) -> Call:

@@ -114,6 +114,23 @@ def test_a_mesh_in_parts_is_a_head_with_its_parts(generate: Any, service: Any, t
     assert json.loads(service.seen("POST", "meshes")[-1].body)["parts"] == "auto"
 
 
+def test_a_mesh_that_is_not_kept_is_one_file(generate: Any, service: Any, tmp_path: Path) -> None:
+    path = tmp_path / "mesh.npz"
+    code, out, err = generate("x*y", "-n", "5", "--no-store", "-o", str(path))
+    assert (code, err) == (0, "")
+    assert np.load(path)["x"].shape == (5, 5)
+    assert "  status                relaxed" in out
+    assert out.endswith(f"wrote {path}\n")
+    (sent,) = service.seen("POST", "meshes")
+    assert sent.query == {"store": "false", "format": "npz"}
+    assert json.loads(generate("x", "-n", "5", "--no-store", "--json", "-o", str(tmp_path / "m.vtu"))[1])["certificate"]
+    assert service.seen("POST", "meshes")[-1].query["format"] == "vtu"
+    for wrong in ((), ("-o", str(path), "--open"), ("-o", str(path), "--label", "mine")):
+        code, _, err = generate("x", "--no-store", *wrong)
+        assert code == 2
+        assert "--no-store" in err
+
+
 def test_json_is_one_object(generate: Any) -> None:
     code, out, _ = generate("x", "-n", "5", "--json")
     said = json.loads(out)

@@ -360,6 +360,7 @@ def calls(client: Any, mesh: Any, folder: Path) -> dict[str, Callable[..., Any]]
         "generate": lambda **limit: client.generate("x", 5, **limit),
         "generate from samples": lambda **limit: client.generate(big, 5, **limit),
         "compute": lambda **limit: client.compute("x", 5, **limit),
+        "compute_file": lambda **limit: client.compute_file("x.npz", "x", 5, **limit),
         "adapt": lambda **limit: client.adapt(lambda mesh: mesh.x, 5, **limit),
         "check": lambda **limit: client.check("x", **limit),
         "capabilities": client.capabilities,
