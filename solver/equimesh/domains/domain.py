@@ -12,7 +12,7 @@ import scipy
 
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.nested import Closed
+from equimesh.meshes.nested import Closed, tied_nodes
 from equimesh.numerics.types import Array
 
 # Closed lines: domains whose opposite sides are one line, so that grid lines run around.
@@ -259,14 +259,21 @@ class AnnulusSector:
 def map_mesh(mesh: Mesh, domain: Domain) -> Mesh:
     """The physical mesh whose nodes are the images of those of ``mesh``, a mesh of the reference square.
 
-    The second copy of a seam is the first one, moved by the period exactly.
+    The second copy of a seam is the first one, moved by the period exactly; its nodes are tied to those of the first.
     """
     if isinstance(domain, Rectangle) and domain.is_unit_square:
-        return mesh
+        return tied(mesh, domain)
     x, y = domain.map(mesh.x, mesh.y)
     if is_closed(domain):
         close_seam(x, y, domain)
-    return Mesh(x, y)
+    return tied(Mesh(x, y), domain)
+
+
+def tied(mesh: Mesh, domain: object) -> Mesh:
+    """The grid with the ties of the closed lines of ``domain``; itself where there are none, or it has them."""
+    if not is_closed(domain) or len(mesh.ties):
+        return mesh
+    return Mesh(mesh.x, mesh.y, ties=tied_nodes(mesh.grid.shape, closed_of(domain)))
 
 
 def points(s: npt.ArrayLike, t: npt.ArrayLike) -> tuple[Array, Array]:

@@ -39,11 +39,10 @@ def mesh_arrays(data: MeshData, cells: npt.NDArray[np.int64], every: int) -> Arr
     if not mesh.is_grid:
         arrays |= {f"{SIDE}{name}": edges for name, edges in mesh.sides.items()}
         arrays |= {f"{BLOCK}{name}": nodes for name, nodes in zip(mesh.block_names, mesh.blocks, strict=True)}
-        arrays[TIES] = mesh.ties
     else:
         arrays |= mesh.sides
-        if len(data.ties):
-            arrays[TIES] = data.ties
+    if len(mesh.ties) or not mesh.is_grid:
+        arrays[TIES] = mesh.ties
     if data.u is not None:
         arrays["u"] = data.u
     arrays |= {**data.fields, **data.cell_fields}
@@ -81,14 +80,13 @@ def load_npz(path: str | os.PathLike[str]) -> MeshData:
         fields={name: values for name, values in others.items() if name not in in_cells},
         cell_fields=in_cells,
         step=step,
-        **({"ties": arrays[TIES]} if mesh.is_grid and TIES in arrays else {}),
     )
 
 
 def _mesh_of(arrays: Arrays, every: int) -> Mesh:
     x, y, cells = arrays["x"], arrays["y"], arrays["cells"]
     if x.ndim != 1:
-        return Mesh(x, y)
+        return Mesh(x, y, ties=arrays.get(TIES))
     blocks = _named(arrays, BLOCK)
     return Mesh(
         points=np.column_stack([x, y]),

@@ -21,7 +21,7 @@ from equimesh.io.formats import CELLS, FORMATS, Cells, MeshFormat
 from equimesh.io.npz import mesh_arrays, npz_bytes
 from equimesh.io.solver_files import gmsh_text, medit_text, neutral_map, plot3d_text, su2_text, with_time
 from equimesh.io.vtk import vtm_text, write_vts, write_vtu
-from equimesh.meshes.cell_edges import Join, joins_of
+from equimesh.meshes.cell_edges import Join
 from equimesh.meshes.interfaces import contacts
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData, at_one_place
@@ -377,7 +377,7 @@ def _blocks_of(data: MeshData) -> Mesh:
         sides=mesh.sides,
         blocks=(whole,),
         block_names=("grid",),
-        ties=data.ties,
+        ties=mesh.ties,
     )
 
 
@@ -424,12 +424,11 @@ def _meshio_mesh(data: MeshData, kind: Cells, *, dimension: int) -> meshio.Mesh:
 
 def _joins(data: MeshData) -> tuple[Join, ...]:
     """The joined sides of a mesh of blocks, or of a grid whose lines are closed by a translation."""
-    mesh = data.mesh
-    return joins_of(mesh.points, mesh.sides, mesh.ties if not mesh.is_grid else data.ties)
+    return data.mesh.periodic
 
 
 def _merged(data: MeshData) -> MeshData:
     """The data without second copies of nodes at one place: to solvers these would be a slit."""
-    if not at_one_place(data.mesh.points, data.ties).any():
+    if not (data.mesh.is_grid and at_one_place(data.mesh.points, data.mesh.ties).any()):
         return data
     return data.joined

@@ -18,15 +18,15 @@ SEAMS = (("left", "right"), ("bottom", "top"))
 """The sides that are the two copies of a seam, of closed xi-lines and of closed eta-lines."""
 
 
-def joined(mesh: Mesh, ties: IntArray) -> Mesh:
+def joined(mesh: Mesh) -> Mesh:
     """The mesh without the second copies of nodes that lie where the first ones do, as around a ring.
 
-    ``ties``, shape ``(k, 2)``, are the copies and their originals. Such a seam is no side any more. Copies that lie a
-    period apart stay, with their sides, as the ``ties`` of the mesh. A mesh of blocks has none, and is returned itself.
+    Such a seam is no side any more. Copies that lie a period apart stay, with their sides, as the ties of the mesh. A
+    mesh of blocks has no others, and is returned itself.
     """
     if not mesh.is_grid:
         return mesh
-    points = mesh.points
+    points, ties = mesh.points, mesh.ties
     same = at_one_place(points, ties)
     stands = np.arange(len(points))
     stands[ties[same, 0]] = ties[same, 1]
@@ -55,10 +55,6 @@ def at_one_place(points: Array, ties: IntArray) -> BoolArray:
     return found
 
 
-def _no_ties() -> IntArray:
-    return np.empty((0, 2), dtype=np.int64)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshData:
     """A mesh with values at its nodes and cells.
@@ -67,8 +63,7 @@ class MeshData:
     - 1)``, the measure ``q_eq`` and the number of the ``subdomain`` that computed the cell. On a mesh of blocks these
     shapes are ``(n,)`` and ``(m,)``. ``fields`` are further values at the nodes and ``cell_fields`` such values per
     cell, by names other than those that files have already; a vector has one more axis, that of its components.
-    ``ties``, shape ``(k, 2)``, are the nodes of a grid with closed lines that are one: a copy and its original. A mesh
-    of blocks has its own. ``curved`` are the edges on curved sides of the domain, for files of second order: ``None``
+    ``curved`` are the edges on curved sides of the domain, for files of second order: ``None``
     where these are straight, or not known. ``step`` is the JSON that a step of a sequence answers with, for npz files;
     it is empty for other meshes.
 
@@ -82,7 +77,6 @@ class MeshData:
     fields: Mapping[str, Array] = field(default_factory=dict)
     cell_fields: Mapping[str, Array] = field(default_factory=dict)
     step: str = ""
-    ties: IntArray = field(default_factory=_no_ties)
     curved: CurvedEdges | None = None
 
     def __post_init__(self) -> None:
@@ -110,7 +104,7 @@ class MeshData:
 
         A mesh of blocks has none, and stays as it is.
         """
-        mesh = joined(self.mesh, self.ties)
+        mesh = joined(self.mesh)
         if mesh is self.mesh:
             return self
 
@@ -129,7 +123,6 @@ class MeshData:
             subdomain=self.subdomain.ravel(),
             fields={name: at_nodes(values) for name, values in self.fields.items()},
             cell_fields={name: values.reshape(-1, *values.shape[2:]) for name, values in self.cell_fields.items()},
-            ties=_no_ties(),
         )
 
     @property

@@ -57,25 +57,22 @@ UNKNOWN = RitzErrors(l2=math.nan, h1=math.nan)
 """The errors on a folded mesh, and of a u whose gradient is not finite."""
 
 
-def solver_gain(
-    mesh: Mesh, uniform: Mesh, u: Field, *, ties: IntArray | None = None, triangles: bool = False
-) -> SolverGain | None:
+def solver_gain(mesh: Mesh, uniform: Mesh, u: Field, *, triangles: bool = False) -> SolverGain | None:
     """How many times smaller the error of a solver is on ``mesh`` than on ``uniform``, in L2 and in H1.
 
-    ``uniform`` is the uniform mesh of the domain, of blocks the initial one: a mesh with the same cells. ``ties`` are
-    nodes that are one on closed lines of a grid, shape ``(k, 2)``: a copy and its original. With ``triangles`` the
-    elements are linear on the triangles into which the cells are cut. On more than ``MAX_GRID_POINTS`` points of a grid
-    both errors are those on every second, third, ... node, and ``points`` tells how many. ``None`` for a larger mesh of
-    blocks. NaN where an error is not known.
+    ``uniform`` is the uniform mesh of the domain, of blocks the initial one: a mesh with the same cells. With
+    ``triangles`` the elements are linear on the triangles into which the cells are cut. On more than
+    ``MAX_GRID_POINTS`` points of a grid both errors are those on every second, third, ... node, and ``points`` tells
+    how many. ``None`` for a larger mesh of blocks. NaN where an error is not known.
     """
     if not mesh.is_grid and len(mesh.points) > MAX_BLOCK_POINTS:
         return None
-    found = [coarsened(one, ties) for one in (mesh, uniform)]
+    found = [coarsened(one) for one in (mesh, uniform)]
     here, there = (ritz_errors(one, u, triangles=triangles) for one in found)
     return SolverGain(l2=here.gain(there, "l2"), h1=here.gain(there, "h1"), points=len(found[0].points))
 
 
-def coarsened(mesh: Mesh, ties: IntArray | None = None) -> Mesh:
+def coarsened(mesh: Mesh) -> Mesh:
     """The mesh with one number for each node; of a grid with many points every second, third, ... line and the last."""
     if not mesh.is_grid:
         return mesh
@@ -84,7 +81,7 @@ def coarsened(mesh: Mesh, ties: IntArray | None = None) -> Mesh:
     number = np.full(mesh.x.shape, -1)
     number[np.ix_(*lines)] = np.arange(lines[0].size * lines[1].size).reshape(lines[0].size, lines[1].size)
     kept = Mesh(*(np.ascontiguousarray(q[np.ix_(*lines)]) for q in (mesh.x, mesh.y)))
-    tied = number.ravel()[np.empty((0, 2), dtype=np.int64) if ties is None else ties]
+    tied = number.ravel()[mesh.ties]
     return Mesh(points=kept.points, cells=kept.cells, sides=kept.sides, ties=tied[(tied >= 0).all(axis=1)])
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, Unpack
 import numpy as np
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.domains.domain import Domain, closed_of, map_mesh
+from equimesh.domains.domain import Domain, map_mesh, tied
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.mesh_map import reference_of
@@ -43,7 +43,7 @@ from equimesh.solving.status import SolveArguments, Status
 from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.one_domain import MAX_ROUNDING, require_one_domain, require_valid
-from equimesh.transfers.transfer import carry_closed, named
+from equimesh.transfers.transfer import carry, named
 from equimesh_coupling.display import draw_on, picture
 from equimesh_schema.notebook import html_of
 
@@ -118,6 +118,7 @@ def first_mesh(begin: AnySolution | Mesh | None, domain: Domain | Blocks) -> tup
     else:
         require_valid(mesh)
         reference = reference_of(mesh, domain)
+    mesh = tied(mesh, domain)
     if not _is_of(domain, mesh, reference):
         raise InputError("the first mesh of a sequence must be one of the problem's domain", field="mesh")
     return mesh, reference
@@ -323,7 +324,7 @@ class Sequence:
         same = old.node_shape == solution.mesh.node_shape
         moved = cells_moved(old, solution.mesh) if same else None
         self._refuse_outrun(moved)
-        carried = carry_closed(old, given, solution.mesh, closed_of(problem.domain))
+        carried = carry(old, given, solution.mesh)
         notes = list(self._about_moves(solution, moved))
         notes += about_integrals((old, solution.mesh), given, carried)
         step = SequenceStep(

@@ -14,7 +14,6 @@ from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import GridLevel, coarse_level, last_compared, nested_levels
 from equimesh.least_error.starts import mesh_of
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.nested import tied_nodes
 from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
 from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor, weaken
@@ -203,15 +202,14 @@ def _errors(coarse: Problem, reference: Mesh) -> tuple[Mesh | None, Interpolatio
 
 def _measured_for_solvers(tried: Sequence[CoarseCandidate], coarse: Problem, auto: Auto) -> list[CoarseCandidate]:
     """The candidates with what a solver gets on the coarse grid, and with their angles."""
-    u, closed = auto.u, closed_of(coarse.domain)
-    ties, triangles = tied_nodes(coarse.grid.shape, closed), auto.cells == "triangle"
+    u, closed, triangles = auto.u, closed_of(coarse.domain), auto.cells == "triangle"
     uniform = map_mesh(Mesh.uniform(coarse.grid), coarse.domain)
-    there = ritz_errors(coarsened(uniform, ties), u, triangles=triangles)
+    there = ritz_errors(coarsened(uniform), u, triangles=triangles)
 
     def measured(one: CoarseCandidate) -> CoarseCandidate:
         if one.mesh is None:
             return one
-        gain = ritz_errors(coarsened(one.mesh, ties), u, triangles=triangles).gain(there, auto.norm)
+        gain = ritz_errors(coarsened(one.mesh), u, triangles=triangles).gain(there, auto.norm)
         return replace(one, solver=gain, angle=measure_faces(one.mesh, closed).non_orthogonality)
 
     return [measured(one) for one in tried]

@@ -18,7 +18,6 @@ from equimesh.equations.problem import D, Problem, understood
 from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData, joined
-from equimesh.meshes.nested import tied_nodes
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.numerics.types import Array, IntArray
@@ -255,7 +254,7 @@ class Solution(Generic[D]):
         if errors is None or self.problem.monitor.u is None or errors.degree > 1:
             return None
         triangles = interpolated_cells(self.problem.monitor) == "triangle"
-        found = solver_gain(self.mesh, self.initial, self.problem.monitor.u, ties=self.ties, triangles=triangles)
+        found = solver_gain(self.mesh, self.initial, self.problem.monitor.u, triangles=triangles)
         l2, h1 = errors.resolved
         return found and replace(found, l2=found.l2 if l2 else math.nan, h1=found.h1 if h1 else math.nan)
 
@@ -281,9 +280,7 @@ class Solution(Generic[D]):
     @property
     def ties(self) -> IntArray:
         """Nodes of closed lines or periodic sides that are one, shape ``(k, 2)``: a copy, and its original."""
-        if not self.mesh.is_grid:
-            return self.mesh.ties
-        return tied_nodes(self.problem.grid.shape, closed_of(self.problem.domain))
+        return self.mesh.ties
 
     @cached_property
     def joined(self) -> Mesh:
@@ -291,7 +288,7 @@ class Solution(Generic[D]):
 
         Copies that are a period apart stay, as its ``ties``. Of blocks it is the mesh itself.
         """
-        return joined(self.mesh, self.ties)
+        return joined(self.mesh)
 
     @cached_property
     def faces(self) -> Faces:
@@ -434,7 +431,7 @@ class Solution(Generic[D]):
                 owner[cells] = number
             return MeshData(mesh=self.mesh, q_eq=self.quality.q_eq.cells, u=self.u, subdomain=owner)
         owner = owner if parts is None else parts.owner_of_cells()
-        data = MeshData(mesh=self.mesh, q_eq=self.quality.q_eq.cells, u=self.u, subdomain=owner, ties=self.ties)
+        data = MeshData(mesh=self.mesh, q_eq=self.quality.q_eq.cells, u=self.u, subdomain=owner)
         return data.joined if joined else data
 
 

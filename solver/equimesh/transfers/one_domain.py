@@ -8,6 +8,7 @@ from equimesh.errors import InputError
 from equimesh.inputs import describe_value
 from equimesh.meshes.cell_edges import QuadLinks, links_of
 from equimesh.meshes.mesh import MIN_POINTS, Mesh
+from equimesh.meshes.mesh_data import joined
 from equimesh.meshes.unrolled import moves_of
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
@@ -91,6 +92,8 @@ def require_one_domain(mesh: Mesh, new_mesh: Mesh) -> None:
     """
     for one in (mesh, new_mesh):
         require_valid(one)
+    if have_seams(mesh, new_mesh):
+        mesh, new_mesh = joined(mesh), joined(new_mesh)
     old, new = _boundary(mesh), _boundary(new_mesh)
     rounding = MAX_ROUNDING * max(np.ptp(mesh.x), np.ptp(mesh.y))
     for (points, _), (_, edges) in ((new, old), (old, new)):
@@ -101,6 +104,11 @@ def require_one_domain(mesh: Mesh, new_mesh: Mesh) -> None:
                 " side of the other one: fields are carried between two meshes of one domain",
                 field="mesh",
             )
+
+
+def have_seams(mesh: Mesh, new_mesh: Mesh) -> bool:
+    """Whether both meshes are grids with closed lines, whose seams are no sides."""
+    return all(one.is_grid and len(one.ties) > 0 for one in (mesh, new_mesh))
 
 
 def _boundary(mesh: Mesh) -> tuple[Array, Array]:

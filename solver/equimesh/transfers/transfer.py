@@ -25,12 +25,11 @@ from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import describe_value
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import joined
-from equimesh.meshes.nested import Closed, tied_nodes
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.types import Array
 from equimesh.transfers.integrals import total
 from equimesh.transfers.mesh_values import MeshValues, mesh_values
-from equimesh.transfers.one_domain import require_one_domain
+from equimesh.transfers.one_domain import have_seams, require_one_domain
 from equimesh.transfers.overlaps import Overlaps
 from equimesh.transfers.repair import repair, share_out
 from equimesh.transfers.slopes import slopes_of_averages, slopes_of_nodes
@@ -148,7 +147,7 @@ def transfer(mesh: Mesh, fields: Mapping[str, Any], new_mesh: Mesh) -> dict[str,
     Raises :class:`~equimesh.errors.SamplesError`, which names the first bad index, for values that do not fit the mesh,
     and :class:`~equimesh.errors.InputError` for a folded mesh, for one of less than 4 nodes in a direction, and for
     meshes of different domains: a side that is straight must be the same up to rounding, a curved one up to what
-    straight edges cut off. Where grid lines are closed, the meshes are the ``joined`` ones of the solutions.
+    straight edges cut off. Fields of solutions on closed grid lines cross the seam.
     """
     require_one_domain(mesh, new_mesh)
     return carry(mesh, named(fields), new_mesh)
@@ -168,6 +167,8 @@ def carry(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh) -> dict[s
     checked = {name: field.on(mesh, name) for name, field in given.items()}
     if not checked:
         return {}
+    if have_seams(mesh, new_mesh):
+        return _carry_across_seams((mesh, new_mesh), checked, given)
     at_nodes = {name: values for name, values in checked.items() if given[name].location == "nodes"}
     moved = transfer_spline(mesh, at_nodes, new_mesh) if at_nodes else {}
     if any(field.transfer == "conservative" for field in given.values()):
@@ -178,24 +179,23 @@ def carry(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh) -> dict[s
     return {name: moved[name] for name in given}
 
 
-def carry_closed(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh, closed: Closed) -> dict[str, Array]:
-    """The fields on the new mesh, as by :func:`carry`, between grids whose ``closed`` lines cross their seams."""
-    if not any(closed):
-        return carry(mesh, given, new_mesh)
-    old, new = (joined(one, tied_nodes(one.grid.shape, closed)) for one in (mesh, new_mesh))
-    flat = {name: replace(field, values=_flat(field, mesh, old, name)) for name, field in given.items()}
-    moved = carry(old, flat, new)
+def _carry_across_seams(
+    meshes: tuple[Mesh, Mesh], checked: Mapping[str, Array], given: Mapping[str, MeshValues]
+) -> dict[str, Array]:
+    """The ``checked`` fields between two grids with closed lines, whose copies of nodes become one for it."""
+    mesh, new_mesh = meshes
+    old, new = joined(mesh), joined(new_mesh)
+    flat = {name: replace(field, values=_flat(field, checked[name], old)) for name, field in given.items()}
     return {
         name: values[new.blocks[0]]
         if given[name].location == "nodes"
         else values.reshape(*new_mesh.cell_shape, *values.shape[1:])
-        for name, values in moved.items()
+        for name, values in carry(old, flat, new).items()
     }
 
 
-def _flat(field: MeshValues, mesh: Mesh, joined_mesh: Mesh, name: str) -> Array:
+def _flat(field: MeshValues, values: Array, joined_mesh: Mesh) -> Array:
     """The values on a grid as those on the same mesh with one number for each node."""
-    values = field.on(mesh, name)
     if field.location == "cells":
         return values.reshape(-1, *values.shape[2:])
     flat = np.empty((*joined_mesh.node_shape, *values.shape[2:]))

@@ -7,14 +7,13 @@ import numpy as np
 import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.meshes.mesh_data import joined
-from equimesh.meshes.nested import tied_nodes
 
 UNIFORM = em.Mesh.uniform(em.Grid(n_xi=4, n_eta=9))
 
 
 def test_the_nodes_of_a_ring_are_one_each_and_its_seam_is_no_side() -> None:
     mesh = map_mesh(UNIFORM, em.AnnulusSector(closed=True))
-    ring = joined(mesh, tied_nodes(UNIFORM.grid.shape, (False, True)))
+    ring = joined(mesh)
     assert len(ring.points) == 4 * 8
     assert {*ring.sides} == {"left", "right"}
     assert not ring.ties.size
@@ -26,7 +25,7 @@ def test_the_nodes_of_a_ring_are_one_each_and_its_seam_is_no_side() -> None:
 
 
 def test_copies_that_lie_apart_are_tied_and_keep_their_sides() -> None:
-    square = joined(UNIFORM, tied_nodes(UNIFORM.grid.shape, (True, False)))
+    square = joined(map_mesh(UNIFORM, em.Rectangle(periodic="x")))
     assert len(square.points) == 4 * 9
     assert {*square.sides} == {"left", "right", "bottom", "top"}
     apart = square.points[square.ties[:, 0]] - square.points[square.ties[:, 1]]
@@ -37,6 +36,6 @@ def test_copies_that_lie_apart_are_tied_and_keep_their_sides() -> None:
 
 
 def test_an_open_mesh_stays_as_it_is() -> None:
-    found = joined(UNIFORM, tied_nodes(UNIFORM.grid.shape, (False, False)))
+    found = joined(UNIFORM)
     assert np.array_equal(found.cells, UNIFORM.cells)
     assert not found.ties.size

@@ -151,7 +151,7 @@ def test_files_with_and_without_the_seam(suffix: str, tmp_path: Path) -> None:
         else:
             assert np.load(path)["x"].size == nodes
     kept = load_npz(tmp_path / "two.npz") if suffix == "npz" else solution.data()
-    assert np.array_equal(kept.ties, solution.ties)
+    assert np.array_equal(kept.mesh.ties, solution.ties)
     assert np.array_equal(kept.joined.mesh.points, data.mesh.points)
 
 

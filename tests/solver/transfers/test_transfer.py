@@ -10,6 +10,7 @@ import pytest
 
 import equimesh as em
 from block_cases import in_blocks
+from equimesh.domains.domain import map_mesh
 from equimesh.errors import InputError, SamplesError
 from equimesh.meshes.mesh import Mesh
 from equimesh.transfers.overlaps import Overlaps
@@ -190,6 +191,19 @@ def test_fields_go_from_a_grid_to_blocks_and_back() -> None:
         assert np.abs(moved["spline"][..., 1] - WAVY.evaluate(new.x, new.y)[0]).max() < 1e-3
         assert em.integral(new, moved["nodes"]) == pytest.approx(em.integral(old, u), rel=1e-13)
         assert moved["cells"] == pytest.approx(np.ones(new.cell_shape), abs=1e-13)
+
+
+def test_fields_cross_the_seam_of_closed_lines() -> None:
+    ring, grids = em.AnnulusSector(closed=True), [em.Grid(n_xi=7, n_eta=n) for n in (25, 33)]
+    old, new = (map_mesh(em.Mesh.uniform(grid), ring) for grid in grids)
+    of_nodes, of_cells = np.sin(old.x) * old.y, np.arange(np.prod(old.cell_shape), dtype=float).reshape(old.cell_shape)
+    fields = {"u": of_nodes, "q": em.MeshValues(of_cells, transfer="conservative", location="cells")}
+    moved = em.transfer(old, fields, new)
+    assert np.abs(moved["u"] - np.sin(new.x) * new.y).max() < 0.01
+    assert np.array_equal(moved["u"][:, 0], moved["u"][:, -1])
+    assert em.integral(new, moved["q"], "cells") == pytest.approx(em.integral(old, of_cells, "cells"), rel=1e-13)
+    with pytest.raises(InputError, match="of one domain"):
+        em.transfer(old, fields, em.Mesh(1.1 * new.x, new.y, ties=new.ties))
 
 
 # Values at nodes by splines.
