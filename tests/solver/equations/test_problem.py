@@ -170,7 +170,7 @@ def test_blocks_have_no_grid_and_domains_with_four_sides_need_one() -> None:
         ("BlockSchwarz", "Schwarz"),
         ("BlockSequence", "Sequence"),
         ("BlockStep", "SequenceStep"),
-        ("Mesh", "Mesh"),
+        ("QuadMesh", "Mesh"),
     ],
 )
 def test_names_before_say_the_name_now(name: str, now: str) -> None:
