@@ -120,6 +120,7 @@ def warm_up_blocks(nodes: equimesh.Mesh, u: equimesh.Field) -> None:
     adapt_round(domain.mesh, u.evaluate(*domain.mesh.points.T)[0], domain)
     finest = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
     valid = finest.first.unknowns
+    finest.cells.apart(4)
     mended(finest.chart, finest.cells, valid, valid + 9.0 * finest.chart.free * np.sin(9.0 * valid))
     first, then = (Mesh(points=p, cells=nodes.cells, sides={}) for p in (nodes.points, nodes.points**2))
     carried = equimesh.MeshValues(np.round(first.x + first.y), transfer="conservative")

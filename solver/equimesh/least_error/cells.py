@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -45,6 +45,7 @@ class Cells:
     """Whether lines along xi, and those along eta, end where they begin; of cells of a grid."""
     of_mesh: IntArray | None = None
     """The :attr:`sides` of a region, which are those of the mesh: its other edges lie inside. ``None`` for a mesh."""
+    _apart: dict[int, list[list[tuple[int, int]]]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def count(self) -> int:
@@ -75,6 +76,17 @@ class Cells:
         found: IntArray = edges[places[counts == 1]]
         return found
 
+    def apart(self, size: int) -> list[list[tuple[int, int]]]:
+        """Spans of ``size`` cells, in groups: spans of one group have no node in common."""
+        if size not in self._apart:
+            spans = [(first, min(first + size, self.count)) for first in range(0, self.count, size)]
+            groups: list[list[tuple[int, int]]] = []
+            if len(spans) > 1:
+                numbers = _groups_of_spans(self.corners, size, self.nodes)
+                groups = [[spans[k] for k in np.flatnonzero(numbers == g)] for g in range(int(numbers.max()) + 1)]
+            self._apart[size] = groups or [spans]
+        return self._apart[size]
+
     def restrict(self, gradient: Array, blocks: Array) -> None:
         """Restrict derivatives by all coordinates to those that are free, in place.
 
@@ -95,6 +107,26 @@ class Cells:
         if self.ties.size:
             copies, originals = self.ties.T
             direction[:, copies] = direction[:, originals]
+
+
+@compiled
+def _groups_of_spans(corners: IntArray, size: int, nodes: int) -> IntArray:
+    """For each span of ``size`` cells the first group none of whose spans has a node of it, shape ``(spans,)``."""
+    count = corners.shape[0]
+    out, taken = np.zeros((count + size - 1) // size, dtype=np.int64), np.zeros(nodes, dtype=np.int64)
+    for span in range(out.size):
+        first, last, seen = span * size, min((span + 1) * size, count), 0
+        for cell in range(first, last):
+            for k in range(4):
+                seen |= taken[corners[cell, k]]
+        group = 0
+        while seen & (1 << group):
+            group += 1
+        out[span] = group
+        for cell in range(first, last):
+            for k in range(4):
+                taken[corners[cell, k]] |= 1 << group
+    return out
 
 
 def cells_of_grid(shape: tuple[int, int], closed: tuple[bool, bool] = OPEN) -> Cells:

@@ -64,7 +64,8 @@ class DomainChart:
 
     def __init__(self, domain: Domain) -> None:
         self.domain = domain
-        self._is_identity = isinstance(domain, Rectangle) and domain.is_unit_square
+        self.is_identity = isinstance(domain, Rectangle) and domain.is_unit_square
+        """Whether the nodes are the coordinates themselves."""
 
     @property
     def area(self) -> float:
@@ -82,7 +83,7 @@ class DomainChart:
 
     def nodes(self, mesh: Array) -> Pair:
         """x and y of the nodes."""
-        if self._is_identity:
+        if self.is_identity:
             return mesh[0], mesh[1]
         x, y = self.domain.map(mesh[0], mesh[1])
         return np.ascontiguousarray(x), np.ascontiguousarray(y)
@@ -105,7 +106,7 @@ class DomainChart:
         return gradient, blocks
 
     def _pulled_back(self, mesh: Array, collected: Array) -> Pair:
-        if self._is_identity:
+        if self.is_identity:
             return collected[:2], collected[2:]
         (g, h), (a, b, d) = collected[:2], collected[2:]
         x_s, x_t, y_s, y_t = self.domain.jacobian(mesh[0], mesh[1])

@@ -14,9 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from equimesh.inputs import finite_or_none
-from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.objective import Evaluation, Objective
+from equimesh.least_error.quasi_newton import History, slope_along
 from equimesh.least_error.starts import product
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.numerics.types import Array
@@ -90,8 +90,6 @@ MIN_JACOBIAN_SHARE = 1e-4
 """The smallest Jacobian of a corner relative to the start; lower only where the first mesh has less."""
 PATIENCE = 3
 """Steps over which the mean decrease is taken that ends the descent."""
-MIN_CURVATURE = 1e-12
-"""The smallest cosine between a move and the change of the gradient for which the pair is kept."""
 
 
 class Minimised(Protocol):
@@ -119,44 +117,9 @@ class Minimised(Protocol):
         """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh."""
         ...
 
-    def evaluate(self, mesh: Array) -> Evaluation | None:
-        """The objective with its derivatives; ``None`` where it has none."""
+    def evaluate(self, mesh: Array, floor: float | None = None) -> Evaluation | None:
+        """The objective with its derivatives; ``None`` where it has none, or a Jacobian is below the ``floor``."""
         ...
-
-
-class History:
-    """The last moves and changes of the gradient: an approximation of the inverse of the second derivatives."""
-
-    def __init__(self, unknowns: int, pairs: int) -> None:
-        # One pair more than is used: it is written before it is known whether it counts.
-        self._moves, self._changes = np.empty((pairs + 1, unknowns)), np.empty((pairs + 1, unknowns))
-        self._products = np.empty(pairs + 1)
-        self._added = 0
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no pair is known."""
-        return self._added == 0
-
-    def add(self, before: Array, after: Array, slope: Array, slope_then: Array) -> None:
-        """Keep the move and the change of the gradient, if their curvature is positive, in place of the oldest pair."""
-        slot = self._added % len(self._moves)
-        given = (np.ascontiguousarray(part).reshape(-1) for part in (before, after, slope, slope_then))
-        mixed, of_move, of_change = kernels.keep_pair((self._moves[slot], self._changes[slot]), *given)
-        if mixed > MIN_CURVATURE * math.sqrt(of_move * of_change):
-            self._products[slot] = mixed
-            self._added += 1
-
-    def clear(self) -> None:
-        """Forget all pairs."""
-        self._added = 0
-
-    def direction(self, gradient: Array, blocks: Array) -> Array:
-        """The approximate inverse times the ``gradient``."""
-        out, pairs = np.empty(gradient.shape), (self._moves, self._changes, self._products)
-        slopes = np.ascontiguousarray(gradient).reshape(-1)
-        kernels.quasi_newton_direction(*pairs, self._added, np.ascontiguousarray(blocks), slopes, out.reshape(-1))
-        return out
 
 
 def descend(objective: Minimised, mesh: Array, steps: int, min_decrease: float) -> Iterator[tuple[Array, Evaluation]]:
@@ -198,16 +161,15 @@ def search(
 ) -> tuple[Array, Evaluation] | None:
     """The mesh at an accepted length along minus ``direction``, with its evaluation; ``None`` where there is none."""
     objective.tie(direction)
-    slope, longest = float(np.vdot(now.gradient, direction)), float(np.abs(direction).max())
+    slope, longest = slope_along(np.ascontiguousarray(now.gradient).reshape(-1), direction.reshape(-1))
     if not (slope > 0.0 and math.isfinite(longest)):
         return None
     length = min(1.0, MAX_MOVE_CELLS * objective.length / math.sqrt(objective.cells.count) / longest)
     for _ in range(MAX_TRIALS):
         moved = mesh - length * direction
-        if objective.smallest_share(moved) > floor:
-            then = objective.evaluate(moved)
-            if then is not None and then.value <= now.value - MIN_DECREASE_SHARE * length * slope:
-                return moved, then
+        then = objective.evaluate(moved, floor)
+        if then is not None and then.value <= now.value - MIN_DECREASE_SHARE * length * slope:
+            return moved, then
         length *= SHORTENING
     return None
 
@@ -261,9 +223,9 @@ class StraightLines:
         """See :meth:`~equimesh.least_error.objective.Objective.smallest_share`."""
         return self.objective.smallest_share(self.mesh(lines))
 
-    def evaluate(self, lines: Array) -> Evaluation | None:
+    def evaluate(self, lines: Array, floor: float | None = None) -> Evaluation | None:
         """See :meth:`~equimesh.least_error.objective.Objective.evaluate`; a line moves all its nodes."""
-        there = self.objective.evaluate(self.mesh(lines))
+        there = self.objective.evaluate(self.mesh(lines), floor)
         if there is None:
             return None
         gradient, blocks = np.zeros_like(lines), np.zeros((3, lines.shape[1]))

@@ -1,10 +1,10 @@
 """The compiled loops of the objective: error, distortion and smoothness of a mesh with their derivatives.
 
-A cell hands its share of a derivative to each of its corners, and every node collects the shares of its cells. Cells
-can then be visited in any order, on any number of threads, and the sums are always the same.
+A cell adds its share of a derivative to those of its nodes. Cells without a common node can be visited on several
+threads; the cells of a node always add to it in the same order.
 
-For a corner of a cell there are five shares: the derivatives by x and y, and the entries ``(xx, xy, yy)`` of a positive
-semidefinite approximation of the second derivatives.
+Each node has five sums: the derivatives by x and y, and the entries ``(xx, xy, yy)`` of a positive semidefinite
+approximation of the second derivatives.
 """
 
 from __future__ import annotations
@@ -17,12 +17,26 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from equimesh.numerics.compiled import compiled, inlined, vectorised
-from equimesh.numerics.types import Array, IntArray, Pair
+from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.elements import Basis, CellKind, Element, basis, quadrilateral, triangle
 from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 
-SHARES = 5
-"""Shares of a corner: derivatives by x and y, and the three second derivatives."""
+SUMS = 5
+"""Sums of a node: derivatives by x and y, and the three second derivatives."""
+CELLS_AT_ONCE = 16
+"""Cells whose numbers are gathered in the rows of one array, in which the compiler can use vector instructions.
+
+With all rows in one array it knows that none overlap. With several it asks at run time, and the order of sums would
+depend on where these lie in the memory.
+"""
+NODE_ROWS = 5
+"""Numbers of a corner that are gathered: x, y, u and its gradient."""
+POINT_ROWS = 20
+"""The first row of u and its gradient at the points, after those of the corners."""
+SUM_ROWS = 23
+"""The first row of the sums of the corners."""
+SHAPE_ROWS = 16
+"""The same for distortions: the first row of the sums of the corners, after x and y of the corners in two meshes."""
 
 
 class Nodes(NamedTuple):
@@ -53,17 +67,20 @@ class Values(NamedTuple):
 
 
 @vectorised
-def place_points(nodes: Nodes, elements: IntArray, shape: Array, out_x: Array, out_y: Array) -> None:
-    """The quadrature points of ``elements``, of shape ``(elements, points)``."""
+def place_points(nodes: Nodes, elements: IntArray, shape: Array, begin: int, out_x: Array, out_y: Array) -> None:
+    """The quadrature points of ``elements``, in flat arrays from the place ``begin`` on: point q of element c is the
+    ``q count + c``-th."""
     x, y, corners = nodes
-    for c in range(elements.shape[0]):
-        for q in range(shape.shape[0]):
+    count, points = elements.shape[0], shape.shape[0]
+    for c in range(count):
+        for q in range(points):
             px, py = 0.0, 0.0
             for k in range(elements.shape[1]):
                 node = corners[elements[c, k]]
                 px += shape[q, k] * x[node]
                 py += shape[q, k] * y[node]
-            out_x[c, q], out_y[c, q] = px, py
+            place = begin + q * count + c
+            out_x[place], out_y[place] = px, py
 
 
 @inlined
@@ -77,58 +94,67 @@ def gather(nodes: Nodes, nodal: NodalValues, element: IntArray, corner: Array) -
 
 @vectorised
 def value_errors(
-    nodes: Nodes, elements: IntArray, element: Element, nodal: NodalValues, at: NodalValues, shares: Array
-) -> float:
-    """The integral of the squared error of the interpolant; adds the shares of its derivatives.
+    nodes: Nodes, elements: IntArray, element: Element, nodal: NodalValues, at: NodalValues, sums: Array
+) -> tuple[float, float]:
+    """The integral of the squared error of the interpolant; adds its derivatives to the ``sums`` of the nodes.
+
+    u ``at`` the points has the shape ``(points, elements)``. The second result is finite if all values of u are.
 
     With e the error at a point, N the shape function of a corner and grad N its gradient, the derivative by the
     position of the corner is ``2 e N (grad u(corner) - grad u(point)) + e^2 grad N``, integrated over the cell.
     """
     shape, along_s, along_t, weights = element
-    total, count = 0.0, elements.shape[1]
-    corner, sums = np.empty((5, count)), np.empty((SHARES, count))
+    total, check, count = 0.0, 0.0, elements.shape[1]
+    corner, own = np.empty((NODE_ROWS, count)), np.empty((SUMS, count))
     for c in range(elements.shape[0]):
         gather(nodes, nodal, elements[c], corner)
-        sums[:] = 0.0
+        for k in range(count):
+            check += corner[2, k] + corner[3, k] + corner[4, k]
+            for entry in range(SUMS):
+                own[entry, k] = 0.0
         for q in range(weights.size):
-            x_s, x_t, y_s, y_t, e = 0.0, 0.0, 0.0, 0.0, -at.u[c, q]
+            x_s, x_t, y_s, y_t, e = 0.0, 0.0, 0.0, 0.0, -at.u[q, c]
             for k in range(count):
                 x_s += along_s[q, k] * corner[0, k]
                 x_t += along_t[q, k] * corner[0, k]
                 y_s += along_s[q, k] * corner[1, k]
                 y_t += along_t[q, k] * corner[1, k]
                 e += shape[q, k] * corner[2, k]
+            check += at.u[q, c] + at.u_x[q, c] + at.u_y[q, c]
             area, square = weights[q] * (x_s * y_t - x_t * y_s), weights[q] * e * e
             total += area * e * e
             for k in range(count):
                 part, factor = shape[q, k], 2.0 * area * shape[q, k]
-                d_x, d_y = corner[3, k] - at.u_x[c, q], corner[4, k] - at.u_y[c, q]
-                sums[0, k] += factor * e * d_x + square * (along_s[q, k] * y_t - along_t[q, k] * y_s)
-                sums[1, k] += factor * e * d_y + square * (along_t[q, k] * x_s - along_s[q, k] * x_t)
-                sums[2, k] += factor * part * d_x * d_x
-                sums[3, k] += factor * part * d_x * d_y
-                sums[4, k] += factor * part * d_y * d_y
+                d_x, d_y = corner[3, k] - at.u_x[q, c], corner[4, k] - at.u_y[q, c]
+                own[0, k] += factor * e * d_x + square * (along_s[q, k] * y_t - along_t[q, k] * y_s)
+                own[1, k] += factor * e * d_y + square * (along_t[q, k] * x_s - along_s[q, k] * x_t)
+                own[2, k] += factor * part * d_x * d_x
+                own[3, k] += factor * part * d_x * d_y
+                own[4, k] += factor * part * d_y * d_y
         for k in range(count):
-            for entry in range(SHARES):
-                shares[elements[c, k], entry] += sums[entry, k]
-    return total
+            for entry in range(SUMS):
+                sums[nodes.corners[elements[c, k]], entry] += own[entry, k]
+    return total, check
 
 
 @vectorised
 def slope_errors(
-    nodes: Nodes, elements: IntArray, element: Element, nodal: NodalValues, at: Values, shares: Array
-) -> float:
-    """The integral of the squared error of the interpolant's gradient; adds the shares of its derivatives.
+    nodes: Nodes, elements: IntArray, element: Element, nodal: NodalValues, at: Values, sums: Array
+) -> tuple[float, float]:
+    """The integral of the squared error of the interpolant's gradient; adds its derivatives as :func:`value_errors`.
 
     With e the error of the gradient, H the second derivatives of u and v the gradient of the interpolant, the
     derivative by a corner is ``2 ((e . grad N) (grad u(corner) - v) - N H e) + |e|^2 grad N``, integrated.
     """
     shape, along_s, along_t, weights = element
-    total, count = 0.0, elements.shape[1]
-    corner, sums = np.empty((5, count)), np.empty((SHARES, count))
+    total, check, count = 0.0, 0.0, elements.shape[1]
+    corner, own = np.empty((NODE_ROWS, count)), np.empty((SUMS, count))
     for c in range(elements.shape[0]):
         gather(nodes, nodal, elements[c], corner)
-        sums[:] = 0.0
+        for k in range(count):
+            check += corner[2, k] + corner[3, k] + corner[4, k]
+            for entry in range(SUMS):
+                own[entry, k] = 0.0
         for q in range(weights.size):
             x_s, x_t, y_s, y_t, v_s, v_t = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(count):
@@ -141,8 +167,9 @@ def slope_errors(
             det = x_s * y_t - x_t * y_s
             per_det, area = 1.0 / det, weights[q] * det
             v_x, v_y = (v_s * y_t - v_t * y_s) * per_det, (v_t * x_s - v_s * x_t) * per_det
-            e_x, e_y = v_x - at.u_x[c, q], v_y - at.u_y[c, q]
-            xx, xy, yy = at.u_xx[c, q], at.u_xy[c, q], at.u_yy[c, q]
+            e_x, e_y = v_x - at.u_x[q, c], v_y - at.u_y[q, c]
+            xx, xy, yy = at.u_xx[q, c], at.u_xy[q, c], at.u_yy[q, c]
+            check += at.u[q, c] + at.u_x[q, c] + at.u_y[q, c] + xx + xy + yy
             bent_x, bent_y, square = xx * e_x + xy * e_y, xy * e_x + yy * e_y, e_x * e_x + e_y * e_y
             total += area * square
             for k in range(count):
@@ -150,55 +177,131 @@ def slope_errors(
                 n_x = (along_s[q, k] * y_t - along_t[q, k] * y_s) * per_det
                 n_y = (along_t[q, k] * x_s - along_s[q, k] * x_t) * per_det
                 d_x, d_y, along = corner[3, k] - v_x, corner[4, k] - v_y, e_x * n_x + e_y * n_y
-                sums[0, k] += area * (2.0 * (along * d_x - part * bent_x) + square * n_x)
-                sums[1, k] += area * (2.0 * (along * d_y - part * bent_y) + square * n_y)
+                own[0, k] += area * (2.0 * (along * d_x - part * bent_x) + square * n_x)
+                own[1, k] += area * (2.0 * (along * d_y - part * bent_y) + square * n_y)
                 # The change of e with the position is the matrix grad N d^T - N H.
                 a, b = n_x * d_x - part * xx, n_x * d_y - part * xy
                 f, g = n_y * d_x - part * xy, n_y * d_y - part * yy
-                sums[2, k] += 2.0 * area * (a * a + f * f)
-                sums[3, k] += 2.0 * area * (a * b + f * g)
-                sums[4, k] += 2.0 * area * (b * b + g * g)
+                own[2, k] += 2.0 * area * (a * a + f * f)
+                own[3, k] += 2.0 * area * (a * b + f * g)
+                own[4, k] += 2.0 * area * (b * b + g * g)
         for k in range(count):
-            for entry in range(SHARES):
-                shares[elements[c, k], entry] += sums[entry, k]
-    return total
+            for entry in range(SUMS):
+                sums[nodes.corners[elements[c, k]], entry] += own[entry, k]
+    return total, check
 
 
-@compiled
-def distortions(nodes: Nodes, start: Nodes, cells: tuple[int, int], weight: float, shares: Array) -> float:
-    """The sum of ``(r^2 - 1) / 2`` over the corners of a range of ``cells``; adds ``weight`` times its derivatives.
+@vectorised
+def quad_value_errors(
+    nodes: Nodes, cells: tuple[int, int], element: Element, nodal: NodalValues, at: NodalValues, sums: Array
+) -> tuple[float, float]:
+    """As :func:`value_errors`, for a range of ``cells``, which are quadrilaterals: a few cells at once."""
+    shape, along_s, along_t, weights = element
+    total, check, m = 0.0, 0.0, CELLS_AT_ONCE
+    corner = np.empty((SUM_ROWS + 4 * SUMS) * m)
+    for first in range(cells[0], cells[1], m):
+        size, before = min(m, cells[1] - first), first - cells[0]
+        for j in range(size):
+            for k in range(4):
+                node = nodes.corners[4 * (first + j) + k]
+                place = NODE_ROWS * k * m + j
+                corner[place], corner[place + m] = nodes.x[node], nodes.y[node]
+                corner[place + 2 * m], corner[place + 3 * m] = nodal.u[node], nodal.u_x[node]
+                corner[place + 4 * m] = nodal.u_y[node]
+        for j in range(SUM_ROWS * m, (SUM_ROWS + 4 * SUMS) * m):
+            corner[j] = 0.0
+        for q in range(weights.size):
+            n0, n1, n2, n3 = shape[q, 0], shape[q, 1], shape[q, 2], shape[q, 3]
+            s0, s2, t0, t2, weight = along_s[q, 0], along_s[q, 2], along_t[q, 0], along_t[q, 2], weights[q]
+            for j in range(size):
+                place = POINT_ROWS * m + j
+                corner[place], corner[place + m] = at.u[q, before + j], at.u_x[q, before + j]
+                corner[place + 2 * m] = at.u_y[q, before + j]
+            for j in range(size):
+                # Along s the derivatives of the first two shape functions are opposite, and those of the others.
+                x_s = s2 * (corner[10 * m + j] - corner[15 * m + j]) - s0 * (corner[5 * m + j] - corner[j])
+                y_s = s2 * (corner[11 * m + j] - corner[16 * m + j]) - s0 * (corner[6 * m + j] - corner[m + j])
+                x_t = t2 * (corner[10 * m + j] - corner[5 * m + j]) - t0 * (corner[15 * m + j] - corner[j])
+                y_t = t2 * (corner[11 * m + j] - corner[6 * m + j]) - t0 * (corner[16 * m + j] - corner[m + j])
+                u, u_x, u_y = corner[20 * m + j], corner[21 * m + j], corner[22 * m + j]
+                e = n0 * corner[2 * m + j] + n1 * corner[7 * m + j] + n2 * corner[12 * m + j] + n3 * corner[17 * m + j]
+                e -= u
+                check += u + u_x + u_y
+                area, square = weight * (x_s * y_t - x_t * y_s), weight * e * e
+                total += area * e * e
+                one, other = s0 * y_t - t0 * y_s, t0 * x_s - s0 * x_t
+                add_point(corner, j, 0, (n0, 2.0 * area * n0, e), (u_x, u_y), (square * one, square * other))
+                one, other = t2 * y_s - s0 * y_t, s0 * x_t - t2 * x_s
+                add_point(corner, j, 1, (n1, 2.0 * area * n1, e), (u_x, u_y), (square * one, square * other))
+                one, other = s2 * y_t - t2 * y_s, t2 * x_s - s2 * x_t
+                add_point(corner, j, 2, (n2, 2.0 * area * n2, e), (u_x, u_y), (square * one, square * other))
+                one, other = t0 * y_s - s2 * y_t, s2 * x_t - t0 * x_s
+                add_point(corner, j, 3, (n3, 2.0 * area * n3, e), (u_x, u_y), (square * one, square * other))
+        for j in range(size):
+            for k in range(4):
+                node, place = nodes.corners[4 * (first + j) + k], NODE_ROWS * k * m + j
+                check += corner[place + 2 * m] + corner[place + 3 * m] + corner[place + 4 * m]
+                for entry in range(SUMS):
+                    sums[node, entry] += corner[(SUM_ROWS + SUMS * k + entry) * m + j]
+    return total, check
 
-    A corner has the edges a and b, and those of the ``start`` a0 and b0. With ``A = [a b] [a0 b0]^-1`` it has
-    ``r = |A|^2 / (2 det A)``: at least 1, which is a similarity, and unbounded towards a fold. Infinite where a corner
-    is folded.
+
+@inlined
+def add_point(
+    corner: Array,
+    j: int,
+    k: int,
+    factors: tuple[float, float, float],
+    slope: tuple[float, float],
+    moved: tuple[float, float],
+) -> None:
+    """Add what a point has for corner k of the j-th cell, see :func:`value_errors`.
+
+    ``factors`` are the shape function, that times twice the area, and the error.
     """
-    x, y, corners = nodes
-    x0, y0, _ = start
-    total = 0.0
-    for cell in range(cells[0], cells[1]):
-        for k in range(4):
-            here, ahead, behind = 4 * cell + k, 4 * cell + (k + 1) % 4, 4 * cell + (k + 3) % 4
-            p, n, m = corners[here], corners[ahead], corners[behind]
-            ax, ay, bx, by = x[n] - x[p], y[n] - y[p], x[m] - x[p], y[m] - y[p]
-            cx, cy, dx, dy = x0[n] - x0[p], y0[n] - y0[p], x0[m] - x0[p], y0[m] - y0[p]
-            det0, det = cx * dy - cy * dx, ax * by - ay * bx
-            if not det > 0.0:
-                return np.inf
-            per_det0, per_det = 1.0 / det0, 1.0 / det
-            k00, k01, k10, k11 = dy * per_det0, -dx * per_det0, -cy * per_det0, cx * per_det0
-            a00, a01 = ax * k00 + bx * k10, ax * k01 + bx * k11
-            a10, a11 = ay * k00 + by * k10, ay * k01 + by * k11
-            inverse = det0 * per_det  # of det A
-            r = 0.5 * (a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11) * inverse
-            total += 0.5 * (r * r - 1.0)
-            # The derivatives of the logarithm of det by a and by b, then those of r.
-            na, ma, nb, mb = by * per_det, -bx * per_det, -ay * per_det, ax * per_det
-            ga, ha = (a00 * k00 + a01 * k01) * inverse - r * na, (a10 * k00 + a11 * k01) * inverse - r * ma
-            gb, hb = (a00 * k10 + a01 * k11) * inverse - r * nb, (a10 * k10 + a11 * k11) * inverse - r * mb
-            add_corner(shares, ahead, weight, r, (ga, ha), (na, ma), (k00 * k00 + k01 * k01) * inverse)
-            add_corner(shares, behind, weight, r, (gb, hb), (nb, mb), (k10 * k10 + k11 * k11) * inverse)
-            size = ((k00 + k10) * (k00 + k10) + (k01 + k11) * (k01 + k11)) * inverse
-            add_corner(shares, here, weight, r, (-ga - gb, -ha - hb), (-na - nb, -ma - mb), size)
+    m, base, own = CELLS_AT_ONCE, 5 * k * CELLS_AT_ONCE + j, (5 * k + SUM_ROWS) * CELLS_AT_ONCE + j
+    part, factor, e = factors
+    d_x, d_y = corner[base + 3 * m] - slope[0], corner[base + 4 * m] - slope[1]
+    corner[own] += factor * e * d_x + moved[0]
+    corner[own + m] += factor * e * d_y + moved[1]
+    f_x, f_y = factor * part * d_x, factor * part * d_y
+    corner[own + 2 * m] += f_x * d_x
+    corner[own + 3 * m] += f_x * d_y
+    corner[own + 4 * m] += f_y * d_y
+
+
+@vectorised
+def distortions(nodes: Nodes, start: Nodes, cells: tuple[int, int], weight: float, sums: Array) -> float:
+    """The sum of ``(r^2 - 1) / 2`` over the corners of a range of ``cells``, of which none is folded.
+
+    Adds ``weight`` times its derivatives to the ``sums`` of the nodes. A corner has the edges a and b, and those of the
+    ``start`` a0 and b0. With ``A = [a b] [a0 b0]^-1`` it has ``r = |A|^2 / (2 det A)``: at least 1, which is a
+    similarity, and unbounded towards a fold.
+    """
+    m, total = CELLS_AT_ONCE, 0.0
+    corner = np.empty((SHAPE_ROWS + 4 * SUMS) * m)
+    for first in range(cells[0], cells[1], m):
+        size = min(m, cells[1] - first)
+        for j in range(size):
+            for k in range(4):
+                node, place = nodes.corners[4 * (first + j) + k], 4 * k * m + j
+                corner[place], corner[place + m] = nodes.x[node], nodes.y[node]
+                corner[place + 2 * m], corner[place + 3 * m] = start.x[node], start.y[node]
+        for j in range(SHAPE_ROWS * m, (SHAPE_ROWS + 4 * SUMS) * m):
+            corner[j] = 0.0
+        for j in range(size):
+            total += distort(corner, j, (0, 1, 3), weight)
+        for j in range(size):
+            total += distort(corner, j, (1, 2, 0), weight)
+        for j in range(size):
+            total += distort(corner, j, (2, 3, 1), weight)
+        for j in range(size):
+            total += distort(corner, j, (3, 0, 2), weight)
+        for j in range(size):
+            for k in range(4):
+                node = nodes.corners[4 * (first + j) + k]
+                for entry in range(SUMS):
+                    sums[node, entry] += corner[(SHAPE_ROWS + SUMS * k + entry) * m + j]
     return total
 
 
@@ -206,31 +309,65 @@ Direction: TypeAlias = tuple[float, float]
 
 
 @inlined
+def distort(corner: Array, j: int, numbers: tuple[int, int, int], weight: float) -> float:
+    """``(r^2 - 1) / 2`` of a corner of the j-th cell; adds ``weight`` times its derivatives.
+
+    ``numbers`` are those of the corner, of the next one, and of the one before.
+    """
+    m = CELLS_AT_ONCE
+    here, ahead, behind = 4 * m * numbers[0] + j, 4 * m * numbers[1] + j, 4 * m * numbers[2] + j
+    x, y, x0, y0 = corner[here], corner[here + m], corner[here + 2 * m], corner[here + 3 * m]
+    ax, ay, bx, by = corner[ahead] - x, corner[ahead + m] - y, corner[behind] - x, corner[behind + m] - y
+    cx, cy = corner[ahead + 2 * m] - x0, corner[ahead + 3 * m] - y0
+    dx, dy = corner[behind + 2 * m] - x0, corner[behind + 3 * m] - y0
+    det0, det = cx * dy - cy * dx, ax * by - ay * bx
+    per_det0, per_det = 1.0 / det0, 1.0 / det
+    k00, k01, k10, k11 = dy * per_det0, -dx * per_det0, -cy * per_det0, cx * per_det0
+    a00, a01, a10, a11 = ax * k00 + bx * k10, ax * k01 + bx * k11, ay * k00 + by * k10, ay * k01 + by * k11
+    inverse = det0 * per_det  # of det A
+    r = 0.5 * (a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11) * inverse
+    # The derivatives of the logarithm of det by a and by b, then those of r.
+    na, ma, nb, mb = by * per_det, -bx * per_det, -ay * per_det, ax * per_det
+    ga, ha = (a00 * k00 + a01 * k01) * inverse - r * na, (a10 * k00 + a11 * k01) * inverse - r * ma
+    gb, hb = (a00 * k10 + a01 * k11) * inverse - r * nb, (a10 * k10 + a11 * k11) * inverse - r * mb
+    add_corner(
+        corner, (SHAPE_ROWS + 5 * numbers[1]) * m + j, weight, r, (ga, ha), (na, ma), (k00 * k00 + k01 * k01) * inverse
+    )
+    add_corner(
+        corner, (SHAPE_ROWS + 5 * numbers[2]) * m + j, weight, r, (gb, hb), (nb, mb), (k10 * k10 + k11 * k11) * inverse
+    )
+    size = ((k00 + k10) * (k00 + k10) + (k01 + k11) * (k01 + k11)) * inverse
+    add_corner(
+        corner, (SHAPE_ROWS + 5 * numbers[0]) * m + j, weight, r, (-ga - gb, -ha - hb), (-na - nb, -ma - mb), size
+    )
+    return float(0.5 * (r * r - 1.0))
+
+
+@inlined
 def add_corner(
-    shares: Array, at: int, weight: float, r: float, slope: Direction, stretch: Direction, size: float
+    corner: Array, at: int, weight: float, r: float, slope: Direction, stretch: Direction, size: float
 ) -> None:
     """Adds the derivatives of ``(r^2 - 1) / 2`` by one node, from those of r and of the logarithm of the Jacobian."""
-    (g, h), (a, b) = slope, stretch
-    shares[at, 0] += weight * r * g
-    shares[at, 1] += weight * r * h
-    shares[at, 2] += weight * (r * size + 2.0 * r * r * a * a + g * g)
-    shares[at, 3] += weight * (2.0 * r * r * a * b + g * h)
-    shares[at, 4] += weight * (r * size + 2.0 * r * r * b * b + h * h)
+    (g, h), (a, b), m = slope, stretch, CELLS_AT_ONCE
+    corner[at] += weight * r * g
+    corner[at + m] += weight * r * h
+    corner[at + 2 * m] += weight * (r * size + 2.0 * r * r * a * a + g * g)
+    corner[at + 3 * m] += weight * (2.0 * r * r * a * b + g * h)
+    corner[at + 4 * m] += weight * (r * size + 2.0 * r * r * b * b + h * h)
 
 
 @compiled
-def oblique_corners(nodes: Nodes, cells: tuple[int, int], limit: float, weight: float, shares: Array) -> float:
+def oblique_corners(nodes: Nodes, cells: tuple[int, int], limit: float, weight: float, sums: Array) -> float:
     """The sum of ``max(|c| - limit, 0)^2 / 2`` over the corners of a range of ``cells``, c the cotangent of the angle.
 
-    Adds ``weight`` times its derivatives. Corners whose angles are within the limit have no share. Infinite where a
-    corner is folded.
+    Adds ``weight`` times its derivatives to the ``sums`` of the nodes. Corners whose angles are within the limit add
+    nothing. Infinite where a corner is folded.
     """
     x, y, corners = nodes
     total = 0.0
     for cell in range(cells[0], cells[1]):
         for k in range(4):
-            here, ahead, behind = 4 * cell + k, 4 * cell + (k + 1) % 4, 4 * cell + (k + 3) % 4
-            p, n, m = corners[here], corners[ahead], corners[behind]
+            p, n, m = corners[4 * cell + k], corners[4 * cell + (k + 1) % 4], corners[4 * cell + (k + 3) % 4]
             ax, ay, bx, by = x[n] - x[p], y[n] - y[p], x[m] - x[p], y[m] - y[p]
             det = ax * by - ay * bx
             if not det > 0.0:
@@ -244,38 +381,28 @@ def oblique_corners(nodes: Nodes, cells: tuple[int, int], limit: float, weight: 
             per_det = sign / det
             ga, ha = (bx - cotangent * by) * per_det, (by + cotangent * bx) * per_det
             gb, hb = (ax + cotangent * ay) * per_det, (ay - cotangent * ax) * per_det
-            add_slope(shares, ahead, weight, over, ga, ha)
-            add_slope(shares, behind, weight, over, gb, hb)
-            add_slope(shares, here, weight, over, -ga - gb, -ha - hb)
+            add_slope(sums, n, weight, over, ga, ha)
+            add_slope(sums, m, weight, over, gb, hb)
+            add_slope(sums, p, weight, over, -ga - gb, -ha - hb)
     return total
 
 
 @inlined
-def add_slope(shares: Array, at: int, weight: float, over: float, g: float, h: float) -> None:
+def add_slope(sums: Array, node: int, weight: float, over: float, g: float, h: float) -> None:
     """Adds the derivatives of half a square by one node, from the root ``over`` and its derivatives g and h."""
-    shares[at, 0] += weight * over * g
-    shares[at, 1] += weight * over * h
-    shares[at, 2] += weight * g * g
-    shares[at, 3] += weight * g * h
-    shares[at, 4] += weight * h * h
+    sums[node, 0] += weight * over * g
+    sums[node, 1] += weight * over * h
+    sums[node, 2] += weight * g * g
+    sums[node, 3] += weight * g * h
+    sums[node, 4] += weight * h * h
 
 
 @vectorised
-def collect(shares: Array, starts: IntArray, places: IntArray, nodes: tuple[int, int], out: Array) -> None:
-    """The sums over the cells of a range of ``nodes``, in ``out`` of shape ``(5, nodes)``.
-
-    ``places`` are the corners that each node is; those of node k begin at ``starts[k]``.
-    """
-    for node in range(nodes[0], nodes[1]):
-        a, b, c, d, e = 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(starts[node], starts[node + 1]):
-            place = places[k]
-            a += shares[place, 0]
-            b += shares[place, 1]
-            c += shares[place, 2]
-            d += shares[place, 3]
-            e += shares[place, 4]
-        out[0, node], out[1, node], out[2, node], out[3, node], out[4, node] = a, b, c, d, e
+def collect(sums: Array, factor: float, out: Array) -> None:
+    """``factor`` times the ``sums``, in ``out`` of shape ``(5, nodes)``."""
+    for node in range(sums.shape[0]):
+        for entry in range(SUMS):
+            out[entry, node] = factor * sums[node, entry]
 
 
 @compiled
@@ -308,89 +435,39 @@ def bends(moves: Array, triples: IntArray, out: Array) -> float:
     return 0.5 * total
 
 
-@vectorised
-def solve_blocks(blocks: Array, right: Array, out: Array) -> None:
-    """The solutions of 2 x 2 systems with the matrices ``(ss, st, tt)`` of every node.
+class Smoothness(NamedTuple):
+    """What keeps a mesh smooth: triples of nodes, the weight of their bends, and the sum of squared weights of each
+    node; and where nodes may move, see :class:`~equimesh.least_error.cells.Cells`."""
 
-    ``right`` and ``out`` have shape ``(2 nodes,)``: first those along s.
+    triples: IntArray
+    weight: float
+    stiffness: Array
+    free: Array
+
+
+@vectorised
+def finish(
+    mesh: Array, start: Array, sums: Array, factor: float, smooth: Smoothness, gradient: Array, blocks: Array
+) -> float:
+    """The smoothness, and the derivatives by the nodes, where these are the unknowns and none are tied.
+
+    ``factor`` times the ``sums`` are those of error and distortion. ``gradient`` has shape ``(2, nodes)``, ``blocks``
+    ``(3, nodes)``.
     """
-    count = blocks.shape[1]
-    for k in range(count):
-        a, b, d = blocks[0, k], blocks[1, k], blocks[2, k]
-        one, other, det = right[k], right[count + k], a * d - b * b
-        out[k] = (d * one - b * other) / det
-        out[count + k] = (a * other - b * one) / det
-
-
-# The loops below take the place of the linear algebra of NumPy: that shares a product of long arrays among all
-# processors, where the threads wait for each other for longer than they work.
-
-
-@vectorised
-def product(one: Array, other: Array) -> float:
-    """The inner product of two flat arrays."""
-    total = 0.0
-    for k in range(one.size):
-        total += one[k] * other[k]
-    return total
-
-
-@vectorised
-def add_multiple(factor: float, added: Array, out: Array, other: Array) -> float:
-    """Add ``factor`` times ``added`` to ``out``, all of them flat; the inner product of the result with ``other``."""
-    total = 0.0
-    for k in range(out.size):
-        out[k] += factor * added[k]
-        total += out[k] * other[k]
-    return total
-
-
-@vectorised
-def keep_pair(pair: Pair, before: Array, after: Array, slope: Array, slope_then: Array) -> tuple[float, float, float]:
-    """The move from ``before`` to ``after`` and the change of the gradient, in the ``pair`` of flat arrays.
-
-    Returns their inner product, and that of each with itself.
-    """
-    move, change = pair
-    mixed, of_move, of_change = 0.0, 0.0, 0.0
-    for k in range(move.size):
-        m, c = after[k] - before[k], slope_then[k] - slope[k]
-        move[k], change[k] = m, c
-        mixed += m * c
-        of_move += m * m
-        of_change += c * c
-    return mixed, of_move, of_change
-
-
-@vectorised
-def quasi_newton_direction(
-    moves: Array, changes: Array, products: Array, added: int, blocks: Array, gradient: Array, out: Array
-) -> None:
-    """The approximate inverse of the second derivatives times the ``gradient``, of shape ``(2 nodes,)`` as ``out``.
-
-    The two loops of L-BFGS over the last of ``added`` pairs, in turn in the rows of ``moves`` and ``changes``, with
-    their ``products``. All rows but one are used. The first matrix is that of the ``blocks``, scaled by the last pair.
-    """
-    kept = moves.shape[0]
-    pairs, rest, shares = min(added, kept - 1), gradient.copy(), np.empty(kept)
-    if pairs == 0:
-        solve_blocks(blocks, rest, out)
-        return
-    last = (added - 1) % kept
-    along = product(moves[last], rest)
-    for k in range(pairs):
-        row, older = (added - 1 - k) % kept, (added - 2 - k) % kept
-        shares[k] = along / products[row]
-        along = add_multiple(-shares[k], changes[row], rest, moves[older])
-    solve_blocks(blocks, changes[last], out)
-    scale, oldest = products[last] / product(changes[last], out), (added - pairs) % kept
-    solve_blocks(blocks, rest, out)
-    for k in range(out.size):
-        out[k] *= scale
-    along = product(changes[oldest], out)
-    for k in range(pairs - 1, -1, -1):
-        row, newer = (added - 1 - k) % kept, (added - k) % kept
-        along = add_multiple(shares[k] - along / products[row], moves[row], out, changes[newer])
+    triples, weight, stiffness, free = smooth
+    moves = np.empty(mesh.shape)
+    for axis in range(2):
+        for node in range(mesh.shape[1]):
+            moves[axis, node], gradient[axis, node] = mesh[axis, node] - start[axis, node], 0.0
+    smoothness = bends(moves[0], triples, gradient[0]) + bends(moves[1], triples, gradient[1])
+    for node in range(mesh.shape[1]):
+        one, other = free[0, node], free[1, node]
+        gradient[0, node] = (weight * gradient[0, node] + factor * sums[node, 0]) * one
+        gradient[1, node] = (weight * gradient[1, node] + factor * sums[node, 1]) * other
+        blocks[0, node] = factor * sums[node, 2] + weight * stiffness[node]
+        blocks[1, node] = factor * sums[node, 3] * one * other
+        blocks[2, node] = factor * sums[node, 4] + weight * stiffness[node]
+    return smoothness
 
 
 # Elements on which the error is measured: bilinear quadrilaterals, or the triangles of a cut mesh.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Values
+from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Values
 from equimesh.numerics.compiled import inlined, vectorised
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.elements import Basis, Element
@@ -26,10 +26,20 @@ def gather_element(
         node = nodes.corners[element[k]]
         corner[0, k], corner[1, k] = nodes.x[node], nodes.y[node]
         values[0, k], values[1, k], values[2, k] = nodal.u[node], nodal.u_x[node], nodal.u_y[node]
-    for j in range(inside.u.shape[1]):
-        values[0, count + j] = inside.u[c, j]
-        values[1, count + j] = inside.u_x[c, j]
-        values[2, count + j] = inside.u_y[c, j]
+    for j in range(inside.u.shape[0]):
+        values[0, count + j] = inside.u[j, c]
+        values[1, count + j] = inside.u_x[j, c]
+        values[2, count + j] = inside.u_y[j, c]
+
+
+@inlined
+def total_of(values: Array) -> float:
+    """The sum of all values: not finite where one of them is not."""
+    total = 0.0
+    for row in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            total += values[row, j]
+    return total
 
 
 @inlined
@@ -67,44 +77,47 @@ def value_errors(
     nodal: NodalValues,
     inside: NodalValues,
     at: NodalValues,
-    shares: Array,
-) -> float:
-    """The integral of the squared error; adds the shares of its derivatives, as those of degree 1.
+    sums: Array,
+) -> tuple[float, float]:
+    """The integral of the squared error; adds its derivatives to the ``sums`` of the nodes, as that of degree 1.
 
     ``nodal`` is u at the nodes of the mesh, ``inside`` at the other nodes of every element, of shape
-    ``(elements, nodes)``, and ``at`` at the points of the rule.
+    ``(nodes, elements)``, and ``at`` at the points of the rule, ``(points, elements)``. The second result is finite if
+    all values of u are.
     """
     shape, along_s, along_t, weights = element
     points, count = weights.size, elements.shape[1]
-    corner, values, sums = np.empty((2, count)), np.empty((3, basis.places.shape[0])), np.empty((SHARES, count))
-    error, moved, total = np.empty(points), np.empty((count, 2, points)), 0.0
+    corner, values, own = np.empty((2, count)), np.empty((3, basis.places.shape[0])), np.empty((SUMS, count))
+    error, moved, total, check = np.empty(points), np.empty((count, 2, points)), 0.0, 0.0
     for c in range(elements.shape[0]):
         gather_element(nodes, nodal, inside, elements[c], c, corner, values)
+        check += total_of(values)
         interpolate(values[0], basis.value, error)
         for k in range(count):
             interpolate_moves(values[1:], basis.places, k, basis.value, moved[k])
-        sums[:] = 0.0
+        own[:] = 0.0
         for q in range(points):
-            x_s, x_t, y_s, y_t, e = 0.0, 0.0, 0.0, 0.0, error[q] - at.u[c, q]
+            x_s, x_t, y_s, y_t, e = 0.0, 0.0, 0.0, 0.0, error[q] - at.u[q, c]
             for k in range(count):
                 x_s += along_s[q, k] * corner[0, k]
                 x_t += along_t[q, k] * corner[0, k]
                 y_s += along_s[q, k] * corner[1, k]
                 y_t += along_t[q, k] * corner[1, k]
+            check += at.u[q, c] + at.u_x[q, c] + at.u_y[q, c]
             area, square = weights[q] * (x_s * y_t - x_t * y_s), weights[q] * e * e
             total += area * e * e
             for k in range(count):
                 part, factor = shape[q, k], 2.0 * area
-                d_x, d_y = moved[k, 0, q] - part * at.u_x[c, q], moved[k, 1, q] - part * at.u_y[c, q]
-                sums[0, k] += factor * e * d_x + square * (along_s[q, k] * y_t - along_t[q, k] * y_s)
-                sums[1, k] += factor * e * d_y + square * (along_t[q, k] * x_s - along_s[q, k] * x_t)
-                sums[2, k] += factor * d_x * d_x
-                sums[3, k] += factor * d_x * d_y
-                sums[4, k] += factor * d_y * d_y
+                d_x, d_y = moved[k, 0, q] - part * at.u_x[q, c], moved[k, 1, q] - part * at.u_y[q, c]
+                own[0, k] += factor * e * d_x + square * (along_s[q, k] * y_t - along_t[q, k] * y_s)
+                own[1, k] += factor * e * d_y + square * (along_t[q, k] * x_s - along_s[q, k] * x_t)
+                own[2, k] += factor * d_x * d_x
+                own[3, k] += factor * d_x * d_y
+                own[4, k] += factor * d_y * d_y
         for k in range(count):
-            for entry in range(SHARES):
-                shares[elements[c, k], entry] += sums[entry, k]
-    return total
+            for entry in range(SUMS):
+                sums[nodes.corners[elements[c, k]], entry] += own[entry, k]
+    return total, check
 
 
 @vectorised
@@ -116,26 +129,27 @@ def slope_errors(
     nodal: NodalValues,
     inside: NodalValues,
     at: Values,
-    shares: Array,
-) -> float:
-    """The integral of the squared error of the gradient; adds the shares of its derivatives.
+    sums: Array,
+) -> tuple[float, float]:
+    """The integral of the squared error of the gradient; adds its derivatives, as :func:`value_errors`.
 
     With v the gradient of the interpolant and H the second derivatives of u, the change of the error of the gradient
     with the position of corner k is the matrix ``sum_j grad phi_j N_k(j) grad u(x_j)^T - grad N_k v^T - N_k H``.
     """
     shape, along_s, along_t, weights = element
     points, count = weights.size, elements.shape[1]
-    corner, values, sums = np.empty((2, count)), np.empty((3, basis.places.shape[0])), np.empty((SHARES, count))
-    total, slopes = 0.0, np.empty((2, points))
+    corner, values, own = np.empty((2, count)), np.empty((3, basis.places.shape[0])), np.empty((SUMS, count))
+    total, check, slopes = 0.0, 0.0, np.empty((2, points))
     moved_s, moved_t = np.empty((count, 2, points)), np.empty((count, 2, points))
     for c in range(elements.shape[0]):
         gather_element(nodes, nodal, inside, elements[c], c, corner, values)
+        check += total_of(values)
         interpolate(values[0], basis.along_s, slopes[0])
         interpolate(values[0], basis.along_t, slopes[1])
         for k in range(count):
             interpolate_moves(values[1:], basis.places, k, basis.along_s, moved_s[k])
             interpolate_moves(values[1:], basis.places, k, basis.along_t, moved_t[k])
-        sums[:] = 0.0
+        own[:] = 0.0
         for q in range(points):
             x_s, x_t, y_s, y_t = 0.0, 0.0, 0.0, 0.0
             for k in range(count):
@@ -146,8 +160,9 @@ def slope_errors(
             det, v_s, v_t = x_s * y_t - x_t * y_s, slopes[0, q], slopes[1, q]
             per_det, area = 1.0 / det, weights[q] * det
             v_x, v_y = (v_s * y_t - v_t * y_s) * per_det, (v_t * x_s - v_s * x_t) * per_det
-            e_x, e_y = v_x - at.u_x[c, q], v_y - at.u_y[c, q]
-            xx, xy, yy = at.u_xx[c, q], at.u_xy[c, q], at.u_yy[c, q]
+            e_x, e_y = v_x - at.u_x[q, c], v_y - at.u_y[q, c]
+            xx, xy, yy = at.u_xx[q, c], at.u_xy[q, c], at.u_yy[q, c]
+            check += at.u[q, c] + at.u_x[q, c] + at.u_y[q, c] + xx + xy + yy
             square = e_x * e_x + e_y * e_y
             total += area * square
             for k in range(count):
@@ -159,12 +174,12 @@ def slope_errors(
                 b = (s_y * y_t - t_y * y_s) * per_det - n_x * v_y - part * xy
                 f = (t_x * x_s - s_x * x_t) * per_det - n_y * v_x - part * xy
                 g = (t_y * x_s - s_y * x_t) * per_det - n_y * v_y - part * yy
-                sums[0, k] += area * (2.0 * (e_x * a + e_y * f) + square * n_x)
-                sums[1, k] += area * (2.0 * (e_x * b + e_y * g) + square * n_y)
-                sums[2, k] += 2.0 * area * (a * a + f * f)
-                sums[3, k] += 2.0 * area * (a * b + f * g)
-                sums[4, k] += 2.0 * area * (b * b + g * g)
+                own[0, k] += area * (2.0 * (e_x * a + e_y * f) + square * n_x)
+                own[1, k] += area * (2.0 * (e_x * b + e_y * g) + square * n_y)
+                own[2, k] += 2.0 * area * (a * a + f * f)
+                own[3, k] += 2.0 * area * (a * b + f * g)
+                own[4, k] += 2.0 * area * (b * b + g * g)
         for k in range(count):
-            for entry in range(SHARES):
-                shares[elements[c, k], entry] += sums[entry, k]
-    return total
+            for entry in range(SUMS):
+                sums[nodes.corners[elements[c, k]], entry] += own[entry, k]
+    return total, check

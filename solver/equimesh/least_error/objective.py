@@ -13,8 +13,8 @@ from equimesh.domains.domain import most_cut_off
 from equimesh.fields.expression import Field
 from equimesh.least_error import kernels, lagrange
 from equimesh.least_error.cells import Cells, Region
-from equimesh.least_error.charts import Chart
-from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Rule, Values
+from equimesh.least_error.charts import Chart, DomainChart
+from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Rule, Smoothness, Values
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 
@@ -98,9 +98,11 @@ class Objective:
         self.cells, self.start = cells, start
         self._u, self._chart, self._weights, self._rule, self._threads = u, chart, weights, rule, threads
         self._first = self.nodes(start)
-        self._shares = np.empty((4 * cells.count, SHARES))
-        size = max(1, MAX_BLOCK_POINTS // rule.points_per_cell)
-        self._spans = [(first, min(first + size, cells.count)) for first in range(0, cells.count, size)]
+        self._smooth = Smoothness(cells.triples, weights.smoothness, cells.stiffness, cells.free)
+        self._is_plain = isinstance(chart, DomainChart) and chart.is_identity and not cells.ties.size
+        self._sums = np.empty((cells.nodes, SUMS))
+        self._groups = cells.apart(max(1, MAX_BLOCK_POINTS // rule.points_per_cell))
+        self._spans = [span for group in self._groups for span in group]
         self._elements = rule.elements(cells.count)
         self.beyond = 0.0
         """The squared error of further cells that do not change."""
@@ -201,35 +203,52 @@ class Objective:
     def error(self, mesh: Array) -> float:
         """The norm of the interpolation error; infinite where u is not finite, or the cells overlap."""
         square = self._squared_error(self.nodes(mesh))
-        return math.inf if square < 0.0 else math.sqrt(square)
+        return math.sqrt(square) if 0.0 <= square < math.inf else math.inf
 
-    def evaluate(self, mesh: Array) -> Evaluation | None:
-        """The objective with its derivatives; ``None`` where a cell is folded, u not finite, or the error rounding."""
+    def evaluate(self, mesh: Array, floor: float | None = None) -> Evaluation | None:
+        """The objective with its derivatives; ``None`` where a cell is folded, u not finite, or the error rounding.
+
+        With a ``floor`` also where :meth:`smallest_share` is not above it.
+        """
         nodes, count = self.nodes(mesh), self.cells.count
+        if not kernels.smallest_share(nodes, self._first) > (0.0 if floor is None else floor):
+            return None
+        if floor is not None and self._cuts_off_much(mesh):
+            return None
         square = self._squared_error(nodes) + self.beyond
         if square < 0.0 or not self.rounding < math.sqrt(square) < math.inf:  # folded cells count negative
             return None
-        # All shares are scaled by twice the squared error here, and divided by it once they are collected.
+        # All sums are scaled by twice the squared error here, and divided by it once they are complete.
         scale = 2.0 * square * self._weights.distortion / (4 * count)
         distortion = self._distortion(nodes, scale) / (4 * count)
         if not math.isfinite(distortion):
             return None
         obliqueness = self._obliqueness(nodes, 2.0 * square / (4 * count)) / (4 * count)
-        collected = np.empty((SHARES, self.cells.nodes))
-        self._collect(collected)
-        collected *= 0.5 / square
-        bend, bends = self._weights.smoothness, np.zeros_like(mesh)
-        moves = self._chart.moves(mesh, self.start)
-        smoothness = sum(kernels.bends(moves[k], self.cells.triples, bends[k]) for k in (0, 1))
-        gradient, blocks = self._chart.derivatives(mesh, collected, bend * bends, bend * self.cells.stiffness)
-        self.cells.restrict(gradient, blocks)
+        smoothness, gradient, blocks = self._finished(mesh, 0.5 / square)
+        value = 0.5 * math.log(square) + self._weights.distortion * distortion + obliqueness
         return Evaluation(
-            value=0.5 * math.log(square) + self._weights.distortion * distortion + bend * smoothness + obliqueness,
+            value=value + self._weights.smoothness * smoothness,
             error=math.sqrt(square),
             distortion=distortion,
             gradient=gradient,
             blocks=blocks,
         )
+
+    def _finished(self, mesh: Array, factor: float) -> tuple[float, Array, Array]:
+        """The smoothness, and the derivatives by the unknowns from ``factor`` times the sums of the nodes."""
+        cells, smooth = self.cells, self._smooth
+        gradient, blocks = np.empty((2, cells.nodes)), np.empty((3, cells.nodes))
+        if self._is_plain:
+            smoothness = kernels.finish(mesh, self.start, self._sums, factor, smooth, gradient, blocks)
+            return float(smoothness), gradient, blocks
+        collected, bends = np.empty((SUMS, cells.nodes)), np.zeros_like(mesh)
+        kernels.collect(self._sums, factor, collected)
+        moves = self._chart.moves(mesh, self.start)
+        smoothness = sum(float(kernels.bends(moves[k], cells.triples, bends[k])) for k in (0, 1))
+        bend = smooth.weight
+        gradient, blocks = self._chart.derivatives(mesh, collected, bend * bends, bend * cells.stiffness)
+        cells.restrict(gradient, blocks)
+        return smoothness, gradient, blocks
 
     def sums(self, mesh: Array, cells: int, triples: int) -> Sums:
         """What the first ``cells`` and ``triples`` add to the sums of the objective; infinite where one is folded."""
@@ -240,40 +259,45 @@ class Objective:
             return Sums(**sums, smallest_share=smallest)
         ends = sorted({cells, *(first for first, _ in self._spans), self.cells.count})
         spans = list(pairwise(ends))
-        squares = self._squared_errors(nodes, spans)
+        squares = self._squared_errors(nodes, [[span] for span in spans])
         moves, unused = self._chart.moves(mesh, self.start), np.zeros_like(mesh)
         limit, oblique = self._weights.largest_cotangent, 0.0
         if self._weights.obliqueness > 0.0:
-            oblique = float(kernels.oblique_corners(nodes, (0, cells), limit, 0.0, self._shares))
+            oblique = float(kernels.oblique_corners(nodes, (0, cells), limit, 0.0, self._sums))
         return Sums(
             square=float(squares[: ends.index(cells)].sum()),
             every_square=float(squares.sum()),
-            distortion=float(kernels.distortions(nodes, self._first, (0, cells), 0.0, self._shares)),
+            distortion=float(kernels.distortions(nodes, self._first, (0, cells), 0.0, self._sums)),
             obliqueness=oblique,
             bends=sum(float(kernels.bends(moves[k], self.cells.triples[:triples], unused[k])) for k in (0, 1)),
             smallest_share=smallest,
         )
 
     def _squared_error(self, nodes: Nodes) -> float:
-        """The square of the error, with its shares in place of all others."""
-        if len(self._spans) == 1:
-            return self._squared_error_of(nodes, None, self._spans[0])
-        return float(self._squared_errors(nodes, self._spans).sum())
+        """The square of the error, with its sums of the nodes in place of all others."""
+        if len(self._spans) > 1:
+            return float(self._squared_errors(nodes, self._groups).sum())
+        self._sums.fill(0.0)
+        return self._squared_error_of(nodes, None, self._spans[0])
 
-    def _squared_errors(self, nodes: Nodes, spans: list[tuple[int, int]]) -> Array:
-        """The squares of the errors of spans of cells, with their shares in place of all others."""
+    def _squared_errors(self, nodes: Nodes, groups: list[list[tuple[int, int]]]) -> Array:
+        """The squares of the errors of spans of cells, with their sums of the nodes in place of all others.
+
+        Spans of a group have no common node.
+        """
         nodal = np.empty((3, nodes.x.size))
         parts = [(first, first + MAX_BLOCK_POINTS) for first in range(0, nodes.x.size, MAX_BLOCK_POINTS)]
 
         def evaluate(part: tuple[int, int]) -> float:
             here = slice(*part)
             nodal[:, here] = self._u.evaluate(nodes.x[here], nodes.y[here], order=1)
+            self._sums[here] = 0.0
             return 0.0
 
-        self._sum(parts, evaluate)
+        self._each([parts], evaluate)
         if not self._has_slopes(nodes, NodalValues(*nodal)):
-            return np.full(len(spans), math.inf)
-        return self._each(spans, lambda span: self._squared_error_of(nodes, NodalValues(*nodal), span))
+            return np.full(sum(len(group) for group in groups), math.inf)
+        return self._each(groups, lambda span: self._squared_error_of(nodes, NodalValues(*nodal), span))
 
     def _has_slopes(self, nodes: Nodes, nodal: NodalValues) -> bool:
         """Whether u is finite at all nodes. Slopes that are infinite at a node become those nearby.
@@ -294,63 +318,78 @@ class Objective:
 
     def _squared_error_of(self, nodes: Nodes, nodal: NodalValues | None, span: tuple[int, int]) -> float:
         """The squared error of a span of cells; without ``nodal``, u at the nodes is evaluated, too."""
-        per_cell, element = self._elements.shape[0] // self.cells.count, self._rule.element
+        rule, cells = self._rule, self.cells
+        element, per_cell = rule.element, self._elements.shape[0] // cells.count
         elements = self._elements[per_cell * span[0] : per_cell * span[1]]
-        shares, of_slopes = self._shares[4 * span[0] : 4 * span[1]], self._rule.norm == "h1"
-        shares[:] = 0.0
-        shape, inner = (len(elements), element.weights.size), (len(elements), 0)
-        if self._rule.degree > 1:
-            inner = (len(elements), len(self._rule.inner_places))
+        count, points = elements.shape[0], element.weights.size
         split = 0 if nodal is not None else nodes.x.size
-        end = split + shape[0] * shape[1]
-        x, y = np.empty(end + inner[0] * inner[1]), np.empty(end + inner[0] * inner[1])
-        kernels.place_points(nodes, elements, element.shape, x[split:end].reshape(shape), y[split:end].reshape(shape))
-        if self._rule.degree > 1:
-            inside_x, inside_y = x[end:].reshape(inner), y[end:].reshape(inner)
-            kernels.place_points(nodes, elements, self._rule.inner_places, inside_x, inside_y)
+        end = split + count * points
+        size = end + (count * len(rule.inner_places) if rule.degree > 1 else 0)
+        x, y = np.empty(size), np.empty(size)
+        kernels.place_points(nodes, elements, element.shape, split, x, y)
+        if rule.degree > 1:
+            kernels.place_points(nodes, elements, rule.inner_places, end, x, y)
         if nodal is None:
             x[:split], y[:split] = nodes.x, nodes.y
-        values = self._u.evaluate(x, y, order=2 if of_slopes else 1)
+        values = self._u.evaluate(x, y, order=2 if rule.norm == "h1" else 1)
+        at = [part[split:end].reshape(points, count) for part in values]
+        inside = [part[end:].reshape(-1, count) for part in values[:3]] if rule.degree > 1 else None
+        known = NodalValues(*values[:3]) if nodal is None else nodal
+        square, check = self._integrated(nodes, elements, span, known, inside, at)
+        if math.isfinite(check):
+            return square
+        # Slopes are infinite somewhere: at nodes and inside cells they become those nearby.
+        if not math.isfinite(sum(float(part.sum()) for part in at)):
+            return math.inf
         if nodal is None:
+            self._sums.fill(0.0)
             nodal = NodalValues(*(part[:split].copy() for part in values[:3]))
             if not self._has_slopes(nodes, nodal):
                 return math.inf
-        if not math.isfinite(sum(float(part[split:end].sum()) for part in values)):
-            return math.inf
-        at = [part[split:end].reshape(shape) for part in values]
-        if self._rule.degree > 1:
-            inside = NodalValues(*(part[end:].reshape(inner) for part in values[:3]))
-            return self._squared_error_of_degree(nodes, nodal, inside, at, elements)
-        if of_slopes:
-            return float(kernels.slope_errors(nodes, elements, element, nodal, Values(*at), self._shares))
-        return float(kernels.value_errors(nodes, elements, element, nodal, NodalValues(*at), self._shares))
+        if inside is not None:
+            if not math.isfinite(float(inside[0].sum())):
+                return math.inf
+            self._mend_slopes(nodes, NodalValues(*inside), elements)
+        return self._integrated(nodes, elements, span, nodal, inside, at)[0]
 
-    def _squared_error_of_degree(
-        self, nodes: Nodes, nodal: NodalValues, inside: NodalValues, at: list[Array], elements: IntArray
-    ) -> float:
-        """The squared error of an interpolant of degree 2 or more, from u at its nodes and at the points."""
-        if not math.isfinite(float(inside.u.sum())):
-            return math.inf
-        if not math.isfinite(float(inside.u_x.sum() + inside.u_y.sum())):
-            self._mend_slopes(nodes, inside, elements)
-        element, basis = self._rule.element, self._rule.basis
-        if self._rule.norm == "h1":
-            values = Values(*at)
-            return float(lagrange.slope_errors(nodes, elements, element, basis, nodal, inside, values, self._shares))
-        points = NodalValues(*at)
-        return float(lagrange.value_errors(nodes, elements, element, basis, nodal, inside, points, self._shares))
+    def _integrated(
+        self,
+        nodes: Nodes,
+        elements: IntArray,
+        span: tuple[int, int],
+        nodal: NodalValues,
+        inside: list[Array] | None,
+        at: list[Array],
+    ) -> tuple[float, float]:
+        """The squared error of a span of cells, and a number that is finite if u is, from u at nodes and points."""
+        rule, sums = self._rule, self._sums
+        element, of_slopes = rule.element, rule.norm == "h1"
+        if inside is not None:
+            known = element, rule.basis, nodal, NodalValues(*inside)
+            if of_slopes:
+                return lagrange.slope_errors(nodes, elements, *known, Values(*at), sums)
+            return lagrange.value_errors(nodes, elements, *known, NodalValues(*at), sums)
+        if of_slopes:
+            return kernels.slope_errors(nodes, elements, element, nodal, Values(*at), sums)
+        if rule.cells == "quad":
+            return kernels.quad_value_errors(nodes, span, element, nodal, NodalValues(*at), sums)
+        return kernels.value_errors(nodes, elements, element, nodal, NodalValues(*at), sums)
 
     def _mend_slopes(self, nodes: Nodes, inside: NodalValues, elements: IntArray) -> None:
         """Slopes that are infinite at nodes inside elements, or on edges of these, become those nearby."""
-        cell, node = np.nonzero(~np.isfinite(inside.u_x + inside.u_y))
+        node, cell = np.nonzero(~np.isfinite(inside.u_x + inside.u_y))
         corners, weights = nodes.corners[elements[cell]], self._rule.inner_places[node]
         weights = (1.0 - NEARBY_SHARE) * weights + NEARBY_SHARE / weights.shape[1]
         x, y = ((weights * q[corners]).sum(axis=1) for q in (nodes.x, nodes.y))
-        _, inside.u_x[cell, node], inside.u_y[cell, node] = self._u.evaluate(x, y, order=1)
+        _, inside.u_x[node, cell], inside.u_y[node, cell] = self._u.evaluate(x, y, order=1)
 
     def _distortion(self, nodes: Nodes, weight: float) -> float:
-        """The sum of the distortions over all corners; adds ``weight`` times the shares of its derivatives."""
-        return self._sum(self._spans, lambda span: kernels.distortions(nodes, self._first, span, weight, self._shares))
+        """The sum of the distortions over all corners; adds ``weight`` times its derivatives."""
+        start, sums = self._first, self._sums
+        if len(self._spans) == 1:
+            return kernels.distortions(nodes, start, self._spans[0], weight, sums)
+        parts = self._each(self._groups, lambda span: kernels.distortions(nodes, start, span, weight, sums))
+        return float(parts.sum())
 
     def _obliqueness(self, nodes: Nodes, weight: float) -> float:
         """The weighted sum over corners beyond the limit of angles; adds ``weight`` times its derivatives."""
@@ -359,25 +398,15 @@ class Objective:
             return 0.0
 
         def part(span: tuple[int, int]) -> float:
-            return float(kernels.oblique_corners(nodes, span, limit, own * weight, self._shares))
+            return float(kernels.oblique_corners(nodes, span, limit, own * weight, self._sums))
 
-        return own * self._sum(self._spans, part)
+        return own * float(self._each(self._groups, part).sum())
 
-    def _collect(self, out: Array) -> None:
-        cells, size = self.cells, MAX_BLOCK_POINTS
-        spans = [(first, min(first + size, cells.nodes)) for first in range(0, cells.nodes, size)]
+    def _each(self, groups: list[list[tuple[int, int]]], part: Callable[[tuple[int, int]], float]) -> Array:
+        """``part`` of every span, group by group, those of one group on threads; no sum depends on their number."""
+        return np.concatenate([self._each_of(group, part) for group in groups])
 
-        def collect(span: tuple[int, int]) -> float:
-            kernels.collect(self._shares, cells.starts, cells.places, span, out)
-            return 0.0
-
-        self._sum(spans, collect)
-
-    def _sum(self, spans: list[tuple[int, int]], part: Callable[[tuple[int, int]], float]) -> float:
-        """The sum of ``part`` over the spans, on threads; it does not depend on their number."""
-        return float(self._each(spans, part).sum())
-
-    def _each(self, spans: list[tuple[int, int]], part: Callable[[tuple[int, int]], float]) -> Array:
+    def _each_of(self, spans: list[tuple[int, int]], part: Callable[[tuple[int, int]], float]) -> Array:
         """``part`` of every span, on threads."""
         sums, threads = np.zeros(len(spans)), min(self._threads, len(spans))
 

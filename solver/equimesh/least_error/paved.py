@@ -216,9 +216,9 @@ class Smooth:
         """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh."""
         return self._objective.smallest_share(self.unknowns(mesh))
 
-    def evaluate(self, mesh: Array) -> Evaluation | None:
+    def evaluate(self, mesh: Array, floor: float | None = None) -> Evaluation | None:
         """The objective with its derivatives by the coefficients; ``None`` where it has none."""
-        found = self._objective.evaluate(self.unknowns(mesh))
+        found = self._objective.evaluate(self.unknowns(mesh), floor)
         if found is None:
             return None
         background = self._background

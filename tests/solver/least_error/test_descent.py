@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error import descent
-from equimesh.least_error.descent import History, descend, search
+from equimesh.least_error.descent import descend, search
 from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Weights
 from solver.bent import DOMAINS, bent, objective_on, uniform
@@ -83,28 +83,6 @@ def test_a_search_uphill_finds_nothing() -> None:
     assert found is not None
     assert np.abs(found[0] - mesh).max() <= descent.MAX_MOVE_CELLS / objective.cells.count**0.5
     assert found[1].value < now.value
-
-
-def test_the_history_keeps_the_last_pairs_of_positive_curvature() -> None:
-    rng, blocks = np.random.default_rng(1), np.array([[2.0], [0.0], [2.0]])
-    history, gradient = History(2, 8), np.array([[1.0], [3.0]])
-    assert history.is_empty
-    assert np.array_equal(history.direction(gradient, blocks), gradient / 2)
-    nothing = np.zeros((2, 1))
-    history.add(nothing, np.array([[1.0], [0.0]]), nothing, np.array([[-1.0], [0.0]]))
-    history.add(nothing, np.array([[1.0], [0.0]]), nothing, np.array([[0.0], [1.0]]))
-    assert history.is_empty
-    for _ in range(24):
-        move = rng.normal(size=(2, 1))
-        before, slope = rng.normal(size=(2, 2, 1))
-        change = np.array([[4.0], [9.0]]) * move
-        history.add(before, before + move, slope, slope + change)
-        history.add(before, before - move, slope, slope + change)  # of negative curvature: not kept
-        # The last pair is met exactly: its change of the gradient leads to its move.
-        assert history.direction(np.array([[4.0], [9.0]]) * move, blocks) == pytest.approx(move, rel=1e-9)
-    history.clear()
-    assert history.is_empty
-    assert np.array_equal(history.direction(gradient, blocks), gradient / 2)
 
 
 def test_triangles_are_cut_anew_on_the_way() -> None:
