@@ -5,9 +5,10 @@
 """
 
 from equimesh_coupling.coupled import Coupled
+from equimesh_coupling.elements import element_points
 from equimesh_coupling.errors import BadValues, CouplingError, EquimeshError, MissingLibrary, OldLibrary
 from equimesh_coupling.parts import MeshParts
-from equimesh_coupling.values import CellAverages, ErrorIndicator, cell_values, node_values
+from equimesh_coupling.values import CellAverages, ErrorIndicator, cell_values, element_values, node_values
 
 __all__ = [  # noqa: RUF022 - grouped by noun
     # Meshes that other libraries take
@@ -15,6 +16,8 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "MeshParts",
     # What a solver returns
     "node_values",
+    "element_values",
+    "element_points",
     "cell_values",
     "CellAverages",
     "ErrorIndicator",

@@ -120,7 +120,7 @@ def _reason(history: Sequence[RoundNumbers], errors: Sequence[float], rounds: in
     if not last.estimate > 0.0:
         if last.unresolved is None:
             return "The error indicator is zero everywhere."
-        return "The estimated error is zero: bilinear elements have the solution exactly."
+        return "The estimated error is zero: the elements have the solution exactly."
     for error in errors[1:]:
         has_fallen = error <= (1.0 - min_fall) * least
         stale = 0 if has_fallen else stale + 1

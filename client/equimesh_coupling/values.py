@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from equimesh_coupling.adaptors import dmplex, dolfinx, fipy, mfem, ngsolve, pyvista, sfepy, skfem
 from equimesh_coupling.arrays import finite, real
+from equimesh_coupling.elements import PlacedValues, at_elements, element_shape
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array, HasParts
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_counts, cell_values, nodes_from_cells
 
-__all__ = ["CellAverages", "ErrorIndicator", "cell_values", "is_field", "node_values"]
+__all__ = [
+    "CellAverages",
+    "ElementValues",
+    "ErrorIndicator",
+    "cell_values",
+    "element_values",
+    "is_field",
+    "node_values",
+]
 
 # By the package and the class of a field, or of a class that it is derived from: the adaptor that reads it.
 READERS: Final[dict[tuple[str, str], Callable[[Any, HasParts], Array]]] = {
@@ -22,6 +32,67 @@ READERS: Final[dict[tuple[str, str], Callable[[Any, HasParts], Array]]] = {
     ("pyvista", "UnstructuredGrid"): pyvista.nodal_values,
     ("sfepy", "FieldVariable"): sfepy.nodal_values,
 }
+
+
+# By the package and the class of a field: the adaptor that reads its values at its own places, if it is of degree 2.
+PLACES: Final[dict[tuple[str, str], Callable[[Any, HasParts], PlacedValues | None]]] = {
+    ("dolfinx", "Function"): dolfinx.placed_values,
+    ("mfem", "GridFunction"): mfem.placed_values,
+    ("ngsolve", "GridFunction"): ngsolve.placed_values,
+    ("sfepy", "FieldVariable"): sfepy.placed_values,
+}
+
+
+class ElementValues(NamedTuple):
+    """The values at the nodes of elements of a ``degree``, in their ``element_shape``."""
+
+    values: Array
+    degree: int
+
+
+def element_values(returned: Any, mesh: HasParts, degree: int | None = None) -> ElementValues:
+    """The values at the nodes of elements on ``mesh``, from what a solver ``returned``.
+
+    Without a ``degree`` it is that of the space of a field, 1 for arrays, and for spaces other than scalar Lagrange
+    elements of degree 2 on quadrilaterals.
+
+    Raises :class:`BadValues` as :func:`node_values`, and where there is not one value for each node of elements of the
+    ``degree``.
+    """
+    if isinstance(returned, CellAverages | ErrorIndicator) or degree == 1:
+        if degree == 2:
+            raise BadValues("values of cells say nothing of elements of degree 2: return values at their nodes")
+        return ElementValues(node_values(returned, mesh), 1)
+    read = _placed(returned)
+    placed = None if read is None else read(returned, mesh)
+    if placed is not None:
+        what = "the solution"
+        return ElementValues(finite(real(at_elements(placed, mesh), what), what), 2)
+    if degree is None:
+        return ElementValues(node_values(returned, mesh), 1)
+    if is_field(returned):
+        raise BadValues(
+            "the space of this field is none whose degree 2 can be seen: return a field of a scalar Lagrange space of"
+            " degree 2 on the quadrilaterals of this mesh, or values at the nodes of its elements"
+        )
+    values, shape = finite(real(returned, "the solution"), "the solution"), element_shape(mesh, 2)
+    if values.shape != shape and not (values.size == math.prod(shape) and max(values.shape) == values.size):
+        raise BadValues(
+            f"the solution has the shape {values.shape}, and elements of degree 2 have {math.prod(shape)} nodes on this"
+            f" mesh: return an array of shape {shape}, or flat in the order of element_points(mesh, 2)"
+        )
+    return ElementValues(values.reshape(shape), 2)
+
+
+def _placed(returned: Any) -> Callable[[Any, HasParts], PlacedValues | None] | None:
+    """The adaptor that reads values at their own places, found as those of the readers."""
+    if isinstance(returned, tuple) and len(returned) == 2 and _is_of("skfem", returned[0]):
+        return skfem.placed_values
+    for kind in type(returned).__mro__:
+        found = PLACES.get((kind.__module__.partition(".")[0], kind.__name__))
+        if found is not None:
+            return found
+    return None
 
 
 def node_values(returned: Any, mesh: HasParts) -> Array:

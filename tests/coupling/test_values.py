@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from equimesh import Mesh
-from equimesh_coupling import BadValues, CellAverages, ErrorIndicator, MeshParts, cell_values, node_values
+from equimesh_coupling import (
+    BadValues,
+    CellAverages,
+    ErrorIndicator,
+    MeshParts,
+    cell_values,
+    element_values,
+    node_values,
+)
 from equimesh_coupling.values import READERS
 
 
@@ -107,3 +115,28 @@ def test_cells_in_another_order_are_refused(quads: MeshParts) -> None:
     assert np.array_equal(cell_values(CellAverages(values), quads), values)
     with pytest.raises(BadValues, match=r"24 values of shape \(4, 6\).*of shape \(6, 4\)"):
         cell_values(CellAverages(values.T), quads)
+
+
+def test_arrays_of_degree_2_are_taken_with_two_axes_or_flat(quads: MeshParts) -> None:
+    u = np.arange(117.0).reshape(13, 9)
+    for returned in (u, u.ravel(), u.reshape(-1, 1)):
+        found = element_values(returned, quads, 2)
+        assert found.degree == 2
+        assert np.array_equal(found.values, u)
+    assert element_values(np.ones(35), quads).degree == 1
+
+
+@pytest.mark.parametrize(
+    ("returned", "sentence"),
+    [
+        (
+            np.ones((7, 5)),
+            r"shape \(7, 5\), and elements of degree 2 have 117 nodes .* of shape \(13, 9\)",
+        ),
+        (CellAverages(np.ones(24)), "values of cells say nothing of elements of degree 2"),
+        (np.full(117, np.inf), "117 of 117 values that are nan or infinite"),
+    ],
+)
+def test_what_elements_of_degree_2_cannot_have_is_refused(returned: Any, sentence: str, quads: MeshParts) -> None:
+    with pytest.raises(BadValues, match=sentence):
+        element_values(returned, quads, 2)

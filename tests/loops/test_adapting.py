@@ -92,5 +92,5 @@ def test_what_is_refused(connect: Connect, url: str) -> None:
 
 def test_a_linear_solution_ends_at_once(connect: Connect, url: str) -> None:
     found = connect(url).adapt(lambda mesh: mesh.x - 2.0 * mesh.y, 9)
-    assert found.reason == "The estimated error is zero: bilinear elements have the solution exactly."
+    assert found.reason == "The estimated error is zero: the elements have the solution exactly."
     assert len(found.rounds) == 1

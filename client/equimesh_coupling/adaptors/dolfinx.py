@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from equimesh_coupling.elements import PlacedValues
 from equimesh_coupling.errors import BadValues, library
 from equimesh_coupling.parts import Array, HasParts, IntArray, MeshParts
 
@@ -62,6 +63,17 @@ def _distributed(io: Any, mesh: Any, edges: IntArray, tags: Any) -> tuple[Any, A
     except TypeError:
         inner = getattr(mesh, "_cpp_object", None) or mesh._mesh
         return tuple(io.distribute_entity_data(inner, 1, edges, tags))
+
+
+def placed_values(function: Any, _: HasParts) -> PlacedValues | None:
+    """The values at the degrees of freedom of a scalar Lagrange function of order 2; ``None`` for another space."""
+    space = function.function_space
+    element, values = space.ufl_element(), np.asarray(function.x.array)
+    degree = element.degree() if callable(element.degree) else element.degree
+    places = np.asarray(space.tabulate_dof_coordinates())[:, :2]
+    if degree != 2 or len(places) != len(values) or space.mesh.topology.cell_name() != "quadrilateral":
+        return None
+    return PlacedValues(places, values)
 
 
 def nodal_values(function: Any, mesh: HasParts) -> Array:

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from equimesh_coupling.elements import PlacedValues
 from equimesh_coupling.errors import BadValues, library
 from equimesh_coupling.parts import Array, HasParts, MeshParts
 
@@ -30,6 +31,15 @@ def mesh_of(parts: MeshParts) -> Any:
         [kind],
         nodal_bcs=vertices,
     )
+
+
+def placed_values(variable: Any, _: HasParts) -> PlacedValues | None:
+    """The values at the nodes of a scalar variable of order 2 on quadrilaterals; ``None`` for another space."""
+    field = variable.field
+    is_quadratic = field.approx_order == 2 and variable.n_components == 1
+    if not is_quadratic or field.gel.name != "2_4":
+        return None
+    return PlacedValues(np.asarray(field.get_coor())[:, :2], np.array(variable(), dtype=np.float64))
 
 
 def nodal_values(variable: Any, mesh: HasParts) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from equimesh_coupling.arrays import real
+from equimesh_coupling.elements import PlacedValues
 from equimesh_coupling.errors import BadValues, library
 from equimesh_coupling.parts import Array, HasParts, MeshParts
 from equimesh_coupling.recovery import edge_numbers
@@ -22,6 +23,16 @@ def mesh_of(parts: MeshParts) -> Any:
     return mesh.with_boundaries(facets)
 
 
+def placed_values(field: tuple[Any, Any], _: HasParts) -> PlacedValues | None:
+    """The values at the degrees of freedom of ``ElementQuad2``; ``None`` for another element."""
+    basis = field[0]
+    if type(basis.elem).__name__ != "ElementQuad2":
+        return None
+    vector = real(field[1], "the vector of scikit-fem")
+    _check_length(basis, vector)
+    return PlacedValues(basis.doflocs.T, vector)
+
+
 def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:
     """The values at the nodes, in the ``node_shape`` of the mesh, of ``(basis, vector)`` as scikit-fem solves for it.
 
@@ -36,10 +47,15 @@ def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:
             f"the basis of scikit-fem has {at_vertices.shape[0]} values at each of {at_vertices.shape[1]} vertices, "
             f"and needs 1 at each of {len(parts.points)}: take a scalar Lagrange element on this mesh"
         )
+    _check_length(basis, vector)
+    values: Array = vector[at_vertices[0]].reshape(parts.node_shape)
+    return values
+
+
+def _check_length(basis: Any, vector: Array) -> None:
+    """Raise :class:`BadValues` for a vector of another basis."""
     if len(vector) != basis.N:
         raise BadValues(
             f"the vector of scikit-fem has {len(vector)} entries, and its basis {basis.N} degrees of freedom: return "
             "the basis on which it was solved for"
         )
-    values: Array = vector[at_vertices[0]].reshape(parts.node_shape)
-    return values

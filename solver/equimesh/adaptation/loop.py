@@ -18,6 +18,7 @@ from equimesh.fields.on_domain import OnDomain, reference_on
 from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.kernels import Norm
 from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.second_order import require_degree
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.tensor import Weight
@@ -30,7 +31,7 @@ from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_values
-from equimesh_coupling.values import node_values
+from equimesh_coupling.values import element_values, node_values
 from equimesh_schema.document import is_whole
 
 # The next mesh of blocks for a code with unknowns in its cells, from averages over them.
@@ -90,6 +91,8 @@ class Rounds:
     shape: ShapeSearch | None = None
     """The search for the shape of the grid; ``None`` where that is given."""
     norm: Norm
+    degree: int | None = None
+    """The degree of the elements, 1 or 2; ``None``: that of the space of a field, 1 for arrays."""
     threads: int
 
     def first(self) -> tuple[Any, float, str]:
@@ -104,9 +107,9 @@ class Rounds:
         """The mesh with arrays of its own."""
         return mesh.moved(mesh.points.copy())
 
-    def known(self, mesh: Mesh, values: Array) -> RoundAndNextMesh:
-        """The record of nodal values, and the way to the next mesh."""
-        known = ErrorEstimate.of(mesh, values, self.domain, self.threads)
+    def known(self, mesh: Mesh, values: Array, degree: int = 1) -> RoundAndNextMesh:
+        """The record of values at the nodes of elements of a ``degree``, and the way to the next mesh."""
+        known = ErrorEstimate.of(mesh, values, self.domain, self.threads, require_degree(degree))
 
         def following() -> tuple[Mesh, float, str]:
             grid = None if self.shape is None else self.shape.grid(known, self.norm, self.threads)
@@ -175,6 +178,7 @@ class AdaptArguments(TypedDict, total=False):
     points: int | None
     rounds: int
     norm: Norm
+    degree: int | None
     threads: int | None
     observe: Callable[[AdaptRound[Mesh]], None] | None
 
@@ -203,6 +207,7 @@ def adapt(
     points: int | None = None,
     rounds: int = 5,
     norm: Norm = "l2",
+    degree: int | None = None,
     threads: int | None = None,
     observe: Callable[[AdaptRound[Any]], None] | None = None,
 ) -> Adaptation[Mesh]:
@@ -218,8 +223,9 @@ def adapt(
     ``to_dolfinx(comm)`` and so on, and returns one of these: values at the nodes, a field of a library with an adaptor,
     :class:`~equimesh_coupling.recovery.CellAverages`, or an :class:`~equimesh_coupling.recovery.ErrorIndicator` of the
     cells. It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that
-    meshes minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient. ``observe`` is called
-    with every round.
+    meshes minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient. ``degree``, 1 or 2, is
+    that of the elements, at whose nodes values are: see :func:`~equimesh_coupling.elements.element_shape`. Without it
+    that of a field is taken, where its space shows it, and 1 for arrays. ``observe`` is called with every round.
 
     Raises :class:`~equimesh_coupling.errors.BadValues` where the values of the first solve cannot be used, and what the
     first solve raises. Later the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the
@@ -229,19 +235,19 @@ def adapt(
         for name, value in (("n", n), ("points", points)):
             if value is not None:
                 raise InputError(f"{name} = {str(value)[:40]!r}: {OWN_POINTS}", field=name)
-        _check(solve, rounds, norm)
+        _check(solve, rounds, norm, degree)
         _check_observer(observe)
-        on_blocks = Rounds(domain=domain, norm=norm, threads=thread_count(threads))
+        on_blocks = Rounds(domain=domain, norm=norm, degree=degree, threads=thread_count(threads))
         return _loop(solve, on_blocks, rounds, norm, observe)
     if points is not None and n is not None:
         raise InputError(POINTS_OR_N, field="points")
     shape = None if points is None else ShapeSearch(points=require_budget(points))
     given, threads = None if shape else _grid(n), thread_count(threads)
-    _check(solve, rounds, norm)
+    _check(solve, rounds, norm, degree)
     _check_domain(domain)
     _check_observer(observe)
     grid = shape.first(domain) if shape else given
-    by = Rounds(grid=grid, shape=shape, domain=domain, norm=norm, threads=threads)
+    by = Rounds(grid=grid, shape=shape, domain=domain, norm=norm, degree=degree, threads=threads)
     return _loop(solve, by, rounds, norm, observe)
 
 
@@ -279,7 +285,8 @@ def _looked_at(returned: Any, mesh: Mesh, by: Rounds) -> RoundAndNextMesh:
         return by.indicated(mesh, cell_values(returned, mesh))
     if isinstance(returned, CellAverages):
         return by.averaged(mesh, node_values(returned, mesh))
-    return by.known(mesh, node_values(returned, mesh))
+    found = element_values(returned, mesh, by.degree)
+    return by.known(mesh, found.values, found.degree)
 
 
 def _grid(n: Any) -> Grid:
@@ -291,7 +298,7 @@ def _grid(n: Any) -> Grid:
     return Grid(n_xi=int(counts[0]), n_eta=int(counts[1]))
 
 
-def _check(solve: object, rounds: object, norm: object) -> None:
+def _check(solve: object, rounds: object, norm: object, degree: object) -> None:
     """Refuse arguments that cannot be used."""
     if not callable(solve):
         raise InputError(
@@ -301,6 +308,8 @@ def _check(solve: object, rounds: object, norm: object) -> None:
         raise InputError(f"rounds = {rounds!r}: a whole number between 1 and {MAX_ROUNDS}", field="rounds")
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
+    if degree is not None:
+        require_degree(degree)
 
 
 def _check_domain(domain: object) -> None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.bicubic import Bicubic, slopes_on_mesh
 from equimesh.fields.mesh_map import MIN_STEP_CELLS, MeshMap, Places, is_nearer, through, walk, within
+from equimesh.fields.patch_gradients import patch_gradients
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
 from equimesh.meshes.mesh import Mesh
@@ -214,9 +215,10 @@ class HermiteField:
     limited to between 0 and three times the slope of the edge: it is monotone, so that layers thinner than a cell do
     not overshoot (F. N. Fritsch and R. E. Carlson, *Monotone piecewise cubic interpolation*, SIAM J. Numer. Anal. 17,
     1980). In a cell the edges are blended (S. A. Coons, 1967) over the bilinear map, which always has an inverse.
-    Linear functions are exact on every mesh; for smooth u and meshes the error is O(h^3), at extrema O(h^2). u is
-    continuous, its gradient is so inside the cells and, where nothing is limited, at the nodes. A point outside of the
-    mesh has the values of a point of its side.
+    Linear functions are exact on every mesh; for smooth u and meshes the error is O(h^3), at extrema O(h^2). Where it
+    is ``fitted``, slopes are those of :func:`~equimesh.fields.patch_gradients.patch_gradients` and not limited, so that
+    the error is O(h^4). u is continuous, its gradient is so inside the cells and, where nothing is limited, at the
+    nodes. A point outside of the mesh has the values of a point of its side.
 
     Implements :class:`~equimesh.fields.expression.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names
     the first bad index, and :class:`~equimesh.errors.InputError` for a folded mesh.
@@ -226,7 +228,7 @@ class HermiteField:
     values: Array
     _bumps: EdgeBumps
 
-    def __init__(self, *, mesh: Mesh, values: npt.ArrayLike) -> None:
+    def __init__(self, *, mesh: Mesh, values: npt.ArrayLike, fitted: bool = False) -> None:
         checked = nodal_values(values, mesh, "values")
         if mesh.is_folded:
             raise InputError(
@@ -236,7 +238,7 @@ class HermiteField:
             )
         # Copies that may be written to: Numba would compile the loops again for arrays of another kind.
         own, checked = Mesh(*(np.array(q, dtype=float, order="C") for q in (mesh.x, mesh.y))), checked.copy()
-        for name, value in {"mesh": own, "values": checked, "_bumps": edge_bumps(own, checked)}.items():
+        for name, value in {"mesh": own, "values": checked, "_bumps": edge_bumps(own, checked, fitted)}.items():
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -251,21 +253,26 @@ class HermiteField:
         return f"HermiteField({self.mesh.grid})"
 
 
-def edge_bumps(mesh: Mesh, values: Array) -> EdgeBumps:
-    """What the limited cubics add on all edges."""
+def edge_bumps(mesh: Mesh, values: Array, fitted: bool = False) -> EdgeBumps:
+    """What the limited cubics add on all edges, or those with the slopes of cubics that are fitted."""
     x, y = mesh.x, mesh.y
-    u_x, u_y = nodal_gradients(x, y, values)
-    along_xi = _bumps(x, y, values, u_x, u_y)
-    along_eta = _bumps(x.T, y.T, values.T, u_x.T, u_y.T).transpose(1, 0, 2)
+    if fitted:
+        u_x, u_y = (slope.reshape(x.shape) for slope in patch_gradients(mesh.points, mesh.cells, values.ravel()))
+    else:
+        u_x, u_y = nodal_gradients(x, y, values)
+    along_xi = _bumps(x, y, values, u_x, u_y, fitted)
+    along_eta = _bumps(x.T, y.T, values.T, u_x.T, u_y.T, fitted).transpose(1, 0, 2)
     return EdgeBumps(np.ascontiguousarray(along_xi), np.ascontiguousarray(along_eta))
 
 
-def _bumps(x: Array, y: Array, values: Array, u_x: Array, u_y: Array) -> Array:
+def _bumps(x: Array, y: Array, values: Array, u_x: Array, u_y: Array, fitted: bool) -> Array:
     """End slopes less the chord, of the edges along the first index, shape ``(n_xi - 1, n_eta, 2)``."""
     dx, dy, rise = np.diff(x, axis=0), np.diff(y, axis=0), np.diff(values, axis=0)
-    low, high = np.minimum(0.0, MAX_SLOPE * rise), np.maximum(0.0, MAX_SLOPE * rise)
-    ends = [np.clip(u_x[part] * dx + u_y[part] * dy, low, high) - rise for part in (np.s_[:-1], np.s_[1:])]
-    return np.stack(ends, axis=-1)
+    ends = [u_x[part] * dx + u_y[part] * dy for part in (np.s_[:-1], np.s_[1:])]
+    if not fitted:
+        low, high = np.minimum(0.0, MAX_SLOPE * rise), np.maximum(0.0, MAX_SLOPE * rise)
+        ends = [np.clip(end, low, high) for end in ends]
+    return np.stack([end - rise for end in ends], axis=-1)
 
 
 @compiled

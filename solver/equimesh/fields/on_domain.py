@@ -14,6 +14,7 @@ from equimesh.fields.expression import Field
 from equimesh.fields.mesh_map import MeshMap, reference_of
 from equimesh.fields.nodal_field import HermiteField
 from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.second_order import ValueDegree, every_second, lattice_of
 from equimesh.numerics.types import Array, Pair
 
 GRID = Grid(n_xi=65, n_eta=65)
@@ -112,24 +113,26 @@ def inverse_of(domain: Domain) -> Inverse:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecoveredField:
-    """The function ``u`` and its nodes: ``reference``, their mesh of the unit square, and the ``values`` there."""
+    """The function ``u``, the ``reference`` mesh of the unit square, and the ``values`` at nodes of its elements."""
 
     u: Field
     reference: Mesh
     values: Array
 
 
-def recover(mesh: Mesh, values: npt.ArrayLike, domain: Domain) -> RecoveredField:
-    """u from ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, a mesh of ``domain``.
+def recover(mesh: Mesh, values: npt.ArrayLike, domain: Domain, degree: ValueDegree = 1) -> RecoveredField:
+    """u from ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
 
+    They have the shape of :func:`~equimesh.meshes.second_order.nodes_of_elements`.
     Raises as :class:`~equimesh.fields.nodal_field.HermiteField`. On a domain with curved sides u is recovered on the
     reference square, so that a layer along such a side has the values of that side on all of it.
     """
     is_straight = isinstance(domain, Rectangle)
-    reference = reference_on(mesh, domain)
-    own = HermiteField(mesh=mesh if is_straight else reference, values=values)
+    nodes = mesh if degree == 1 else lattice_of(mesh)
+    reference = reference_on(nodes, domain)
+    own = HermiteField(mesh=nodes if is_straight else reference, values=values, fitted=degree > 1)
     u = own if is_straight else OnDomain(reference=own, domain=domain)
-    return RecoveredField(u=u, reference=reference, values=own.values)
+    return RecoveredField(u=u, reference=reference if degree == 1 else every_second(reference), values=own.values)
 
 
 def reference_on(mesh: Mesh, domain: Domain) -> Mesh:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.nodal_field import COUNT, MAX_SLOPE, bend, bump, slope
+from equimesh.fields.patch_gradients import patch_gradients
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
 from equimesh.meshes.cell_edges import MAX_SPOKES, QuadLinks, spokes_of
@@ -159,7 +160,8 @@ class QuadField:
     Where it is ``limited``, these are cut to between 0 and three times the slope of the edge: it is monotone, so that
     layers thinner than a cell do not overshoot. In a cell the edges are blended over the bilinear map. This is
     :class:`~equimesh.fields.nodal_field.HermiteField` on any mesh of quadrilaterals: linear functions are exact; for
-    smooth u the error is O(h^3), at extrema O(h^2) where it is limited. A point outside of the mesh has the value of
+    smooth u the error is O(h^3), at extrema O(h^2) where it is limited. Where it is ``fitted``, slopes are those of
+    :func:`~equimesh.fields.patch_gradients.patch_gradients`. A point outside of the mesh has the value of
     the nearest point of the boundary; across a periodic join u goes on.
 
     Implements :class:`~equimesh.fields.expression.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names
@@ -174,7 +176,13 @@ class QuadField:
     _bumps: Array
 
     def __init__(
-        self, *, mesh: Mesh, values: npt.ArrayLike, limited: bool = True, unrolled: Unrolled | None = None
+        self,
+        *,
+        mesh: Mesh,
+        values: npt.ArrayLike,
+        limited: bool = True,
+        fitted: bool = False,
+        unrolled: Unrolled | None = None,
     ) -> None:
         checked = values_on_nodes(values, mesh, "values")
         if unrolled is None:
@@ -186,7 +194,7 @@ class QuadField:
                 )
             unrolled = Unrolled.of(mesh)
         own = np.array(checked[unrolled.nodes])
-        bumps = edge_bumps(unrolled.search, own, limited)
+        bumps = edge_bumps(unrolled.search, own, limited, fitted)
         for name, value in {
             "mesh": mesh, "values": checked, "limited": limited,
             "_unrolled": unrolled, "_values": own, "_bumps": bumps,
@@ -227,13 +235,16 @@ def values_on_nodes(values: npt.ArrayLike, mesh: Mesh, name: str) -> Array:
     return checked
 
 
-def edge_bumps(search: QuadSearch, values: Array, limited: bool) -> Array:
+def edge_bumps(search: QuadSearch, values: Array, limited: bool, fitted: bool = False) -> Array:
     """What the cubics add to linear interpolation on the edges of each cell, shape ``(m, 4, 2)``.
 
     The edges are the lower, upper, left and right one; see :class:`~equimesh.fields.nodal_field.EdgeBumps`.
     """
     (x, y), cells = search.nodes, search.links.cells
-    u_x, u_y = quad_gradients(search.nodes, search.links, values)
+    if fitted:
+        u_x, u_y = patch_gradients(np.column_stack(search.nodes), cells, values)
+    else:
+        u_x, u_y = quad_gradients(search.nodes, search.links, values)
     bumps = np.empty((len(cells), 4, 2))
     for edge, (begin, end) in enumerate(EDGE_ENDS):
         a, b = cells[:, begin], cells[:, end]

@@ -1,12 +1,14 @@
-"""A mesh of second order: cells of nine nodes, whose edges bend on curved sides."""
+"""A mesh of second order: cells of nine nodes, whose edges bend on curved sides, and values at all these nodes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from equimesh.errors import InputError
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
 MIN_SHARE = 0.2
@@ -19,6 +21,10 @@ AT_NODES = np.array([0.0, 0.5, 1.0])
 """Where solvers need no positive Jacobian: it is 0 where two sides meet smoothly."""
 AT_GAUSS_POINTS = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 """Where they need one."""
+
+
+ValueDegree: TypeAlias = Literal[1, 2]
+"""The degree of the elements at whose nodes values are known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,3 +169,81 @@ def _jacobians(nodes: Array, at: Array) -> Array:
     along_s = np.einsum("ia,jb,mabx->mijx", slopes, values, places)
     along_t = np.einsum("ia,jb,mabx->mijx", values, slopes, places)
     return np.asarray(along_s[..., 0] * along_t[..., 1] - along_s[..., 1] * along_t[..., 0])
+
+
+# The nodes of elements of degree 2 as those of a mesh with four cells in the place of each.
+
+
+def lattice_of(mesh: Mesh) -> Mesh:
+    """The mesh with four cells in the place of each one, by the bilinear map.
+
+    Of a grid it is a grid of ``(2 n_xi - 1, 2 n_eta - 1)`` nodes, of any other mesh it has the nodes of its
+    :class:`SecondOrderMesh` in their order, and no blocks.
+    """
+    if mesh.is_grid:
+        return Mesh(_between(mesh.x), _between(mesh.y))
+    second = SecondOrderMesh.of(mesh.points, mesh.cells)
+    places = second.cells[:, LATTICE]
+    corners = places[:, :2, :2], places[:, 1:, :2], places[:, 1:, 1:], places[:, :2, 1:]
+    return Mesh(
+        points=second.points,
+        cells=np.stack([corner.reshape(-1) for corner in corners], axis=1),
+        sides={name: second.edges(edges)[:, [0, 2, 2, 1]].reshape(-1, 2) for name, edges in mesh.sides.items()},
+        ties=np.concatenate([mesh.ties, _tied_middles(mesh.ties, second)]),
+    )
+
+
+def _tied_middles(ties: IntArray, second: SecondOrderMesh) -> IntArray:
+    """The middles of edges that are copies, and those of their originals, shape ``(k, 2)``."""
+    originals = np.arange(second.corners)
+    originals[ties[:, 0]] = ties[:, 1]
+    known, wanted = _keys(second.ends), _keys(originals[second.ends])
+    places = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+    copies = np.flatnonzero((known[places] == wanted) & (known != wanted))
+    return second.corners + np.column_stack([copies, places[copies]])
+
+
+def every_second(lattice: Mesh) -> Mesh:
+    """The grid whose :func:`lattice_of` this is."""
+    return Mesh(lattice.x[::2, ::2].copy(), lattice.y[::2, ::2].copy())
+
+
+def nodes_of_elements(mesh: Mesh, degree: ValueDegree) -> tuple[int, ...]:
+    """The shape of values at the nodes of elements of a ``degree``.
+
+    Of degree 2 it is ``(2 n_xi - 1, 2 n_eta - 1)`` on a grid: every second one is at a node of the mesh, the others are
+    in the middle of edges and cells. On any other mesh these are the nodes of a :class:`SecondOrderMesh`.
+    """
+    if degree == 1:
+        return mesh.node_shape
+    if mesh.is_grid:
+        return tuple(2 * n - 1 for n in mesh.node_shape)
+    return (len(SecondOrderMesh.of(mesh.points, mesh.cells).points),)
+
+
+def nodes_of_cells(mesh: Mesh) -> IntArray:
+    """The numbers of the nine nodes of each cell among flat values of degree 2, in rows along t, ``(m, 3, 3)``."""
+    if not mesh.is_grid:
+        return SecondOrderMesh.of(mesh.points, mesh.cells).cells[:, LATTICE]
+    n_xi, n_eta = nodes_of_elements(mesh, 2)
+    first = np.arange(0, n_xi - 1, 2)[:, None] * n_eta + np.arange(0, n_eta - 1, 2)
+    return np.asarray(first.reshape(-1, 1, 1) + np.arange(3)[:, None] * n_eta + np.arange(3))
+
+
+def require_degree(degree: Any) -> ValueDegree:
+    """The degree; raises :class:`~equimesh.errors.InputError` for one from whose values nothing is recovered."""
+    if degree in (1, 2) and not isinstance(degree, bool):
+        return 1 if degree == 1 else 2
+    raise InputError(
+        f"degree = {str(degree)[:20]}: give 1 or 2, the degree of the elements at whose nodes the values are",
+        field="degree",
+    )
+
+
+def _between(q: Array) -> Array:
+    """A coordinate at the nodes of a grid, and its means in between."""
+    out = np.empty((2 * q.shape[0] - 1, 2 * q.shape[1] - 1))
+    out[::2, ::2] = q
+    out[1::2, ::2] = 0.5 * (q[1:] + q[:-1])
+    out[:, 1::2] = 0.5 * (out[:, 2::2] + out[:, :-1:2])
+    return out

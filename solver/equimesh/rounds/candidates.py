@@ -13,7 +13,7 @@ from equimesh.fields.expression import Field
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend
-from equimesh.least_error.iteration import MORE_SLOPE_POINTS, weights_of
+from equimesh.least_error.iteration import MORE_POINTS, MORE_SLOPE_POINTS, weights_of
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import GridLevel, nested_levels
 from equimesh.least_error.objective import Objective, Weights
@@ -79,6 +79,8 @@ class Search:
     before: Mesh
     """A mesh of the reference square."""
     norm: Norm
+    degree: int = 1
+    """The degree of the interpolant."""
     threads: int = 1
 
     def candidates(self) -> Iterator[Candidate]:
@@ -98,8 +100,7 @@ class Search:
 
     def error_on(self, mesh: Mesh) -> float:
         """The norm of the error of the interpolant of u on a mesh of the reference square, as of all candidates."""
-        points = MEASURED_POINTS + (MORE_SLOPE_POINTS if self.norm == "h1" else 0)
-        return measured(self.u, self.domain, mesh, Rule(norm=self.norm, points=points), self.threads)
+        return measured(self.u, self.domain, mesh, rule_of(self.norm, self.degree), self.threads)
 
     def _climbed(self, levels: list[GridLevel], straight: Candidate | None) -> Iterator[Candidate]:
         """The ends of the descents from all starts on the coarse levels."""
@@ -180,14 +181,14 @@ class Search:
     def _objective(self, origin: Start, level: GridLevel) -> Objective:
         is_coarse = level.grid.points <= MAX_VALUE_POINTS and not level.is_finest
         norm = "l2" if is_coarse else self.norm
-        points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
+        points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0) + MORE_POINTS[self.degree]
         return Objective(
             self.u,
             DomainChart(self.domain),
             cells_of_grid(level.grid.shape),
             origin.first_mesh(level.grid),
             _weights(origin.name, level.grid.cells),
-            Rule(norm=norm, points=points),
+            Rule(norm=norm, points=points, degree=self.degree),
             self.threads,
         )
 
@@ -202,6 +203,12 @@ class Search:
     @cached_property
     def _levels(self) -> list[GridLevel]:
         return nested_levels(self.before.grid)
+
+
+def rule_of(norm: Norm, degree: int) -> Rule:
+    """The rule by which candidates are compared."""
+    points = MEASURED_POINTS + (MORE_SLOPE_POINTS if norm == "h1" else 0) + MORE_POINTS[degree]
+    return Rule(norm=norm, points=points, degree=degree)
 
 
 def _lifted(origin: Start, mesh: Array, coarse: GridLevel, fine: GridLevel) -> Array:

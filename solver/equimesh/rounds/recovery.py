@@ -12,18 +12,21 @@ import numpy.typing as npt
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain, map_mesh
-from equimesh.errors import InputError
+from equimesh.errors import InputError, SamplesError
 from equimesh.fields.expression import Field
 from equimesh.fields.on_domain import recover
 from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.cells import cells_of_grid, cells_of_mesh
 from equimesh.least_error.charts import FREE, CurveChart, DomainChart
+from equimesh.least_error.iteration import MORE_POINTS
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
 from equimesh.least_error.starts import coordinates_of
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.second_order import ValueDegree, lattice_of, nodes_of_cells, nodes_of_elements
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
+from equimesh.quality.elements import basis, nodes_of, quadrilateral
 from equimesh_coupling.display import draw_on, picture
 from equimesh_schema.notebook import html_of
 
@@ -50,13 +53,15 @@ class Recovery:
     mesh: Mesh
     """The mesh of the values, on the reference square; of blocks the mesh itself."""
     values: Array
-    """The values at the nodes, shape ``(n_xi, n_eta)``, on blocks ``(n,)``."""
+    """The values at the nodes of elements: see :func:`~equimesh.meshes.second_order.nodes_of_elements`."""
+    degree: ValueDegree = 1
+    """The degree of these elements."""
     rounding: float
     """The estimated L2 error that is nothing but rounding of the values."""
 
     @classmethod
-    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain | Blocks) -> Recovery:
-        """From ``values`` of the shape ``mesh.node_shape`` at the nodes of ``mesh``, a mesh of ``domain``.
+    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain | Blocks, degree: ValueDegree = 1) -> Recovery:
+        """From ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
 
         Raises as :func:`~equimesh.fields.on_domain.recover`, on blocks as
         :class:`~equimesh.fields.quad_field.QuadField`; :class:`~equimesh.errors.InputError` for a mesh with other cells
@@ -64,30 +69,48 @@ class Recovery:
         """
         u: Field
         reference: Mesh
+        if degree > 1:
+            _check_count(values, mesh, degree)
         if not mesh.is_grid and isinstance(domain, Blocks):
             if not np.array_equal(mesh.cells, domain.mesh.cells):
                 raise InputError(OTHER_CELLS, field="mesh")
-            field = QuadField(mesh=mesh, values=values)
+            nodes = mesh if degree == 1 else lattice_of(mesh)
+            field = QuadField(mesh=nodes, values=values, fitted=degree > 1, limited=degree == 1)
             u, reference, known = field, mesh, field.values
         elif not mesh.is_grid or isinstance(domain, Blocks):
             raise InputError(TWO_KINDS, field="mesh")
         else:
-            found = recover(mesh, values, domain)
+            found = recover(mesh, values, domain, degree)
             u, reference, known = found.u, found.reference, found.values
         rounding = ROUNDING_SHARE * float(np.abs(known).max()) * math.sqrt(domain.area)
-        return cls(u=u, domain=domain, mesh=reference, values=known, rounding=rounding)
+        return cls(u=u, domain=domain, mesh=reference, values=known, degree=degree, rounding=rounding)
 
     def estimate(self, norm: Norm, threads: int = 1) -> float:
-        """The norm of u minus its bilinear interpolant on the mesh of the values: an estimate of the solver's error.
+        """The norm of u minus its interpolant on the mesh of the values: an estimate of the solver's error.
 
-        It is zero where the values are those of a linear function. Layers that the mesh does not resolve at all are
-        not seen.
+        It is zero where the values are those of a polynomial of the degree of the elements. Layers that the mesh does
+        not resolve at all are not seen.
         """
-        return measured(self.u, self.domain, self.mesh, Rule(norm=norm, points=ESTIMATE_POINTS), threads)
+        points = ESTIMATE_POINTS + MORE_POINTS[self.degree]
+        return measured(self.u, self.domain, self.mesh, Rule(norm=norm, points=points, degree=self.degree), threads)
 
     def gradient_norm(self) -> float:
-        """The norm of the gradient of the bilinear interpolant of the values on their mesh, in the units of u."""
-        return gradient_norm(cells_of(on_domain(self.mesh, self.domain)), self.values)
+        """The norm of the gradient of the interpolant of the values on their mesh, in the units of u."""
+        mesh = on_domain(self.mesh, self.domain)
+        if self.degree == 1:
+            return gradient_norm(cells_of(mesh), self.values)
+        return quadratic_gradient_norm(cells_of(mesh), self.values.ravel()[nodes_of_cells(mesh)])
+
+
+def _check_count(values: npt.ArrayLike, mesh: Mesh, degree: ValueDegree) -> None:
+    """Refuse values of another shape than the nodes of elements of a ``degree``; the message says which is needed."""
+    needed, found = nodes_of_elements(mesh, degree), np.shape(values)
+    if found != needed:
+        raise SamplesError(
+            f"values has shape {found}, and elements of degree {degree} have nodes of shape {needed} on this mesh: give"
+            " values at the middles of edges and cells, too, or the degree of your elements",
+            field="values",
+        )
 
 
 def on_domain(reference: Mesh, domain: Domain | Blocks) -> Any:
@@ -102,6 +125,16 @@ def gradient_norm(cells: MeshCells, values: Array) -> float:
     s, t = points.s[:, None], points.t[:, None]
     u_s = (1.0 - t) * (corners[1] - corners[0]) + t * (corners[2] - corners[3])
     u_t = (1.0 - s) * (corners[3] - corners[0]) + s * (corners[2] - corners[1])
+    u_x, u_y = u_s * at.y_t - u_t * at.y_s, u_t * at.x_s - u_s * at.x_t
+    return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
+
+
+def quadratic_gradient_norm(cells: MeshCells, values: Array) -> float:
+    """The norm of the gradient of biquadratic interpolants of ``values`` at the nodes of cells, shape ``(m, 3, 3)``."""
+    points, of = CellPoints.gauss(3), basis("quad", 2, quadrilateral(3))
+    at, (s, t) = cells.at(points, np.arange(cells.count)), nodes_of("quad", 2)
+    nodal = values[:, np.rint(2 * s).astype(int), np.rint(2 * t).astype(int)].T
+    u_s, u_t = of.along_s.T @ nodal, of.along_t.T @ nodal
     u_x, u_y = u_s * at.y_t - u_t * at.y_s, u_t * at.x_s - u_s * at.x_t
     return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
 
@@ -155,13 +188,20 @@ class ErrorEstimate:
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
 
     @classmethod
-    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain | Blocks, threads: int = 1) -> ErrorEstimate:
-        """From ``values`` of the shape ``mesh.node_shape`` at the nodes of ``mesh``, a mesh of ``domain``.
+    def of(
+        cls,
+        mesh: Mesh,
+        values: npt.ArrayLike,
+        domain: Domain | Blocks,
+        threads: int = 1,
+        degree: ValueDegree = 1,
+    ) -> ErrorEstimate:
+        """From ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
 
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
         :class:`~equimesh.errors.InputError` for a folded mesh, and one of another domain.
         """
-        recovery = Recovery.of(mesh, values, domain)
+        recovery = Recovery.of(mesh, values, domain, degree)
         slopes, size = recovery.estimate("h1", threads), recovery.gradient_norm()
         return cls(
             recovery=recovery,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import replace
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,15 +13,16 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.errors import InputError
 from equimesh.least_error.descent import Descent
-from equimesh.least_error.iteration import MORE_SLOPE_POINTS, DescentEnd, LeastErrorSolve
-from equimesh.least_error.kernels import Norm, Rule
+from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
+from equimesh.least_error.kernels import Norm
 from equimesh.least_error.nest import coarse_level
 from equimesh.least_error.starts import mesh_of
 from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.second_order import ValueDegree, require_degree
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.numerics.threads import thread_count
-from equimesh.rounds.candidates import MEASURED_POINTS, PARTS, SHARP, SMOOTH, Search
+from equimesh.rounds.candidates import PARTS, SHARP, SMOOTH, Search, rule_of
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells, on_domain
 from equimesh.rounds.shape import on_grid
 from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
@@ -49,7 +50,9 @@ def descents(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> Itera
     tried = []
     before: Any = known.mesh
     for distortion, smoothness in (SMOOTH, SHARP):
-        monitor = LeastError(u=known.u, norm=norm, distortion=distortion, smoothness=smoothness).on(domain)
+        monitor = LeastError(
+            u=known.u, norm=norm, distortion=distortion, smoothness=smoothness, degree=known.degree
+        ).on(domain)
         trial = CoarseSolve(monitor=monitor, domain=domain, threads=threads)
         reached = _end_of(trial.coarse(coarse_level(trial.levels)))
         tried.append((trial.lifted_error(reached), monitor, reached))
@@ -98,7 +101,7 @@ def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, grid: Grid | N
 
 
 def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> NextMesh | None:
-    rule = Rule(norm=norm, points=MEASURED_POINTS + (MORE_SLOPE_POINTS if norm == "h1" else 0))
+    rule = rule_of(norm, known.degree)
     found = dict(descents(known, domain, norm, threads))
     errors = {name: measured(known.u, domain, mesh, rule, threads) for name, mesh in found.items()}
     errors = {name: error for name, error in errors.items() if np.isfinite(error)}
@@ -119,7 +122,7 @@ def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -
 def _best_of_grid(known: Recovery, norm: Norm, threads: int, grid: Grid) -> NextMesh | None:
     before = on_grid(known.mesh, grid)
     domain: Any = known.domain
-    search = Search(u=known.u, domain=domain, before=before, norm=norm, threads=threads)
+    search = Search(u=known.u, domain=domain, before=before, norm=norm, degree=known.degree, threads=threads)
     found = list(search.candidates())
     if not found:
         return None
@@ -136,37 +139,33 @@ def _best_of_grid(known: Recovery, norm: Norm, threads: int, grid: Grid) -> Next
     )
 
 
-@overload
-def adapt_round(
-    mesh: Mesh, values: npt.ArrayLike, domain: Domain = UNIT_SQUARE, norm: Norm = "l2", threads: int = 1
-) -> Round: ...
-@overload
-def adapt_round(mesh: Mesh, values: npt.ArrayLike, domain: Blocks, norm: Norm = "l2", threads: int = 1) -> Round: ...
 def adapt_round(
     mesh: Mesh,
     values: npt.ArrayLike,
     domain: Domain | Blocks = UNIT_SQUARE,
     norm: Norm = "l2",
     threads: int = 1,
+    *,
+    degree: ValueDegree = 1,
 ) -> Round:
-    """The next mesh for a solution that is known by ``values`` at the nodes of ``mesh``.
+    """The next mesh for a solution that is known by ``values`` at the nodes of elements of a ``degree`` on ``mesh``.
 
-    ``values`` have the shape ``mesh.node_shape``: ``(n_xi, n_eta)`` on a grid, ``(n,)`` on blocks. ``mesh`` is one of
-    ``domain``, of any kind. u is recovered from the values as in
-    :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks as in
-    :class:`~equimesh.fields.quad_field.QuadField`. The next mesh has the smallest measured error of its interpolant, in
-    ``norm``, among descents from ``mesh`` and meshes of straight lines, on blocks from the initial mesh of the domain.
-    A pure function: equal arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 70 to 120
-    microseconds of processor time a point of a rectangle.
+    ``values`` have the shape :func:`~equimesh.meshes.second_order.nodes_of_elements`: of degree 1 ``mesh.node_shape``,
+    of degree 2 on a grid ``(2 n_xi - 1, 2 n_eta - 1)``. ``mesh`` is one of ``domain``, of any kind. u is recovered from
+    the values as in :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks as in
+    :class:`~equimesh.fields.quad_field.QuadField`, for degree 2 with fitted slopes. The next mesh has the smallest
+    measured error of its interpolant, in ``norm``, among descents from ``mesh`` and meshes of straight lines, on blocks
+    from the initial mesh of the domain. A pure function: equal arguments give an equal mesh bit by bit, for any number
+    of ``threads``. It takes 70 to 120 microseconds of processor time a point of a rectangle.
 
     Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
-    :class:`~equimesh.errors.InputError` for a folded mesh, a mesh and a domain of two kinds, another norm or number of
-    threads.
+    :class:`~equimesh.errors.InputError` for a folded mesh, a mesh and a domain of two kinds, another norm, degree or
+    number of threads.
     """
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
     threads = thread_count(threads)
-    known = ErrorEstimate.of(mesh, values, domain, threads)
+    known = ErrorEstimate.of(mesh, values, domain, threads, require_degree(degree))
     found = next_mesh(known, norm, threads)
     return Round(
         mesh=mesh if found.reference is known.recovery.mesh else on_domain(found.reference, domain),

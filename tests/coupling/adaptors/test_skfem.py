@@ -8,7 +8,7 @@ import skfem
 
 from block_cases import l_shape
 from equimesh import Mesh
-from equimesh_coupling import BadValues, MeshParts, node_values
+from equimesh_coupling import BadValues, MeshParts, element_points, element_values, node_values
 from equimesh_coupling.adaptors.skfem import mesh_of
 
 
@@ -56,3 +56,25 @@ def test_blocks_keep_their_sides_and_nodes() -> None:
         assert found.is_valid()
     basis = skfem.Basis(mesh.to_skfem(), skfem.ElementQuad1())
     assert node_values((basis, basis.project(lambda x: x[0] - x[1])), mesh) == pytest.approx(mesh.x - mesh.y)
+
+
+def test_the_degree_is_that_of_the_element(parts: MeshParts) -> None:
+    mesh = mesh_of(parts)
+    quadratic = skfem.ElementTriP2() if parts.is_triangular else skfem.ElementQuad2()
+    basis = skfem.Basis(mesh, quadratic)
+    field = basis, basis.project(lambda x: x[0] ** 2 + 2 * x[1])
+    found = element_values(field, parts)
+    assert found.degree == (1 if parts.is_triangular else 2)  # triangles have no node in the centre of a quadrilateral
+    x, y = element_points(parts, found.degree).T
+    assert np.allclose(found.values.ravel(), x**2 + 2 * y)
+    assert element_values(field, parts, 1).values.shape == (7, 5)
+    if parts.is_triangular:
+        with pytest.raises(BadValues, match="none whose degree 2 can be seen"):
+            element_values(field, parts, 2)
+
+
+def test_quadratic_values_on_blocks() -> None:
+    mesh = l_shape()
+    basis = skfem.Basis(mesh.to_skfem(), skfem.ElementQuad2())
+    found = element_values((basis, basis.project(lambda x: x[0] * x[1])), mesh)
+    assert np.allclose(found.values, element_points(mesh, 2).prod(axis=1))

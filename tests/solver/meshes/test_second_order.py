@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from block_cases import l_shape
+from block_cases import channel, l_shape
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.second_order import AT_GAUSS_POINTS, CurvedEdges, SecondOrderMesh, smallest_shares
+from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.second_order import (
+    AT_GAUSS_POINTS,
+    CurvedEdges,
+    SecondOrderMesh,
+    every_second,
+    lattice_of,
+    nodes_of_cells,
+    smallest_shares,
+)
 from equimesh.numerics.types import Array, IntArray
 
 
@@ -93,3 +101,27 @@ def test_a_cell_that_folds_all_the_same_is_refused() -> None:
     ) as error:
         SecondOrderMesh.of(points, cells, both)
     assert error.value.field == "order"
+
+
+def test_a_lattice_has_four_cells_in_the_place_of_each() -> None:
+    grid, blocks = Mesh.uniform(Grid(n_xi=4, n_eta=5)), l_shape()
+    lattice = lattice_of(grid)
+    assert lattice.distance(Mesh.uniform(Grid(n_xi=7, n_eta=9))) < 1e-15
+    assert every_second(lattice).distance(grid) == 0.0
+    found = lattice_of(blocks)
+    assert not found.is_folded
+    assert found.cell_areas().reshape(-1, 4).sum(axis=1) == pytest.approx(blocks.cell_areas())
+    assert {name: len(edges) for name, edges in found.sides.items()} == {"inlet": 16, "outlet": 8, "wall": 40}
+    for mesh in (grid, blocks):
+        numbers, nodes = nodes_of_cells(mesh), lattice_of(mesh).points
+        np.testing.assert_allclose(nodes[numbers[:, [0, 2, 2, 0], [0, 0, 2, 2]]], mesh.points[mesh.cells], atol=1e-15)
+        np.testing.assert_allclose(nodes[numbers[:, 1, 1]], mesh.points[mesh.cells].mean(axis=1), atol=1e-15)
+
+
+def test_joined_sides_of_a_lattice_are_joined_in_their_middles_too() -> None:
+    mesh = channel()
+    ties = lattice_of(mesh).ties
+    assert len(ties) == 2 * len(mesh.ties) - 1
+    points = lattice_of(mesh).points
+    moves = points[ties[:, 0]] - points[ties[:, 1]]
+    np.testing.assert_allclose(moves, np.broadcast_to(moves[0], moves.shape), atol=1e-14)

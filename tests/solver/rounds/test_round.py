@@ -9,6 +9,7 @@ import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError, SamplesError
 from equimesh.least_error.kernels import Norm, Rule
+from equimesh.meshes.second_order import lattice_of
 from equimesh.rounds.candidates import Search
 from equimesh.rounds.recovery import KEPT, Recovery, Round, measured
 from equimesh.rounds.round import adapt_round
@@ -95,3 +96,49 @@ def test_bad_arguments_are_refused() -> None:
 def test_the_unresolved_share_of_a_layer_within_one_cell_is_large() -> None:
     assert first_round(17, 17, em.Expression("tanh(500*(x + y/2 - 0.75))")).unresolved > 0.12
     assert first_round(33, 33, em.Expression("tanh(5*(x + y/2 - 0.75))")).unresolved < 0.05
+
+
+# Values of elements of degree 2.
+
+
+def quadratic_round(n: int, u: em.Field, domain: em.Domain = UNIT_SQUARE, **settings: object) -> Round:
+    nodes = lattice_of(uniform(n, n, domain))
+    return adapt_round(uniform(n, n, domain), u.evaluate(nodes.x, nodes.y)[0], domain, degree=2, **settings)
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+@pytest.mark.parametrize(
+    ("domain", "u"),
+    [(UNIT_SQUARE, FRONT), (SECTOR, em.Expression("tanh(20*(x + y/2 - 1.6))"))],
+    ids=["square", "ring"],
+)
+def test_the_next_mesh_is_better_for_quadratic_elements(domain: em.Domain, u: em.Field, norm: Norm) -> None:
+    found, rule = quadratic_round(17, u, domain, norm=norm), Rule(norm=norm, points=5, degree=2)
+    before, after = (measured(u, domain, one, rule) for one in (em.Mesh.uniform(em.Grid(17)), found.reference))
+    assert before > 3.0 * after
+    known = found.estimate if norm == "l2" else found.estimate_h1
+    assert known == pytest.approx(before, rel=0.5)
+
+
+def test_the_estimate_for_quadratic_elements_is_that_of_their_interpolant() -> None:
+    smooth = em.Expression("sin(3*x)*cos(2*y)")
+    found = quadratic_round(17, smooth)
+    for norm, estimate in (("l2", found.estimate), ("h1", found.estimate_h1)):
+        true = measured(smooth, UNIT_SQUARE, em.Mesh.uniform(em.Grid(17)), Rule(norm=norm, points=5, degree=2))
+        assert estimate == pytest.approx(true, rel=0.03)
+    lattice = lattice_of(em.Mesh.uniform(em.Grid(17)))
+    cubic = Recovery.of(uniform(17, 17), lattice.x**2 - lattice.x * lattice.y, UNIT_SQUARE, 2)
+    assert cubic.gradient_norm() == pytest.approx(np.sqrt(4 / 3 - 1 + 1 / 3 + 1 / 3), rel=1e-12)  # (2x - y, -x)
+
+
+def test_a_quadratic_solution_keeps_the_mesh_of_quadratic_elements() -> None:
+    found = quadratic_round(9, em.Expression("x*x - 3*x*y + y"))
+    assert (found.chosen, found.estimate) == (KEPT, 0.0)
+
+
+def test_values_of_another_degree_are_refused_with_the_shape_that_is_needed() -> None:
+    mesh = uniform(9, 7)
+    with pytest.raises(SamplesError, match=r"shape \(9, 7\), and elements of degree 2 have nodes of shape \(17, 13\)"):
+        adapt_round(mesh, mesh.x, degree=2)
+    with pytest.raises(InputError, match="degree = 3: give 1 or 2, the degree of the elements at whose nodes"):
+        adapt_round(mesh, mesh.x, degree=3)
