@@ -49,7 +49,7 @@ def abaqus_text(points: Array, cells: IntArray, sides: Mapping[str, IntArray], *
         lines += [f"*NSET,NSET={named[side]}", *_set_rows(np.unique(edges) + 1)]
     for side, edges in sides.items():
         lines.append(f"*SURFACE, NAME={named[side]}{EDGES}, TYPE=ELEMENT")
-        lines += integer_rows("%d, S%d", _faces(cells, edges) + 1)
+        lines += integer_rows("%d, S%d", faces_of(cells, edges) + 1)
     if subdomain.max(initial=0) > 0:
         for one in np.unique(subdomain).tolist():
             lines += [f"*ELSET,ELSET=subdomain_{one + 1}", *_set_rows(np.flatnonzero(subdomain == one) + 1)]
@@ -72,7 +72,7 @@ def _set_rows(numbers: IntArray) -> Iterator[str]:
     return (", ".join(texts[k : k + PER_ROW]) for k in range(0, len(texts), PER_ROW))
 
 
-def _faces(cells: IntArray, edges: IntArray) -> IntArray:
+def faces_of(cells: IntArray, edges: IntArray) -> IntArray:
     """The cell and the local face of each of the ``edges``, shape ``(k, 2)``; face j goes from corner j to the next."""
     corners = cells[:, : CORNERS[cells.shape[1]]]
     around = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)

@@ -92,6 +92,35 @@ FORMATS: Final = {
             second_order=True,
         ),
         MeshFormat(
+            name="hohqmesh",
+            suffix=".ism",
+            media_type="application/x-hohqmesh",
+            description="HOHQMesh's ISM-V2 text with straight edges, quadrilaterals, sides by their names: Trixi",
+            cells=("quad",),
+        ),
+        MeshFormat(
+            name="re2",
+            suffix=".re2",
+            media_type="application/x-nek5000",
+            description="Nek5000's binary mesh, quadrilaterals, with the number of its side at a face: Nek5000, Neko",
+            cells=("quad",),
+        ),
+        MeshFormat(
+            name="nmsh",
+            suffix=".nmsh",
+            media_type="application/x-neko",
+            description="Neko's binary mesh in two dimensions, quadrilaterals, a labelled zone for each side: Neko",
+            cells=("quad",),
+        ),
+        MeshFormat(
+            name="specfem",
+            suffix=".specfem.zip",
+            media_type="application/x-specfem2d+zip",
+            description="zip of mesh_file, nodes_coords_file, materials_file, free_surface_file and"
+            " absorbing_surface_file, quadrilaterals: SPECFEM2D",
+            cells=("quad",),
+        ),
+        MeshFormat(
             name="p3d",
             suffix=".p3d.zip",
             media_type="application/x-plot3d+zip",

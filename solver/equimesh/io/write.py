@@ -20,6 +20,7 @@ from equimesh.io.abaqus import abaqus_text
 from equimesh.io.formats import CELLS, FORMATS, Cells, MeshFormat
 from equimesh.io.npz import mesh_arrays, npz_bytes
 from equimesh.io.solver_files import gmsh_text, medit_text, neutral_map, plot3d_text, su2_text, with_time
+from equimesh.io.spectral import hohqmesh_text, nmsh_bytes, re2_bytes, specfem_files
 from equimesh.io.vtk import vtm_text, write_vts, write_vtu
 from equimesh.meshes.cell_edges import Join
 from equimesh.meshes.interfaces import contacts
@@ -303,6 +304,16 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells, order: int =
             of = FileCells.of(data, kind, order).without_centres
             text = abaqus_text(of.points, of.cells, of.sides, subdomain=owner)
             file.write_text(text, encoding="ascii", newline="\n")
+        case "hohqmesh":
+            text = hohqmesh_text(data.mesh.points, data.mesh.cells, data.mesh.sides)
+            file.write_text(text, encoding="utf-8", newline="\n")
+        case "re2" | "nmsh":
+            make = {"re2": re2_bytes, "nmsh": nmsh_bytes}[name]
+            file.write_bytes(make(data.mesh.points, data.mesh.cells, data.mesh.sides))
+        case "specfem":
+            texts = specfem_files(data.mesh.points, data.mesh.cells, data.mesh.sides, subdomain=data.subdomain)
+            with TemporaryDirectory(dir=file.parent) as folder:
+                _pack(file, _written(Path(folder), texts))
         case "foam":
             with TemporaryDirectory(dir=file.parent) as folder:
                 _pack(file, _write_foam(Path(folder), data, kind), f"{solver_files.FOLDER}/")
@@ -399,7 +410,13 @@ def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: st
 
 def _write_foam(folder: Path, data: MeshData, kind: Cells) -> tuple[Path, ...]:
     """The files of an OpenFOAM mesh."""
-    texts = solver_files.foam_files(data.mesh.points, corners_of(data, kind), data.mesh.sides, _joins(data))
+    return _written(
+        folder, solver_files.foam_files(data.mesh.points, corners_of(data, kind), data.mesh.sides, _joins(data))
+    )
+
+
+def _written(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:
+    """The files with these texts, by their names."""
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="ascii", newline="\n")
     return tuple(folder / name for name in texts)

@@ -12,7 +12,9 @@ from equimesh_schema.mesh import SUFFIXES
 
 
 def test_each_format_is_described() -> None:
-    assert list(FORMATS) == ["vtu", "vtk", "vts", "vtm", "xdmf", "msh", "medit", "su2", "abaqus", "p3d", "foam", "npz"]
+    spectral = ["hohqmesh", "re2", "nmsh", "specfem"]
+    older = ["vtu", "vtk", "vts", "vtm", "xdmf", "msh", "medit", "su2", "abaqus"]
+    assert list(FORMATS) == [*older, *spectral, "p3d", "foam", "npz"]
     for name, known in FORMATS.items():
         assert known.name == name
         assert known.suffix.startswith(".")
