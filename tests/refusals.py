@@ -359,7 +359,7 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
     "blocks": {
         "grid": (on_step(grid={"n_xi": 9, "n_eta": 9}), "/grid", "leave the grid out"),
         "target": (on_step(target={"error": 1e-3}), "/target", "refine the blocks"),
-        "another schwarz": (on_step(schwarz={"subdomains": [2, 1]}), "/schwarz/subdomains", "known are overlap"),
+        "another schwarz": (on_step(schwarz={"subdomains": [2, 2]}), "/schwarz/subdomains", "this domain has blocks"),
         "schwarz.overlap": (on_step(schwarz={"overlap": 0}), "/schwarz/overlap", "from 1 to 64"),
         "schwarz.max_exchanges": (on_step(schwarz={"max_exchanges": 1001}), "/schwarz/max_exchanges", "at most 1000"),
         "schwarz.groups": (on_step(schwarz={"groups": [["upper"]]}), "/schwarz/groups", "is in no group"),

@@ -10,6 +10,8 @@
         mesh.download("mesh.vtu")
 """
 
+from typing import NoReturn
+
 from equimesh_client.client import AsyncClient, Client
 from equimesh_client.errors import (
     BadArgument,
@@ -51,7 +53,6 @@ from equimesh_coupling.recovery import CellAverages, ErrorIndicator
 from equimesh_schema import (
     Aim,
     AnnulusSector,
-    BlockSchwarz,
     Candidate,
     Certificate,
     Classical,
@@ -83,7 +84,6 @@ __all__ = [
     "AsyncSequence",
     "BadArgument",
     "BadValues",
-    "BlockSchwarz",
     "Blocks",
     "Candidate",
     "CellAverages",
@@ -148,3 +148,9 @@ __all__ = [
     "Upload",
 ]
 __all__ += monitors.__all__
+
+
+def __getattr__(name: str) -> NoReturn:
+    if name == "BlockSchwarz":
+        raise AttributeError("equimesh_client.BlockSchwarz is equimesh_client.Schwarz now, of grids and of blocks")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -360,10 +360,9 @@ def _up_to_a_fault(value: Any) -> Any:
     return kept
 
 
-def before(function: Callable[..., Any], schema: CoreSchema, *, with_info: bool = False) -> CoreSchema:
-    """The schema that reads what ``function`` returns of the value, and with ``with_info`` of what was read before."""
-    kind = "with-info" if with_info else "no-info"
-    return {"type": "function-before", "function": {"type": kind, "function": function}, "schema": schema}
+def before(function: Callable[..., Any], schema: CoreSchema) -> CoreSchema:
+    """The schema that reads what ``function`` returns of the value."""
+    return {"type": "function-before", "function": {"type": "no-info", "function": function}, "schema": schema}
 
 
 Numbers = Annotated[list[float], Limits(fail_fast=True)]

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, TypeAlias
 from equimesh_schema.document import LATER, Document, Either, Limits, Parameters, Words
 from equimesh_schema.domains import Domain, Rectangle
 from equimesh_schema.monitors import Monitor, Norm
-from equimesh_schema.schwarz import AnySchwarz, OfDomain
+from equimesh_schema.schwarz import Schwarz
 
 MAX_PARTS = 4096
 """The most parts that a spec may ask for; how many a grid can have is checked by the solver."""
@@ -84,7 +84,7 @@ class MeshSpec(Document):
     """How points move along the sides; equidistributed_1d is the paper's."""
     initial: Annotated[str, INITIALS] = "nested"
     """The initial mesh: from coarser grids, or uniform as in the paper."""
-    schwarz: Annotated[AnySchwarz, OfDomain()] | None = None
+    schwarz: Schwarz | None = None
     """Absent or null: solved as a single domain. With blocks an iteration between these."""
     mode: Annotated[str, MODES, LATER] = "discretization"
     """How exactly the discrete equations are solved: to the error of the grid, or tight, to rounding."""

@@ -1,10 +1,10 @@
 """The Schwarz iteration: subdomains, what they exchange, what speeds it up, and when to use which."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from equimesh_schema.document import LATER, CoreSchema, Document, Either, InJson, Limits, OneOf, Words, before, by_kind
+from equimesh_schema.document import LATER, Document, Either, InJson, Limits, Words, by_kind
 
 ORDERINGS = Words(
     parallel="Subdomains on cores or machines of their own: all at the same time. The default.",
@@ -91,9 +91,10 @@ Division: TypeAlias = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class Schwarz(Document):
-    """Domain decomposition and the Schwarz iteration.
+    """Domain decomposition and the Schwarz iteration, between rectangles of a grid or the blocks of a domain.
 
-    Least error has `subdomains`, `overlap`, `local_steps` and `max_exchanges` alone.
+    Least error has `subdomains`, `overlap`, `local_steps` and `max_exchanges` alone, and on blocks `groups` in place of
+    `subdomains`: every subdomain takes steps of descent with the others held; then they exchange their moves.
     """
 
     subdomains: Annotated[Sequence[Division], InJson(list[Division]), Limits(min_length=2, max_length=2)] = (2, 1)
@@ -128,56 +129,16 @@ class Schwarz(Document):
     """For least error alone: steps of descent of a subdomain in one exchange, 1 to 1000."""
     max_exchanges: Annotated[int | None, LATER] = None
     """For least error alone: exchanges at most; null: as many as take the steps of a solve of the whole mesh."""
+    groups: Annotated[
+        Sequence[Sequence[str | int]] | None,
+        InJson(list[Annotated[list[str | int], Limits(min_length=1)]] | None),
+        Either("a list of lists of names or numbers of blocks, or null"),
+        LATER,
+    ] = None
+    """For blocks alone: the blocks of each subdomain, each block once; null: every block is one."""
 
     @property
     def counts(self) -> tuple[int, int]:
         """How many subdomains there are along xi and along eta."""
         xi, eta = (part if isinstance(part, int) else len(part) + 1 for part in self.subdomains)
         return xi, eta
-
-
-@dataclass(frozen=True, kw_only=True)
-class BlockSchwarz(Document):
-    """The Schwarz iteration between the blocks of a domain, for the mesh of least error.
-
-    Every subdomain takes steps of descent with the others held; then they exchange their moves.
-    """
-
-    overlap: int = 4
-    """Layers of cells of its neighbours that a subdomain also has, 1 to 64."""
-    local_steps: int = 8
-    """Steps of descent of a subdomain in one exchange, 1 to 1000."""
-    max_exchanges: int | None = None
-    """Exchanges at most; null: as many as take the steps of a solve of the whole mesh."""
-    groups: Annotated[
-        Sequence[Sequence[str | int]] | None,
-        InJson(list[Annotated[list[str | int], Limits(min_length=1)]] | None),
-        Either("a list of lists of names or numbers of blocks, or null"),
-    ] = None
-    """The blocks of each subdomain, each block once; null: every block is one."""
-
-
-class OnBlocks(dict[str, Any]):
-    """The settings of an iteration as they were sent, with a domain that has blocks."""
-
-
-class OfDomain:
-    """Marks settings of an iteration: the domain, a field before them, says of which one."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        def marked(value: Any, info: Any) -> Any:
-            has_blocks = getattr(info.data.get("domain"), "HAS_BLOCKS", False)
-            return OnBlocks(value) if has_blocks and isinstance(value, Mapping) else value
-
-        return before(marked, handler(source), with_info=True)
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> CoreSchema:
-        """A document may fit several members of the union, as one without keys does."""
-        return {"anyOf" if key == "oneOf" else key: part for key, part in handler(schema).items()}
-
-
-ITERATIONS = OneOf(
-    {"grid": Schwarz, "blocks": BlockSchwarz},
-    lambda value: "blocks" if isinstance(value, OnBlocks | BlockSchwarz) else "grid",
-)
-AnySchwarz: TypeAlias = Annotated[Schwarz | BlockSchwarz, ITERATIONS]

@@ -206,12 +206,11 @@ def test_the_numerics_have_every_setting() -> None:
     for document, made in (
         (mesh.Target, em.Target),
         (mesh.Grid, em.Grid),
+        (schwarz.Schwarz, em.Schwarz),
         (domains.Rectangle, em.Rectangle),
         (domains.AnnulusSector, em.AnnulusSector),
     ):
         assert {*keys_of(document)} - {"kind"} == {one.name for one in fields(made)}  # type: ignore[arg-type]
-    of_both = {*keys_of(schwarz.Schwarz), *keys_of(schwarz.BlockSchwarz)}
-    assert of_both == {one.name for one in fields(em.Schwarz)}
 
 
 @pytest.mark.parametrize("kind", monitors.MONITORS.documents)

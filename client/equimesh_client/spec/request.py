@@ -27,7 +27,7 @@ from equimesh_schema.monitors import (
     PlainMonitor,
 )
 from equimesh_schema.monitors import AnyMonitor as Monitor
-from equimesh_schema.schwarz import TRANSMISSIONS, BlockSchwarz, Condition, Schwarz
+from equimesh_schema.schwarz import TRANSMISSIONS, Condition, Schwarz
 from equimesh_schema.sources import functions_of
 
 # Monitors as JSON: their functions are read, and the u of a request gets its place.
@@ -154,8 +154,8 @@ class MeshOptions(TypedDict, total=False):
     """
     target: Target | Mapping[str, Any] | None
     """An interpolation error in place of ``n``. Default: None, which takes the grid of ``n``."""
-    schwarz: Schwarz | BlockSchwarz | Mapping[str, Any] | None
-    """How the domain is divided into subdomains; a :class:`BlockSchwarz` on blocks. Default: None, which solves on a
+    schwarz: Schwarz | Mapping[str, Any] | None
+    """How the domain is divided into subdomains; on blocks by ``groups`` of them. Default: None, which solves on a
     single domain.
     """
     boundary: str
@@ -244,12 +244,12 @@ def _schwarz_json(schwarz: object) -> Json | None:
     """The JSON of the settings of a Schwarz iteration; raises :class:`BadArgument` for another object."""
     if schwarz is None or isinstance(schwarz, Mapping):
         return None if schwarz is None else dict(schwarz)
-    if not isinstance(schwarz, Schwarz | BlockSchwarz):
+    if not isinstance(schwarz, Schwarz):
         raise BadArgument(
-            "schwarz is a Schwarz, such as Schwarz(subdomains=(2, 1)), on blocks a BlockSchwarz(), or None for a single"
-            f" domain; not {schwarz!r:.80}"
+            "schwarz is a Schwarz, such as Schwarz(subdomains=(2, 1)), or None for a single domain; not"
+            f" {schwarz!r:.80}"
         )
-    if isinstance(schwarz, Schwarz) and not isinstance(schwarz.transmission, Condition):
+    if not isinstance(schwarz.transmission, Condition):
         raise BadArgument(
             f"transmission = {str(schwarz.transmission)[:40]!r}: give one of"
             f" {', '.join(f'{kind.__name__}()' for kind in TRANSMISSIONS.documents.values())}"

@@ -402,7 +402,7 @@ class Admission:
         elif spec.grid is not None:
             self._check_grid(spec.grid, whole=checked.canonical["parts"] is None)
         self._limits.check(checked.sources)
-        if isinstance(spec.schwarz, Schwarz) and spec.grid is not None:
+        if spec.schwarz is not None and spec.grid is not None and not checked.has_blocks:
             self._check_schwarz(spec.schwarz, spec.grid)
         if spec.schwarz is not None and (spec.schwarz.max_exchanges or 0) > self._most_iterations:
             raise problem_at("/schwarz/max_exchanges", f"too many: this service runs at most {self._most_iterations}")

@@ -13,7 +13,6 @@ from equimesh_schema.document import without_usual
 from equimesh_schema.domains import MeshFile
 from equimesh_schema.mesh import ExpressionCheck, Grid, MeshSpec
 from equimesh_schema.monitors import ArcLength, Auto, LeastError, NodalSolution
-from equimesh_schema.schwarz import Schwarz
 from equimesh_schema.sources import AnySource, ExpressionSource, GridSource, NodalSource, StoredSource
 from equimesh_service.problems.problem import problem_at
 from equimesh_service.spec.monitors import sources_of, with_samples
@@ -91,7 +90,7 @@ class CheckedSpec:
         if self.canonical["parts"] is None:  # as in releases without parts
             other.append("parts")
         points = {key: value for key, value in self.canonical.items() if key not in other}
-        if isinstance(self.spec.schwarz, Schwarz):  # as in releases without the later keys
+        if self.spec.schwarz is not None:  # as in releases without the later keys
             known = without_usual(self.spec.schwarz)
             points["schwarz"] = {key: value for key, value in points["schwarz"].items() if key in known}
         return _digest(points)

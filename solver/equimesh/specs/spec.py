@@ -24,7 +24,7 @@ from equimesh.monitors.least_error import NO_OTHER_GRID, LeastError, NodalSoluti
 from equimesh.monitors.monitor import require_lines
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
 from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.settings import MAX_LAYERS, Schwarz, require_count
+from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import AnySolution
 from equimesh.solving.solve import NO_DEGREE, NO_ROUNDS, NO_STRAIGHT_LINES, count_subdomains, solve
@@ -38,7 +38,6 @@ from equimesh_schema import schwarz as schwarz_schema
 from equimesh_schema.domains import DOMAINS
 from equimesh_schema.mesh import MeshSpec
 from equimesh_schema.monitors import MONITORS
-from equimesh_schema.schwarz import ITERATIONS
 
 # Physical domains and grids of a document.
 
@@ -128,16 +127,10 @@ def _target(*, max_points: int | None = None, **given: Any) -> Target:
     return Target(**given, max_points=MAX_POINTS if max_points is None else max_points)
 
 
-def _between_blocks(**given: Any) -> Schwarz:
-    require_count(given.get("overlap", 1), "overlap", MAX_LAYERS)
-    return Schwarz(**given)
-
-
 MAKERS: Makers = {
     mesh_schema.Grid: usual_grid,
     mesh_schema.Target: _target,
     schwarz_schema.Schwarz: Schwarz,
-    schwarz_schema.BlockSchwarz: _between_blocks,
     schwarz_schema.Optimized: Optimized,
     schwarz_schema.Classical: Classical,
     schwarz_schema.LinearRobin: LinearRobin,
@@ -148,7 +141,10 @@ READING = Reading(MAKERS)
 
 def block_schwarz(given: object) -> Schwarz | None:
     """The settings of the iteration between the blocks of a domain, where those of a grid stand; None where null."""
-    found: Schwarz | None = None if given is None else READING.record(schwarz_schema.BlockSchwarz, given, "schwarz")
+    if given is None:
+        return None
+    found: Schwarz = READING.record(schwarz_schema.Schwarz, given, "schwarz")
+    found.require_blocks()
     return found
 
 
@@ -301,7 +297,7 @@ def build(
     is the path of the fault in the document, e.g. ``"monitor.u.expression"`` or ``"schwarz.overlap"``.
     """
     makers: Makers = {**MAKERS, **domain_makers(find_mesh, folder), MeshSpec: dict}
-    given = Reading(makers, {MONITORS: _as_given, ITERATIONS: _as_given}).record(MeshSpec, document)
+    given = Reading(makers, {MONITORS: _as_given}).record(MeshSpec, document)
     parts = _parts(given)
     if isinstance(parts.domain, Blocks):
         return _on_blocks(parts, parts.domain, given.get("schwarz"), find_samples)
@@ -320,7 +316,7 @@ def build(
     return BuiltSpec(problem=problem, schwarz=schwarz, target=parts.target, **parts.options)
 
 
-def _on_blocks(parts: _Parts, blocks: Blocks, settings: object, find_samples: FindSamples) -> BuiltSpec:
+def _on_blocks(parts: _Parts, blocks: Blocks, schwarz: Schwarz | None, find_samples: FindSamples) -> BuiltSpec:
     """The contents of a document whose domain has blocks."""
     given = {
         "grid": parts.grid is not None,
@@ -333,7 +329,6 @@ def _on_blocks(parts: _Parts, blocks: Blocks, settings: object, find_samples: Fi
             raise InputError(NOT_WITH_BLOCKS[name], field=name)
     monitor: Any = build_monitor(parts.monitor, blocks, find_samples, cells=parts.options["cells"])
     problem = Problem(monitor=monitor, domain=blocks)
-    schwarz = block_schwarz(settings)
     if schwarz is not None:
         count_subdomains(problem, schwarz)
     return BuiltSpec(problem=problem, schwarz=schwarz, target=None, **parts.options)

@@ -7,12 +7,13 @@ from typing import Any, get_type_hints
 import numpy as np
 import pytest
 
+import equimesh_client
+import equimesh_schema
 from client.fake_service import parts_of
 from equimesh_client import (
     ArcLength,
     Auto,
     BadArgument,
-    BlockSchwarz,
     Curvature,
     Intersection,
     LeastError,
@@ -284,10 +285,13 @@ def test_schwarz_as_json() -> None:
 
 
 def test_the_iteration_between_blocks_as_json() -> None:
-    schwarz = mesh_spec({}, options={"schwarz": BlockSchwarz(groups=(("in", 2), ("top",)))}, n=8)["schwarz"]
-    assert schwarz == {"overlap": 4, "local_steps": 8, "max_exchanges": None, "groups": [["in", 2], ["top"]]}
-    assert BlockSchwarz().to_json()["groups"] is None
-    with pytest.raises(BadArgument, match="on blocks a BlockSchwarz"):
+    schwarz = mesh_spec({}, options={"schwarz": Schwarz(groups=(("in", 2), ("top",)))}, n=8)["schwarz"]
+    assert schwarz["groups"] == [["in", 2], ["top"]]
+    assert "groups" not in mesh_spec({}, options={"schwarz": Schwarz()}, n=8)["schwarz"]
+    for module in (equimesh_client, equimesh_schema):
+        with pytest.raises(AttributeError, match=f"{module.__name__}.BlockSchwarz is {module.__name__}.Schwarz now"):
+            _ = module.BlockSchwarz
+    with pytest.raises(BadArgument, match="schwarz is a Schwarz"):
         mesh_spec({}, 8, {"schwarz": 3})  # type: ignore[typeddict-item]
 
 

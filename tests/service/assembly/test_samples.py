@@ -226,7 +226,7 @@ def test_the_iteration_between_blocks_is_that_of_the_solver(http: httpx.Client) 
     spec = {"monitor": LEAST, "domain": STEP, "schwarz": schwarz}
     made = solved(http, spec)
     canonical = http.get(made["links"]["self"] + "/spec").json()["schwarz"]
-    assert canonical == {"overlap": 3, "local_steps": 8, "max_exchanges": None, "groups": schwarz["groups"]}
+    assert {key: canonical[key] for key in schwarz} == schwarz
     problem = specs.build(spec).problem
     in_process = em.solve(problem, em.Schwarz(groups=[["block0", "upper"], [2]], overlap=3))
     found = arrays(http, made)

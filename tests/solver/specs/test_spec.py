@@ -232,7 +232,7 @@ def test_schwarz_between_blocks() -> None:
     assert (built.schwarz, built.grid_schwarz) == (Schwarz(overlap=2, groups=[["one"]]), None)
     for settings, field in (
         ({"overlap": 0}, "schwarz.overlap"),
-        ({"subdomains": [2, 1]}, "schwarz.subdomains"),
+        ({"subdomains": [2, 2]}, "schwarz.subdomains"),
         ({"groups": [["two"]]}, "schwarz.groups[0]"),
         (3, "schwarz"),
     ):
