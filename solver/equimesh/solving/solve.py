@@ -250,6 +250,13 @@ class Round:
         return bounded_round(solve_round(problem, options.threads), again)
 
 
+METRICS_ONLY = (
+    "Subdomains equidistribute for auto, which compared metrics alone: LeastError(u=...), least_error over HTTP, takes"
+    " subdomains, too, and most often has a smaller error."
+)
+"""The warning where an ``Auto`` monitor has Schwarz settings on a grid."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Best:
     """The best of the two methods and of several settings, by the error on a coarse mesh or by that of a code.
@@ -288,6 +295,11 @@ class Best:
         return replace(solution, comparison=comparison)
 
     def _on_grid(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
+        """The solution for the best monitor; with a warning where subdomains had metrics alone."""
+        found = self._of_candidates(problem, initial, options)
+        return replace(found, detours=(*found.detours, METRICS_ONLY)) if self._has_metrics_only else found
+
+    def _of_candidates(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
         """The solution for the best monitor; of least error where the mesh of another one turns out to be worse."""
         auto: Any = problem.monitor
         count = len(least_errors(auto))

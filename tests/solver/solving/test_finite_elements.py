@@ -12,6 +12,7 @@ import equimesh as em
 from equimesh.meshes.mesh import Mesh
 from equimesh.quality.ritz import solver_gain
 from equimesh.solving import auto, solve
+from equimesh.solving.solve import METRICS_ONLY
 
 LAYER = "(1 - exp(40*(x - 1)))*sin(pi*y)"
 
@@ -69,6 +70,7 @@ def test_where_no_candidate_is_better_for_a_solver_the_mesh_is_uniform(monkeypat
 def test_with_subdomains_the_candidates_are_metrics() -> None:
     solution = chosen("tanh(8*(x - y*y))", schwarz=em.Schwarz(subdomains=(2, 1)))
     assert {one.kind for one in solution.comparison} == {"curvature", "arc_length"}
+    assert METRICS_ONLY in solution.warnings
     assert solution.solver_gain is not None
     assert solution.solver_gain.l2 >= 1.0
 
