@@ -181,7 +181,9 @@ def operations(fuzz_http: httpx.Client, fuzz_url: str) -> list[APIOperation]:
 def test_at_the_limits_of_the_schema(exchange: Exchange, operations: list[APIOperation]) -> None:
     every, rng = 1 if count_cases(0) else 240, Random(chosen_seed())
     for operation in operations:
-        for request in boundary_requests(operation, rng, every):
+        # Three operations take the same spec: without FUZZ_CASES one of them gets cases for all of its keys.
+        most = None if every == 1 or operation.path == "/v1/meshes" else 1000
+        for request in boundary_requests(operation, rng, every, most):
             exchange.send(request)
     exchange.report("at the limits")
     assert {label for _, label, _ in exchange.answers} == {operation.label for operation in operations}

@@ -36,7 +36,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClusterProcess
     """A scheduler and a worker with two processes for jobs, which lives under a nanny, as Dask's usual workers do."""
     with cluster_processes(tmp_path_factory.mktemp("cluster")) as cluster:
         cluster.start_scheduler()
-        cluster.start_worker("first", slots=2)
+        # Its nanny starts it again at its address.
+        cluster.start_worker("first", "--worker-port", str(free_port()), slots=2)
         yield cluster
 
 
@@ -88,14 +89,14 @@ def test_workers_join_and_leave_and_take_their_jobs_with_them(cluster: ClusterPr
     until(lambda: not runs(before[1][1]))  # an engine that is closed leaves no job behind
 
 
-def test_a_job_is_not_begun_again_by_the_worker_that_takes_the_place_of_a_lost_one(tmp_path: Path) -> None:
+def test_a_job_is_not_begun_again_by_the_worker_that_takes_the_place_of_a_lost_one(
+    cluster: ClusterProcesses, tmp_path: Path
+) -> None:
     marker = tmp_path / "marker"
-    with cluster_processes(tmp_path / "cluster") as cluster, engine_on(cluster) as engine:
-        cluster.start_scheduler()
-        cluster.start_worker("one", "--worker-port", str(free_port()))  # its nanny starts it again at its address
+    with engine_on(cluster) as engine:
         until(lambda: engine.health().ready)
         first, pid = spinning(engine, marker)
-        (worker,) = [pid for pid in children(cluster.workers["one"].pid, deep=False) if children(pid)]
+        (worker,) = [pid for pid in children(cluster.workers["first"].pid, deep=False) if children(pid)]
         os.kill(worker, signal.SIGKILL)
         os.kill(pid, signal.SIGKILL)  # its one call lets no other thread look for the end of the worker
         assert isinstance(first.exception(SECONDS), WorkerLostError)

@@ -208,7 +208,7 @@ def test_a_bound_copy_remembers_its_domain() -> None:
 
 
 @pytest.mark.parametrize("domain", [UNIT, SECTOR, em.Rectangle(x=(0.0, 40.0))], ids=["square", "sector", "long"])
-@pytest.mark.parametrize("radius", [1e-4, 0.01, 0.05, 0.25])
+@pytest.mark.parametrize("radius", [1e-4, 0.25])
 def test_a_smoothed_constant_is_the_constant(domain: em.Domain, radius: float) -> None:
     tensor = em.Tensor(m11=em.Expression("2"), m12=em.Expression("0.5"), m22=em.Expression("7"))
     smoothed = em.Smoothed(monitor=tensor, radius=radius).on(domain)

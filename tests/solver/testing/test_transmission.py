@@ -19,10 +19,8 @@ from equimesh.testing import check_transmission, checks
     "condition",
     [
         em.Classical(),
-        em.LinearRobin(),
         em.LinearRobin(p=2.0),
         em.NonlinearRobin(),
-        em.NonlinearRobin(p=3.0),
         em.Optimized(),
         em.Optimized(data=em.LineData.LOCAL),
     ],
