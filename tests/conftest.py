@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -61,10 +62,14 @@ warm_up_blocks(em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9)), em.Expression("tanh(8*
 
 
 def _compile_once(paths: list[str]) -> None:
-    """Compile the kernels in two processes, of which the second one then compiles tests: each process would do it."""
+    """Compile the kernels in two processes, of which the second one then compiles tests: each process would do it.
+
+    Tests that are compiled already, as after a run before, are not collected for it.
+    """
     warm_up = [sys.executable, "-c", "from equimesh.warm_up import warm_up; warm_up()"]
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:cacheprovider", *paths]
-    second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$@"', sys.executable, FIRST_BLOCKS, *collect]
+    second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$@"', sys.executable, FIRST_BLOCKS]
+    second += ["true"] if _are_compiled() else collect
     silent = subprocess.DEVNULL
     with subprocess.Popen(second, stdin=silent, stdout=silent, stderr=silent, start_new_session=True) as compiling:
         try:
@@ -74,6 +79,13 @@ def _compile_once(paths: list[str]) -> None:
             with suppress(ProcessLookupError):
                 os.killpg(compiling.pid, signal.SIGKILL)
             raise
+
+
+def _are_compiled() -> bool:
+    """Whether pytest has compiled all files of tests since they were changed."""
+    folder, name = Path(__file__).parent, f"{sys.implementation.cache_tag}-pytest-{pytest.__version__}.pyc"
+    kept = ((path, path.parent / "__pycache__" / f"{path.stem}.{name}") for path in folder.rglob("test_*.py"))
+    return all(there.exists() and there.stat().st_mtime > path.stat().st_mtime for path, there in kept)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -126,9 +126,7 @@ def filled(body: Any, samples: str) -> Any:
     return samples if isinstance(body, str) and body == STORED else body
 
 
-def boundary_requests(
-    operation: APIOperation, rng: Random, every: int, most: int | None = None
-) -> Iterator[Request]:
+def boundary_requests(operation: APIOperation, rng: Random, every: int, most: int | None = None) -> Iterator[Request]:
     """At and beside every limit of the schema, and methods that a path does not take; ``every`` leaves cases out.
 
     Of the first ``most`` cases, if it is given: to make all of those of a spec takes seconds.

@@ -128,6 +128,7 @@ def retire_samples(store: Store, file: StoredFile, publish: Publish, files: File
 REMOVALS = (sweep, delete_mesh, retire_mesh, delete_sequence, delete_samples, retire_samples)
 
 
+@pytest.mark.parametrize(("database_url", "files"), [("sqlite", "far"), ("postgresql", "rows")], indirect=True)
 @pytest.mark.parametrize(
     ("remove", "name"), [(way, finish) for way in REMOVALS] + [(sweep, way) for way in (export, upload, step)]
 )

@@ -95,7 +95,7 @@ def test_a_false_fixed_point_is_not_a_solution() -> None:
     assert {record.transmission for record in solution.iterations} == {"linear_robin"}
 
 
-@pytest.mark.parametrize(("subdomains", "ordering"), zip([(2, 2), (1, 2)] * 2, em.Ordering, strict=True))
+@pytest.mark.parametrize(("subdomains", "ordering"), list(zip([(2, 2), (1, 2)] * 2, em.Ordering, strict=True)))
 def test_the_optimized_condition_takes_over_where_another_stalls(
     subdomains: tuple[int, int], ordering: em.Ordering
 ) -> None:
