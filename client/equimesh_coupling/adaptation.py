@@ -9,7 +9,7 @@ from typing import Any, Final, Generic, Literal, TypeVar
 
 import numpy as np
 
-from equimesh_coupling.display import draw_on, picture_if_known
+from equimesh_coupling.display import draw_on, error_of_cells, picture_of_values
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array
 from equimesh_schema.notebook import html_of
@@ -223,8 +223,11 @@ class Adaptation(Generic[M]):
         return self.rounds[self.best].estimate
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the mesh of the best round on ``axes`` of matplotlib, or on those of pyplot, and return the axes."""
-        return draw_on(self.mesh, None, axes)
+        """Draw the mesh of the best round on ``axes`` of matplotlib, or on those of pyplot, and return the axes.
+
+        Cells have the colour of an estimate of their error, or of their error indicator.
+        """
+        return draw_on(self.mesh, error_of_cells(self.mesh, self.values), axes)
 
     def _repr_html_(self) -> str:
         """A picture and a table of the rounds, for notebooks."""
@@ -233,7 +236,7 @@ class Adaptation(Generic[M]):
             ("resolved", "yes" if self.resolved else "no: layers may be there that no mesh of this size has met"),
         ]
         facts += [(f"round {one.number}", f"estimate {one.estimate:.3g}") for one in self.rounds[:MAX_SHOWN]]
-        return html_of(self.reason, facts, picture=picture_if_known(self.mesh), alternative="the best mesh")
+        return html_of(self.reason, facts, picture=picture_of_values(self.mesh, self.values))
 
     def __repr__(self) -> str:
         how = "resolved" if self.resolved else "not resolved"

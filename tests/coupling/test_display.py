@@ -13,7 +13,7 @@ import pytest
 
 import equimesh as em
 from coupling.conftest import bent
-from equimesh_coupling.display import MAX_BYTES, colours_of, draw_cells
+from equimesh_coupling.display import MAX_BYTES, colours_of, draw_cells, error_of_cells
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.figure import Figure  # noqa: E402 - after matplotlib is known to be here
@@ -117,6 +117,21 @@ def test_meshes_steps_rounds_and_domains_show_themselves() -> None:
         assert not np.ma.is_masked(axes.collections[0].norm(axes.collections[0].get_array()))  # no cell is grey
     assert shown(step.certificate._repr_html_()) == []
     assert "smallest Jacobian" in step.certificate._repr_html_()
+
+
+def test_the_error_of_a_cell_is_estimated_from_values_at_the_nodes() -> None:
+    u = em.Expression("x^2 + 3*y")
+    uniform = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=5))
+    found = error_of_cells(uniform, u.evaluate(uniform.x, uniform.y)[0])
+    np.testing.assert_allclose(found, (1 / 8) ** 2 / 4)  # what a parabola has in the middle of an edge
+    bend = bent(33, 25)
+    np.testing.assert_allclose(error_of_cells(bend, 2 * bend.x - bend.y), 0.0, atol=1e-12)  # bent lines alone: none
+    steep = em.Expression("tanh(4*(x - 0.5))").evaluate(bend.x, bend.y)[0]
+    blocks = em.Blocks.of_mesh(bend.points, bend.cells, bend.sides).mesh
+    np.testing.assert_allclose(error_of_cells(blocks, steep.ravel()), error_of_cells(bend, steep).ravel())
+    indicator = -np.ones(bend.cell_shape)
+    np.testing.assert_array_equal(error_of_cells(bend, indicator), 1.0)
+    assert error_of_cells(bend, np.zeros(7)) is None
 
 
 def test_a_grid_blocks_and_cells_without_order_have_the_same_colours_and_edges() -> None:
