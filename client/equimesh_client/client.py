@@ -82,7 +82,7 @@ class ClientOperations(ABC, Generic[M]):
         ``options`` are those of :class:`MeshOptions`. ``initial`` is the first mesh, ``"nested"`` or ``"uniform"``.
         ``cells`` of files and arrays are ``"quad"`` or ``"triangle"``. With ``reuse`` the service may answer with an
         earlier mesh of the same request, which ``mesh.reused_from`` names. ``progress`` shows a bar; None shows it on
-        a terminal only.
+        a terminal and in a notebook.
 
         When the deadline (seconds) passes, or the wait is interrupted or its task canceled, the mesh is canceled.
         Raises :class:`MeshFailed`, :class:`InvalidInput` and the rest of the tree in ``errors``.
