@@ -163,6 +163,7 @@ class ClientOperations(ABC, Generic[M]):
         domain: Domain | Mapping[str, Any] | None = None,
         rounds: int = 5,
         norm: Norm = "l2",
+        degree: int | None = None,
         observe: Observe | None = None,
         deadline: float = DEADLINE_SECONDS,
     ) -> Adaptation[M]:
@@ -175,7 +176,9 @@ class ClientOperations(ABC, Generic[M]):
         on, and returns one of these: values at the nodes, a field of a library with an adaptor, ``CellAverages``, or
         an ``ErrorIndicator`` of the cells. It is called first on the uniform mesh, on blocks the initial one, then at
         most ``rounds`` times. ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``, and by
-        which rounds are ranked. ``observe`` is called with every round. ``deadline`` is that of each mesh, in seconds.
+        which rounds are ranked. ``degree``, 1 or 2, is that of the elements at whose nodes values are; without it that
+        of a field whose space shows it is taken, and 1 for arrays. ``observe`` is called with every round.
+        ``deadline`` is that of each mesh, in seconds.
 
         With :class:`AsyncClient` it gets the arrays of the mesh, whose ``to_skfem()`` and other methods need no await,
         and returns its solution or an awaitable of it.
@@ -184,7 +187,7 @@ class ClientOperations(ABC, Generic[M]):
         the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the exception. Raises
         :class:`BadArgument` for arguments that cannot be used.
         """
-        loop: AdaptLoop[M] = AdaptLoop(solve=solve, n=n, domain=domain, rounds=rounds, norm=norm)
+        loop: AdaptLoop[M] = AdaptLoop(solve=solve, n=n, domain=domain, rounds=rounds, norm=norm, degree=degree)
         settings = self._session.settings
         loop.domain = await self._session.run(flows.stored_domain(domain, settings, Deadline.after(deadline)))
         mesh = await self._generate(loop.first(), deadline, False)

@@ -20,10 +20,6 @@ NO_DEGREE = (
     "a metric knows no elements: the degree is that of the element whose measured error is made small; leave it out, or"
     " take the kind least_error or auto"
 )
-NO_DEGREE_OF_ROUND = (
-    "a round recovers u from values at the corners of cells, for elements of degree 1; leave the degree out, or take"
-    " the kind least_error with the values as u"
-)
 NO_U = {"u": "the norm is that of the error of interpolating u: give u, an expression or samples"}
 Norm: TypeAlias = Literal["l2", "h1"]
 ErrorNorm: TypeAlias = Annotated[
@@ -137,13 +133,16 @@ class NodalSolution(MonitorDocument):
 
     USE = "You solve for u: from its values at the nodes of one mesh to the next mesh."
     TITLE = "Values at nodes"
-    REFUSED: ClassVar = {"smoothing": NO_SMOOTHING, "degree": NO_DEGREE_OF_ROUND}
+    REFUSED: ClassVar = {"smoothing": NO_SMOOTHING}
     MISSING: ClassVar = {"u": "a round follows from values at the nodes of a mesh: give u"}
     kind: Literal["nodal_solution"] = "nodal_solution"
     u: Function = None
     """Values of a solver at the nodes of a mesh: nodal, or samples with x and y of 2-D."""
     norm: ErrorNorm = "l2"
     orthogonality: Orthogonality = None
+    degree: Annotated[int, LATER, Shown("Degree of the elements", minimum=1, maximum=2)] = 1
+    """The degree of the solver's elements: 1, or 2 with values at the middles of edges and cells, too, whose x and y
+    are given with them; every second one along xi and along eta is a node of the mesh."""
 
 
 @dataclass(frozen=True, kw_only=True)

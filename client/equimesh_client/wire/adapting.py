@@ -14,9 +14,10 @@ from equimesh_client.spec.domains import Domain, has_own_points
 from equimesh_client.spec.request import DEFAULT_POINTS, DEFAULTS, GenerateArguments, MeshOptions
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
+from equimesh_coupling.elements import element_points
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.recovery import ErrorIndicator, cell_values
-from equimesh_coupling.values import node_values
+from equimesh_coupling.values import element_values
 from equimesh_schema import Certificate
 from equimesh_schema.document import is_whole
 from equimesh_schema.monitors import LeastError, NodalSolution, Norm, Weight
@@ -61,6 +62,8 @@ class AdaptLoop(Generic[M]):
     domain: Domain | Mapping[str, Any] | None
     rounds: int
     norm: Norm
+    degree: int | None = None
+    """The degree of the elements, 1 or 2; None: that of the space of a field, 1 for arrays."""
     done: list[AdaptRound[M]] = field(default_factory=list)
     moved_cells: float = 0.0
     """How far the nodes of the current mesh have moved."""
@@ -78,6 +81,8 @@ class AdaptLoop(Generic[M]):
             raise BadArgument("the blocks of a domain have numbers of cells of their own: leave n out, and refine them")
         if self.norm not in NORMS:
             raise BadArgument(f"norm = {self.norm!r}: choose 'l2' or 'h1'")
+        if self.degree is not None and not (is_whole(self.degree) and self.degree in (1, 2)):
+            raise BadArgument(f"degree = {str(self.degree)[:20]}: give 1 or 2, the degree of your elements")
 
     @property
     def is_done(self) -> bool:
@@ -97,17 +102,18 @@ class AdaptLoop(Generic[M]):
         if on_blocks and isinstance(returned, ErrorIndicator):
             raise BadValues(NO_INDICATOR)
         if not isinstance(returned, ErrorIndicator):
-            values = node_values(returned, arrays)
+            values, degree = element_values(returned, arrays, self.degree)
             require_same_kind(self.done, is_indicator=False)
-            u: object = {"nodes": arrays.points, "values": values} if on_blocks else (arrays.x, arrays.y, values)
-            return RoundAnswer(
-                arrays=arrays, values=values, is_indicator=False, monitor=NodalSolution(norm=self.norm), u=u
-            )
+            nodes = element_points(arrays, degree)
+            x, y = (q.reshape(values.shape) for q in nodes.T)
+            u: object = {"nodes": nodes, "values": values} if on_blocks else (x, y, values)
+            monitor = NodalSolution(norm=self.norm, degree=degree)
+            return RoundAnswer(arrays=arrays, values=values, is_indicator=False, monitor=monitor, u=u)
         indicator = cell_values(returned, arrays)
         require_same_kind(self.done, is_indicator=True)
         density = wanted_density(arrays.x, arrays.y, indicator, self.norm)
-        monitor = None if density is None else Weight((arrays.x, arrays.y, density), map="gradient")
-        return RoundAnswer(arrays=arrays, values=indicator, is_indicator=True, monitor=monitor)
+        weight = None if density is None else Weight((arrays.x, arrays.y, density), map="gradient")
+        return RoundAnswer(arrays=arrays, values=indicator, is_indicator=True, monitor=weight)
 
     def next(self, answered: RoundAnswer) -> GenerateArguments | None:
         """The request for the next mesh, whose certificate has the estimate; None where the indicator is zero."""

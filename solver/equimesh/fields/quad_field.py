@@ -161,8 +161,8 @@ class QuadField:
     layers thinner than a cell do not overshoot. In a cell the edges are blended over the bilinear map. This is
     :class:`~equimesh.fields.nodal_field.HermiteField` on any mesh of quadrilaterals: linear functions are exact; for
     smooth u the error is O(h^3), at extrema O(h^2) where it is limited. Where it is ``fitted``, slopes are those of
-    :func:`~equimesh.fields.patch_gradients.patch_gradients`. A point outside of the mesh has the value of
-    the nearest point of the boundary; across a periodic join u goes on.
+    :func:`~equimesh.fields.patch_gradients.patch_gradients`, and not limited. A point outside of the mesh has the
+    value of the nearest point of the boundary; across a periodic join u goes on.
 
     Implements :class:`~equimesh.fields.expression.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names
     the first bad index, and :class:`~equimesh.errors.InputError` for a folded mesh.
@@ -252,7 +252,7 @@ def edge_bumps(search: QuadSearch, values: Array, limited: bool, fitted: bool = 
         low, high = np.minimum(0.0, MAX_SLOPE * rise), np.maximum(0.0, MAX_SLOPE * rise)
         for side, node in enumerate((a, b)):
             at = u_x[node] * dx + u_y[node] * dy
-            bumps[:, edge, side] = (np.clip(at, low, high) if limited else at) - rise
+            bumps[:, edge, side] = (np.clip(at, low, high) if limited and not fitted else at) - rise
     return bumps
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,7 +17,9 @@ from equimesh.fields.nodal_field import HermiteField, NodalField
 from equimesh.fields.on_domain import OnDomain, recover, reference_on
 from equimesh.fields.periodic import Periodic, repeated_field
 from equimesh.fields.quad_field import QuadField
-from equimesh.meshes.mesh import Grid
+from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.second_order import every_second
+from equimesh.meshes.second_order import require_degree as require_value_degree
 from equimesh.monitors.metrics import NORMS, Curvature
 from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
 from equimesh.numerics.types import Array
@@ -281,17 +283,21 @@ class NodalSolution:
 
     The mesh is that of :func:`equimesh.adapt_round`, which takes the same values. ``norm`` is that of the interpolation
     error of the recovered solution: ``"l2"`` of u, ``"h1"`` of its gradient. The grid of the problem is that of the
-    values. On a domain in blocks u is a :class:`~equimesh.fields.quad_field.QuadField` on a mesh of the domain.
+    values. On a domain in blocks u is a :class:`~equimesh.fields.quad_field.QuadField` on a mesh of the domain. With
+    ``degree=2`` the values are those of quadratic elements, on the :func:`~equimesh.meshes.second_order.lattice_of` the
+    mesh.
 
     A :class:`~equimesh.monitors.monitor.Monitor`, whose metric only serves the measures of quality: that of
     :class:`~equimesh.monitors.least_error.LeastError`. Once it is bound to a domain, ``u`` is the recovered solution.
-    Raises :class:`~equimesh.errors.InputError` for another function or norm.
+    Raises :class:`~equimesh.errors.InputError` for another function, norm or degree.
     """
 
     u: Field
     norm: Literal["l2", "h1"] = "l2"
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound, as on blocks."""
+    degree: int = 1
+    """The degree of the elements at whose nodes the values are, 1 or 2."""
     _nodal: NodalField | QuadField | None = field(default=None, init=False, repr=False, compare=False)
     _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
     _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
@@ -302,13 +308,14 @@ class NodalSolution:
             raise InputError(NOT_NODAL, field="u")
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose {NORMS[0]!r} or {NORMS[1]!r}", field="norm")
+        require_value_degree(self.degree)
 
     def __eq__(self, other: object) -> bool:
         """Whether another monitor is the same request: equal values at equal nodes, in the same norm."""
         if not isinstance(other, NodalSolution):
             return NotImplemented
         pairs = zip(self._arrays, other._arrays, strict=True)
-        same = (self.norm, self.orthogonality) == (other.norm, other.orthogonality)
+        same = (self.norm, self.orthogonality, self.degree) == (other.norm, other.orthogonality, other.degree)
         return same and all(np.array_equal(one, another) for one, another in pairs)
 
     def __hash__(self) -> int:
@@ -332,9 +339,26 @@ class NodalSolution:
         nodal = self.nodal
         if isinstance(nodal, QuadField):
             raise InputError(TWO_KINDS, field="u")
-        own = nodal.mesh.grid
-        if grid != own:
+        own, degree = nodal.mesh.grid, require_value_degree(self.degree)
+        if degree == 2 and own.shape != tuple(2 * n - 1 for n in grid.shape):
+            raise InputError(
+                f"{NO_OTHER_GRID}: on {grid} points elements of degree 2 have {2 * grid.n_xi - 1} x"
+                f" {2 * grid.n_eta - 1} nodes, and the values are {own}",
+                field="grid",
+            )
+        if degree == 1 and grid != own:
             raise InputError(f"{NO_OTHER_GRID}: the grid has {grid} points, the values are {own}", field="grid")
+
+    def mesh_on(self, domain: AnyDomain) -> Mesh:
+        """The mesh of the values on ``domain``; raises :class:`~equimesh.errors.InputError` for one of two kinds."""
+        nodes = self.nodal.mesh
+        if nodes.is_grid == isinstance(domain, Blocks):
+            raise InputError(TWO_KINDS, field="u")
+        if self.degree == 1:
+            return nodes
+        if isinstance(domain, Blocks):
+            return domain.mesh.moved(nodes.points[: domain.points].copy())
+        return every_second(nodes)
 
     @property
     def least_error(self) -> LeastError:
@@ -359,18 +383,21 @@ class NodalSolution:
         """
         if is_bound_to(self._domain, domain):
             return self
-        nodal = self.nodal
+        nodal, degree = self.nodal, require_value_degree(self.degree)
         recovered: Field
         if isinstance(nodal, QuadField) and isinstance(domain, Blocks):
-            recovered = nodal if nodal.limited else QuadField(mesh=nodal.mesh, values=nodal.values)
+            fitted = degree == 2
+            is_known = nodal.limited and not fitted
+            recovered = nodal if is_known else QuadField(mesh=nodal.mesh, values=nodal.values, fitted=fitted)
         elif isinstance(nodal, QuadField) or isinstance(domain, Blocks):
             raise InputError(TWO_KINDS, field="u")
         else:
-            recovered = recover(nodal.mesh, nodal.values, domain).u
-        least = LeastError(u=recovered, norm=self.norm, orthogonality=self.orthogonality).on(domain)
+            recovered = recover(self.mesh_on(domain), nodal.values, domain, degree).u
+        settings: Any = {"norm": self.norm, "orthogonality": self.orthogonality, "degree": degree}
+        least = LeastError(u=recovered, **settings).on(domain)
         unbound = self
         if self._nodal is not None:
-            unbound = NodalSolution(u=nodal, norm=self.norm, orthogonality=self.orthogonality)
+            unbound = NodalSolution(u=nodal, **settings)
         return bound_copy(unbound, domain, u=recovered, _nodal=nodal, _least_error=least)
 
     def weakened(self, strength: float) -> Monitor:

@@ -75,7 +75,7 @@ class Recovery:
             if not np.array_equal(mesh.cells, domain.mesh.cells):
                 raise InputError(OTHER_CELLS, field="mesh")
             nodes = mesh if degree == 1 else lattice_of(mesh)
-            field = QuadField(mesh=nodes, values=values, fitted=degree > 1, limited=degree == 1)
+            field = QuadField(mesh=nodes, values=values, fitted=degree > 1)
             u, reference, known = field, mesh, field.values
         elif not mesh.is_grid or isinstance(domain, Blocks):
             raise InputError(TWO_KINDS, field="mesh")

@@ -16,6 +16,7 @@ from equimesh.least_error.nest import Level, coarse_level, last_compared
 from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
+from equimesh.meshes.second_order import require_degree
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.quality.measures import measure_alone
 from equimesh.rounds.recovery import KEPT, Round
@@ -257,8 +258,8 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
         raise TypeError("a round needs a NodalSolution monitor")
     if problem.grid is not None:
         monitor.require_grid(problem.grid)
-    nodal: Any = monitor.nodal
-    found = adapt_round(nodal.mesh, nodal.values, problem.domain, monitor.norm, threads)
+    domain, degree = problem.domain, require_degree(monitor.degree)
+    found = adapt_round(monitor.mesh_on(domain), monitor.nodal.values, domain, monitor.norm, threads, degree=degree)
     return Solution(
         problem=problem,
         mesh=found.mesh,

@@ -59,8 +59,8 @@ def interpolated_cells(monitor: Monitor) -> Literal["quad", "triangle"]:
 
 
 def degree_of(monitor: Monitor) -> int:
-    """The degree of the elements by which u is interpolated: that of a least-error monitor, else 1."""
-    return monitor.degree if isinstance(monitor, Auto | LeastError) else 1
+    """The degree of the elements by which u is interpolated: that of a least-error monitor or a round, else 1."""
+    return monitor.degree if isinstance(monitor, Auto | LeastError | NodalSolution) else 1
 
 
 def _unknown() -> Array | None:

@@ -26,6 +26,7 @@ from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.inputs import real_array
 from equimesh.io.reading.bounds import open_zip
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.second_order import lattice_of
 from equimesh.numerics.types import Array
 from equimesh.upload.columns import MATRIX, MAX_COLUMNS, Limits, choose, header_columns, numbered_columns
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
@@ -88,14 +89,21 @@ class BlockNodes:
         Raises :class:`~equimesh.errors.SamplesError` for the nodes of another domain, and
         :class:`~equimesh.errors.InputError` where they make a folded mesh.
         """
+        mesh = blocks.mesh
         if len(self.nodes) != blocks.points:
-            raise SamplesError(f"{len(self.nodes)} nodes: the mesh of this domain has {blocks.points}", field="nodes")
+            mesh = lattice_of(mesh)
+        if len(self.nodes) != len(mesh.points):
+            raise SamplesError(
+                f"{len(self.nodes)} nodes: the mesh of this domain has {blocks.points}, and {len(mesh.points)} those of"
+                " elements of degree 2",
+                field="nodes",
+            )
         for line, (low, high) in zip(self.nodes.T, blocks.box, strict=True):
             rim = RIM_SHARE * (high - low)
             if abs(line.min() - low) > rim or abs(line.max() - high) > rim:
                 raise SamplesError("these are values at the nodes of a mesh of another domain", field="nodes")
         try:
-            return QuadField(mesh=blocks.mesh.moved(self.nodes), values=self.values)
+            return QuadField(mesh=mesh.moved(self.nodes), values=self.values)
         except InputError as error:
             if error.field == "mesh":
                 error.field = "nodes"

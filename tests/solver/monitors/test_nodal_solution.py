@@ -43,3 +43,18 @@ def test_what_is_refused() -> None:
         em.NodalSolution(u=NODAL).metric(NODES.x, NODES.y)
     with pytest.raises(em.InputError, match="the grid has 17 x 17 points, the values are 9 x 9"):
         em.NodalSolution(u=NODAL).require_grid(em.Grid(n_xi=17, n_eta=17))
+
+
+def test_values_of_quadratic_elements_are_on_the_lattice_of_the_mesh() -> None:
+    """So the 9 x 9 nodes are those of elements on 5 x 5."""
+    quadratic, grid = em.NodalSolution(u=NODAL, degree=2), em.Grid(5)
+    quadratic.require_grid(grid)
+    assert quadratic != em.NodalSolution(u=NODAL)
+    assert quadratic.mesh_on(em.Rectangle()).grid == grid
+    assert quadratic.on(em.Rectangle()).least_error.degree == 2
+    with pytest.raises(em.InputError, match="on 9 x 9 points elements of degree 2 have 17 x 17 nodes, and the"):
+        quadratic.require_grid(em.Grid(9))
+    with pytest.raises(em.InputError, match="degree = 4: give 1 or 2"):
+        em.NodalSolution(u=NODAL, degree=4)
+    found = em.solve(em.Problem(monitor=quadratic, grid=grid))
+    assert found.mesh.distance(em.adapt_round(em.Mesh.uniform(grid), VALUES, degree=2).mesh) == 0.0
