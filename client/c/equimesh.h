@@ -2,7 +2,7 @@
  *
  * Every function returns 0, or -1 where it failed: equimesh_error() then has one sentence, that of the service where it
  * answered. A failed call leaves meshes and sequences as they were. The library uses libcurl, and is for little-endian
- * machines. One connection is for one thread at a time.
+ * machines. One connection is for one thread at a time; open the first one before there are other threads.
  */
 #ifndef EQUIMESH_H
 #define EQUIMESH_H

@@ -148,8 +148,8 @@ contains
     more_text = ''
     if (present(norm)) norm_text = norm
     if (present(more)) more_text = more
-    found = lent(mesh)
     if (.not. has_size(size(u), mesh, 'u', error)) return
+    found = lent(mesh)
     failed = c_round(service%handle, u, norm_text // c_null_char, more_text // c_null_char, found)
     call finish(service, failed, found, mesh, error)
   end subroutine

@@ -134,6 +134,7 @@ def test_notebooks_show_meshes_and_sequences(client: Any) -> None:
     sequence = client.sequences.start("tanh(9*(x-y))", 9)
     page = sequence._repr_html_()
     assert sequence.current.mesh_id in page
+    assert sequence.current.plot(axes) is axes
     assert "81" in page or "9 x 9" in page
     sequence.delete()
 

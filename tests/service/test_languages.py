@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
@@ -93,9 +94,19 @@ def numbers_of(mesh: Any, *fields: Any) -> str:
     return " ".join(map(repr, values))
 
 
+def repacked(npz: bytes) -> bytes:
+    """The same arrays in a file of ``numpy.savez``."""
+    file = io.BytesIO()
+    np.savez(file, **np.load(io.BytesIO(npz)))
+    return file.getvalue()
+
+
 @pytest.fixture(scope="module")
 def slow(url: str) -> Iterator[str]:
-    """A service that answers each request with 202 first, and with the answer of the real one to the second."""
+    """A service that answers each request with 202 first, and with the answer of the real one to the second.
+
+    The file is packed as the service packs one of a large mesh, with fields of 64 bits in the zip.
+    """
     keys: list[str] = []
 
     class Handler(BaseHTTPRequestHandler):
@@ -107,7 +118,7 @@ def slow(url: str) -> Iterator[str]:
             if answer is not None:
                 assert keys[-1] == keys[-2]
             self.send_response(202 if answer is None else 201)
-            content = b"{}" if answer is None else answer.content
+            content = b"{}" if answer is None else repacked(answer.content)
             self.send_header("Content-Length", str(len(content)))
             self.end_headers()
             self.wfile.write(content)

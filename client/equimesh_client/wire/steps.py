@@ -55,6 +55,10 @@ class SequenceStep:
             certificate=Certificate.from_json(certificate) if isinstance(certificate, dict) else None,
         )
 
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the mesh on ``axes`` of matplotlib, or on those of pyplot, and return the axes."""
+        return self.arrays.plot(axes)
+
     def _repr_html_(self) -> str:
         """A picture and a table, for notebooks."""
         facts = [("step", str(self.number)), ("mesh", self.mesh_id), ("status", self.status)]
