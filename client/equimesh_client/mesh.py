@@ -313,7 +313,7 @@ class Mesh(Blocking, MeshOperations["Mesh"]):
     def _repr_html_(self) -> str:
         """A picture and a table, for notebooks. The picture is fetched on first use, where the service answers."""
         if self.status == "succeeded":
-            with suppress(EquimeshClientError):
+            with suppress(EquimeshClientError, RuntimeError):  # httpx raises the second where the client is closed
                 finish(self._drawing(PICTURE_SECONDS))
         return super()._repr_html_()
 

@@ -139,6 +139,15 @@ def test_notebooks_show_meshes_and_sequences(client: Any) -> None:
     sequence.delete()
 
 
+def test_a_notebook_shows_the_numbers_of_a_mesh_whose_client_is_closed(url: str) -> None:
+    with Client(url) as client:
+        mesh = client.generate("tanh(9*(x-y))", 9)
+    told = mesh._repr_html_()
+    assert mesh.certificate is not None
+    assert mesh.certificate.headline in told
+    assert "<img" not in told
+
+
 def test_the_arrays_belong_together(client: Any) -> None:
     mesh = client.generate("x*y", (9, 7), a=0.7)
     assert mesh.x.shape == (9, 7)
