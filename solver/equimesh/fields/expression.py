@@ -73,9 +73,11 @@ class Expression:
         """
         if order not in (0, 1, 2):
             raise InputError(f"order = {order}: the order of the derivatives is 0, 1 or 2", field="order")
-        xs, ys = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+        xs, ys = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        if xs.shape != ys.shape:
+            xs, ys = np.broadcast_arrays(xs, ys)
         results = self._program.evaluate(xs.ravel(), ys.ravel(), order)
-        return tuple(result.reshape(xs.shape) for result in results)
+        return results if xs.ndim == 1 else tuple(result.reshape(xs.shape) for result in results)
 
     def check_finite(self, n: int = 33, domain: Domain | Blocks = UNIT_SQUARE) -> None:
         """Evaluate u and its gradient on ``n`` x ``n`` points of the closed ``domain``, and look for poles between.

@@ -275,6 +275,7 @@ class Routine:
         self._wanted = [next(found) if isinstance(part, TracedRow) else float(part or 0.0) for part in wanted]
         self._numbers = list[float]()
         self._parts = [part for is_call, group in groupby(lines, _is_call) for part in self._part(is_call, list(group))]
+        self._column = np.array(self._numbers).reshape(-1, 1)
         self._by_blocks = not any(isinstance(part, _Call) for part in self._parts)
         least, most = BLOCK, MAX_CHUNK
         self._chunk = max(least, min(most, MEMORY_NUMBERS // self._rows // least * least))
@@ -284,8 +285,7 @@ class Routine:
         x, y, results = _writeable(x), _writeable(y), np.empty((self._sources.size, x.size))
         width = min(x.size, BLOCK if self._by_blocks else self._chunk)
         memory = np.empty((self._rows + len(self._numbers), width))
-        for row, number in enumerate(self._numbers, self._rows):
-            memory[row, :BLOCK] = number
+        memory[self._rows :, :BLOCK] = self._column
         if self._by_blocks:
             instructions = self._parts[0] if self._parts else np.empty((0, 5), dtype=np.int64)
             calculate(instructions, memory, self._rows, x, y, results, self._sources)

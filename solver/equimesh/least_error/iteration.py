@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -125,6 +125,7 @@ class LeastErrorSolve:
     """The angle of corners, in degrees, below which few of them should be; ``None`` for no aim."""
     obliqueness: float = OBLIQUENESS_WEIGHT
     """The weight of corners near and beyond that angle."""
+    _objectives: dict[tuple[int, Start, Norm, int], Objective] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def nest(self) -> Nest[Any, Any, Any]:
@@ -406,7 +407,15 @@ class LeastErrorSolve:
         return "l2" if level.points <= MAX_VALUE_POINTS and not level.is_finest else self.monitor.norm
 
     def _objective(self, level: Level, origin: Start, norm: Norm, gauss_points: int | None = None) -> Objective:
-        points = (gauss_points or level.gauss_points) + (MORE_SLOPE_POINTS if norm == "h1" else 0)
+        """The objective of a level; on a small mesh of quadrilaterals, which are never cut, the one that there was."""
+        key = level.number, origin, norm, gauss_points or level.gauss_points
+        found = self._objectives.get(key) or self._new_objective(level, origin, norm, key[-1])
+        if level.points <= MAX_GAIN_POINTS and self.monitor.cells == "quad":
+            self._objectives[key] = found
+        return found
+
+    def _new_objective(self, level: Level, origin: Start, norm: Norm, gauss_points: int) -> Objective:
+        points = gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
         points += MORE_POINTS[self.monitor.degree]
         # Cells that move far are cut the other way, which a descent on triangles does not see.
         kind = self.monitor.cells if level.is_finest else "quad"

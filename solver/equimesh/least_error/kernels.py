@@ -68,19 +68,25 @@ class Values(NamedTuple):
 
 @vectorised
 def place_points(nodes: Nodes, elements: IntArray, shape: Array, begin: int, out_x: Array, out_y: Array) -> None:
-    """The quadrature points of ``elements``, in flat arrays from the place ``begin`` on: point q of element c is the
-    ``q count + c``-th."""
+    """The quadrature points of ``elements`` of three or four corners, in flat arrays from the place ``begin`` on.
+
+    Point q of element c is the ``q count + c``-th.
+    """
     x, y, corners = nodes
-    count, points = elements.shape[0], shape.shape[0]
+    count, last = elements.shape[0], elements.shape[1] - 1
     for c in range(count):
-        for q in range(points):
-            px, py = 0.0, 0.0
-            for k in range(elements.shape[1]):
-                node = corners[elements[c, k]]
-                px += shape[q, k] * x[node]
-                py += shape[q, k] * y[node]
+        i, j, k, m = (
+            corners[elements[c, 0]],
+            corners[elements[c, 1]],
+            corners[elements[c, 2]],
+            corners[elements[c, last]],
+        )
+        x0, x1, x2, x3, y0, y1, y2, y3 = x[i], x[j], x[k], x[m], y[i], y[j], y[k], y[m]
+        for q in range(shape.shape[0]):
+            n0, n1, n2, n3 = shape[q, 0], shape[q, 1], shape[q, 2], shape[q, last] if last == 3 else 0.0
             place = begin + q * count + c
-            out_x[place], out_y[place] = px, py
+            out_x[place] = n0 * x0 + n1 * x1 + n2 * x2 + n3 * x3
+            out_y[place] = n0 * y0 + n1 * y1 + n2 * y2 + n3 * y3
 
 
 @inlined

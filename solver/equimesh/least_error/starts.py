@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from equimesh.domains.domain import UNIT_SQUARE, Domain, closed_of, map_mesh
+from equimesh.domains.domain import UNIT_SQUARE, Domain, Rectangle, closed_of, map_mesh
 from equimesh.fields.expression import Field
 from equimesh.least_error.cells import Cells, cells_of_grid
 from equimesh.least_error.charts import DomainChart
@@ -450,7 +450,10 @@ class GridNest:
 
     def min_jacobian(self, level: GridLevel, mesh: Array) -> float:
         """The smallest Jacobian of a corner on the domain, over its area."""
-        return map_mesh(mesh_of(mesh, level.grid), self.domain).min_jacobian / self.domain.area
+        reference = mesh_of(mesh, level.grid)
+        if isinstance(self.domain, Rectangle):  # the same as on the reference square
+            return reference.min_jacobian
+        return map_mesh(reference, self.domain).min_jacobian / self.domain.area
 
 
 def mesh_of(mesh: Array, grid: Grid) -> Mesh:
