@@ -25,8 +25,7 @@ from equimesh_service.assembly.problem import PackedProblems
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.dispatch.wakeups import END, Checked, CheckThreads, Wakeups
 from equimesh_service.dispatch.worker_line import SideWorkers
-from equimesh_service.engine.cluster_pool import PoolSettings
-from equimesh_service.engine.port import Engine, PackedCall, Preparation
+from equimesh_service.engine.port import Engine, PackedCall, PoolSettings, Preparation
 from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import (
     ClusterMissingError,

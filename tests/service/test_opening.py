@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +26,13 @@ def test_a_cluster_without_dask_says_what_to_install(monkeypatch: pytest.MonkeyP
     check_cluster(Settings(data_dir=tmp_path))
     with pytest.raises(ClusterMissingError, match=r"pip install 'equimesh\[dask\]'"):
         check_cluster(with_cluster)
+
+
+def test_a_service_loads_none_of_the_packages_of_other_extras() -> None:
+    others = ("dask", "distributed", "obstore", "opentelemetry.sdk", "psycopg", "sphinx", "zarr")
+    code = f"import sys\nsys.modules.update(dict.fromkeys({others}))\nimport {', '.join(service.WARM_PRELOAD[:-1])}"
+    done = subprocess.run([sys.executable, "-c", f"{code}, equimesh_service.server"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_services_with_the_same_limits_share_the_pools_of_workers(tmp_path: Path) -> None:

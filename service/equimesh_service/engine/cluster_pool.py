@@ -8,7 +8,6 @@ instance because its client is gone, the process is killed.
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import logging
 import multiprocessing
 import platform
@@ -23,7 +22,7 @@ from typing import Any
 from distributed import Worker, WorkerPlugin, get_worker
 from distributed.worker_state_machine import SecedeEvent
 
-from equimesh_service.engine.port import PackedCall, pack_error, pack_outcome
+from equimesh_service.engine.port import PackedCall, PoolSettings, pack_error, pack_outcome
 from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import EngineError, WorkerLostError
 
@@ -78,25 +77,6 @@ class PoolReport:
         """The report in a record; unknown values, of other releases, are left out."""
         known = {name: packed[name] for name in cls.__dataclass_fields__ if name in packed}
         return cls(**known)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PoolSettings:
-    """The settings of the pools of a service's workers: :class:`~equimesh_service.engine.processes.ProcessEngine`.
-
-    ``check`` returns what a worker cannot reach, "" where it reaches everything. It is called in a process of the pool.
-    """
-
-    memory_limit: int | None = None
-    preload: tuple[str, ...] = ()
-    warm_up: PackedCall | None = None
-    prepare: PackedCall | None = None
-    check: PackedCall | None = None
-
-    @property
-    def name(self) -> str:
-        """The name of the pool on each worker: services with the same settings share it."""
-        return f"equimesh-{hashlib.sha256(repr(self).encode()).hexdigest()[:16]}"
 
 
 _log = logging.getLogger(__name__)

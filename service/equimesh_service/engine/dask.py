@@ -22,13 +22,12 @@ from distributed.scheduler import KilledWorker
 
 from equimesh_service.engine.cluster_pool import (
     PoolReport,
-    PoolSettings,
     describe_difference,
     run_in_pool,
     versions,
     visit,
 )
-from equimesh_service.engine.port import Health, PackedCall, open_outcome
+from equimesh_service.engine.port import Health, PackedCall, PoolSettings, open_outcome
 from equimesh_service.errors import EngineError, SchedulerLostError, WorkerLostError
 
 # A worker without a sign of life for this time is taken for lost; it sends one every half second, or every few.

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
+from hashlib import sha256
 from typing import Any, Protocol, TypeVar
 
 from equimesh_service.settings import Settings
@@ -125,3 +126,22 @@ class Preparation:
         """Prepare this process."""
         logs.configure(self.log_level, self.log_format)
         tracing.use(open_tracer(self.trace_endpoint, "worker"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoolSettings:
+    """The settings of the pools of a service's workers: :class:`~equimesh_service.engine.processes.ProcessEngine`.
+
+    ``check`` returns what a worker cannot reach, "" where it reaches everything. It is called in a process of the pool.
+    """
+
+    memory_limit: int | None = None
+    preload: tuple[str, ...] = ()
+    warm_up: PackedCall | None = None
+    prepare: PackedCall | None = None
+    check: PackedCall | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of the pool on each worker: services with the same settings share it."""
+        return f"equimesh-{sha256(repr(self).encode()).hexdigest()[:16]}"

@@ -149,6 +149,9 @@ MAKERS: Makers = {
     monitors_schema.Intersection: Intersection,
 }
 
+# The monitors that know the cells of the file.
+_WITH_CELLS = frozenset(kind for kind, make in MAKERS.items() if "cells" in signature(make).parameters)
+
 
 def build_monitor(
     document: object,
@@ -168,8 +171,7 @@ def build_monitor(
         return build_field(given, domain, find_samples, at)
 
     makers: Makers = {
-        kind: _smoothed(partial(make, cells=cells) if "cells" in signature(make).parameters else make)
-        for kind, make in MAKERS.items()
+        kind: _smoothed(partial(make, cells=cells) if kind in _WITH_CELLS else make) for kind, make in MAKERS.items()
     }
     monitor = Reading(makers, {SOURCES: function}).one_of(monitors_schema.MONITORS, document, path)
     with within(path):

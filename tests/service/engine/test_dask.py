@@ -13,9 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_service.engine.cluster_pool import PoolSettings
 from equimesh_service.engine.dask import DaskEngine
-from equimesh_service.engine.port import PackedCall
+from equimesh_service.engine.port import PackedCall, PoolSettings
 from equimesh_service.errors import SchedulerLostError, WorkerLostError
 from service.clusters import ClusterProcesses, cluster_processes
 from service.conftest import until
