@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.errors import InputError
@@ -164,7 +164,7 @@ def _best_ratio(ladder: list[tuple[float, float, bool]], points: int, order: flo
         return ratio * (ladder[k + 1][0] / ratio) ** moved, first / least
     near = ladder[k - 1] if k > 0 else ladder[1]
     powers = np.array([[one**-order, one**order] for one in (ratio, near[0])])
-    (along, across), _ = nnls(powers / np.array([[least], [near[1]]]) ** 2, np.ones(2))
+    (along, across), _ = scipy.optimize.nnls(powers / np.array([[least], [near[1]]]) ** 2, np.ones(2))
     most = points / MIN_CELLS**2
     if not along * across > 0.0:
         return most if along > 0.0 else 1.0 / most, first / least
