@@ -177,7 +177,7 @@ def test_2_to_32_subdomains_on_up_to_8_parts(
 
 
 FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
-DOMAIN = obstacle(1200)
+DOMAIN = obstacle(600)
 SETTINGS = em.Schwarz(groups=[[0, 1, 2], [3], [4, 5], [6, 7]])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,7 @@ def test_newton_steps_of_the_nested_iteration() -> None:
     assert all(0.40 < record.mesh.min_jacobian < 0.42 for record in last.values())
 
 
-@pytest.mark.parametrize("boundary", em.Boundary)
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize(("name", "boundary"), list(zip(FUNCTIONS, itertools.cycle(em.Boundary), strict=False)))
 def test_the_mesh_is_that_of_newton(name: str, boundary: em.Boundary) -> None:
     case = problem(name, 49, 41, boundary=boundary, b=0.1)
     *_, fast = iteration.single_domain_steps(case)
