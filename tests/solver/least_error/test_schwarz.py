@@ -1,7 +1,8 @@
-"""Least error on a grid whose subdomains descend: as good as the whole grid, and what is refused."""
+"""Least error whose subdomains descend, of a grid or of blocks: as good as the whole, and what is refused."""
 
 from __future__ import annotations
 
+from dataclasses import fields
 from itertools import pairwise
 from typing import Any
 
@@ -10,7 +11,10 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.descent import Descent
+from equimesh.least_error.subdomains import owners
+from equimesh.meshes.mesh import Mesh, quads_of_block
 from equimesh.specs import build, subdomains_of
+from equimesh.testing.geometries import l_shape
 
 FRONT = "tanh(30*(y - 0.5 - 0.2*sin(2*pi*x)))"
 FUNCTIONS = (FRONT, "exp(-x/0.02) + exp(-y/0.05)", "exp(-60*((x - 0.4)**2 + (y - 0.6)**2))")
@@ -124,26 +128,6 @@ def test_files_and_pictures_know_the_subdomains() -> None:
     assert solution.predicted_rate is None
 
 
-REFUSED: dict[str, Any] = {
-    "transmission": em.Classical(),
-    "ordering": "alternating",
-    "line_correction": 1,
-    "acceleration": "none",
-    "local_solver": "newton",
-    "fallback": False,
-    "tolerance": 1e-6,
-    "max_iterations": 5,
-    "compare_single_domain": True,
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_settings_of_equidistribution_are_refused_with_what_to_give(name: str) -> None:
-    with pytest.raises(em.InputError, match=f"^{name} is one of .* leave it out, and give subdomains") as caught:
-        em.solve(problem(), em.Schwarz(**{name: REFUSED[name]}))
-    assert caught.value.field == f"schwarz.{name}"
-
-
 @pytest.mark.parametrize(
     ("settings", "field", "words"),
     [
@@ -198,3 +182,95 @@ def test_documents_are_refused_by_their_field(changed: dict[str, Any], field: st
     with pytest.raises(em.InputError) as caught:
         build({**DOCUMENT, **changed})
     assert caught.value.field == field
+
+
+# Blocks in groups, and which setting belongs to what.
+
+ROW = np.arange(4 * 3).reshape(4, 3)
+
+
+def row_of_blocks() -> Mesh:
+    """Three blocks in a row, of one column of two cells each; cells are in another order than blocks."""
+    blocks = tuple(ROW[k : k + 2] for k in (2, 0, 1))
+    points = np.stack(np.meshgrid(np.arange(4.0), np.arange(3.0), indexing="ij"), axis=-1).reshape(-1, 2)
+    return Mesh(points=points, cells=quads_of_block(ROW), sides={}, blocks=blocks, block_names=("c", "a", "b"))
+
+
+def test_each_block_is_a_subdomain_unless_groups_say_otherwise() -> None:
+    mesh = row_of_blocks()
+    assert owners(em.Schwarz(), mesh).tolist() == [1, 1, 2, 2, 0, 0]
+    for groups in ([["a", "c"], ["b"]], (("a", 0), (2,))):
+        assert owners(em.Schwarz(groups=groups), mesh).tolist() == [0, 0, 1, 1, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("groups", "field", "words"),
+    [
+        ([["a", "b"]], "schwarz.groups", "the block c is in no group"),
+        ([["a", "b"], ["c", 1]], "schwarz.groups", "the block a is in two groups"),
+        ([["a", "b"], ["d"]], "schwarz.groups[1]", "no block d: the blocks are c, a, b"),
+        ([["a", "b"], [3]], "schwarz.groups[1]", "no block 3"),
+        ([["a", "b"], [True]], "schwarz.groups[1]", "no block True"),
+    ],
+)
+def test_groups_that_are_no_partition_are_refused(groups: Any, field: str, words: str) -> None:
+    with pytest.raises(em.InputError, match=words) as caught:
+        owners(em.Schwarz(groups=groups), row_of_blocks())
+    assert caught.value.field == field
+
+
+@pytest.mark.parametrize("name", ["overlap", "local_steps", "max_exchanges"])
+@pytest.mark.parametrize("value", [0, 2.0, True, "4", 10**6])
+def test_numbers_of_the_wrong_kind_are_refused(name: str, value: Any) -> None:
+    with pytest.raises(em.InputError, match=f"{name} = ") as caught:
+        em.Schwarz(**{name: value}).require_blocks()
+    assert caught.value.field == f"schwarz.{name}"
+
+
+@pytest.mark.parametrize("groups", [[], "ab", [[]], ["a", "b"]])
+def test_groups_of_the_wrong_kind_are_refused(groups: Any) -> None:
+    with pytest.raises(em.InputError, match="a list of groups"):
+        em.Schwarz(groups=groups)
+
+
+def test_exchanges_take_the_steps_of_the_whole_mesh_unless_a_number_is_given() -> None:
+    assert [em.Schwarz().exchanges(steps) for steps in (1, 8, 9, 30)] == [1, 1, 2, 4]
+    assert em.Schwarz(max_exchanges=3).exchanges(30) == 3
+
+
+OF_GRIDS: dict[str, Any] = {
+    "subdomains": (2, 2),
+    "transmission": em.Classical(),
+    "ordering": "alternating",
+    "line_correction": 1,
+    "acceleration": "none",
+    "local_solver": "newton",
+    "fallback": False,
+    "tolerance": 1e-6,
+    "max_iterations": 5,
+    "compare_single_domain": True,
+}
+OF_BLOCKS: dict[str, Any] = {"local_steps": 4, "max_exchanges": 3, "groups": [["a", "b"]]}
+
+
+def test_each_setting_belongs_to_grids_or_to_blocks_or_to_both() -> None:
+    assert {*OF_GRIDS, *OF_BLOCKS, "overlap"} == {one.name for one in fields(em.Schwarz)}
+
+
+@pytest.mark.parametrize(
+    ("name", "on_blocks"), [(name, on) for name in OF_GRIDS for on in (True, False) if on or name != "subdomains"]
+)
+def test_settings_of_equidistribution_are_refused_with_what_to_give(name: str, on_blocks: bool) -> None:
+    blocks = em.Problem(monitor=em.LeastError(u=em.Expression("tanh(9*x)")), domain=l_shape(100))
+    remedy = "group blocks" if on_blocks else "give subdomains"
+    with pytest.raises(em.InputError, match=f"^{name} is one of .* leave it out, and {remedy}") as caught:
+        em.solve(blocks if on_blocks else problem(), em.Schwarz(**{name: OF_GRIDS[name]}))
+    assert caught.value.field == f"schwarz.{name}"
+
+
+@pytest.mark.parametrize("name", OF_BLOCKS)
+def test_settings_of_a_descent_are_refused_where_grids_are_equidistributed(name: str) -> None:
+    asked = em.Problem(monitor=em.ArcLength(u=em.Expression("tanh(9*x)")), grid=em.Grid(n_xi=9, n_eta=9))
+    with pytest.raises(em.InputError, match=f"^{name} is one of the settings of (blocks|least error)") as caught:
+        em.solve(asked, em.Schwarz(**{name: OF_BLOCKS[name]}))
+    assert caught.value.field == f"schwarz.{name}"
