@@ -273,7 +273,7 @@ def tied(mesh: Mesh, domain: object) -> Mesh:
     """The grid with the ties of the closed lines of ``domain``; itself where there are none, or it has them."""
     if not is_closed(domain) or len(mesh.ties):
         return mesh
-    return Mesh(mesh.x, mesh.y, ties=tied_nodes(mesh.grid.shape, closed_of(domain)))
+    return Mesh(mesh.x, mesh.y, ties=tied_nodes((mesh.x.shape[0], mesh.x.shape[1]), closed_of(domain)))
 
 
 def points(s: npt.ArrayLike, t: npt.ArrayLike) -> tuple[Array, Array]:

@@ -350,10 +350,11 @@ def _write_vtm(folder: Path, data: MeshData, stem: str) -> tuple[Path, ...]:
     head, files = folder / f"{stem}.vtm", list[Path]()
     for number, (nodes, cells) in enumerate(zip(mesh.blocks, mesh.block_cells, strict=True)):
         files.append(folder / f"{stem}_{number}.vts")
+        block = mesh.block_mesh(number)
         write_vts(
             files[-1],
-            mesh.x[nodes],
-            mesh.y[nodes],
+            block.x,
+            block.y,
             point_data={name: values[nodes] for name, values in at_nodes.items()},
             cell_data={name: values[cells] for name, values in per_cell.items()},
         )
@@ -366,7 +367,7 @@ def _write_plot3d(folder: Path, data: MeshData, path: Path) -> tuple[Path, ...]:
     """The grid, and the neutral map file."""
     mesh = _blocks_of(data)
     grid, neutral = folder / path.name, folder / f"{path.stem}.nmf"
-    text = plot3d_text([(mesh.x[block], mesh.y[block]) for block in mesh.blocks])
+    text = plot3d_text([(block.x, block.y) for block in map(mesh.block_mesh, range(len(mesh.blocks)))])
     grid.write_text(text, encoding="ascii", newline="\n")
     shapes = [(block.shape[0], block.shape[1]) for block in mesh.blocks]
     neutral.write_text(neutral_map(shapes, contacts(mesh)), encoding="ascii", newline="\n")
@@ -374,22 +375,11 @@ def _write_plot3d(folder: Path, data: MeshData, path: Path) -> tuple[Path, ...]:
 
 
 def _blocks_of(data: MeshData) -> Mesh:
-    """The mesh as blocks, of which a grid is one; raises :class:`~equimesh.errors.InputError` where none are known."""
-    if not data.mesh.is_grid:
-        if not data.mesh.blocks:
-            message = "the blocks of this mesh are not known: choose a format without blocks, such as vtu or msh"
-            raise InputError(message, field="format")
-        return data.mesh
-    mesh = data.mesh
-    whole = np.arange(mesh.x.size).reshape(mesh.node_shape)
-    return Mesh(
-        points=mesh.points,
-        cells=mesh.cells,
-        sides=mesh.sides,
-        blocks=(whole,),
-        block_names=("grid",),
-        ties=mesh.ties,
-    )
+    """The mesh; raises :class:`~equimesh.errors.InputError` where its blocks are not known."""
+    if not data.mesh.blocks:
+        message = "the blocks of this mesh are not known: choose a format without blocks, such as vtu or msh"
+        raise InputError(message, field="format")
+    return data.mesh
 
 
 def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: str) -> tuple[Path, ...]:

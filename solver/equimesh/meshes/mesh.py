@@ -336,7 +336,7 @@ class Mesh(Coupled):
     @property
     def block_names(self) -> tuple[str, ...]:
         """A name for each block."""
-        return ("block0",) if self._connected is None else self._connected.block_names
+        return ("grid",) if self._connected is None else self._connected.block_names
 
     @property
     def ties(self) -> IntArray:

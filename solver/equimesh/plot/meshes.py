@@ -246,13 +246,8 @@ def draw_quality(data: MeshData, path: str | Path) -> None:
             norm=LogNorm(1 / spread, spread),
             rasterized=q.size > MAX_CELLS_WITH_EDGES**2,
         )
-        if not mesh.is_grid:
-            pieces = drawn_lines(mesh, MAX_CELLS_WITH_EDGES)[0] if q.size <= MAX_CELLS_WITH_EDGES**2 else []
-            axes.add_collection(LineCollection(pieces, colors="#00000066", linewidths=0.5))
-        elif max(q.shape) <= MAX_CELLS_WITH_EDGES:
-            lines = MeshLines.of(mesh, most=MAX_CELLS_WITH_EDGES)
-            pieces = lines.polylines(*lines.owners(np.zeros_like(data.subdomain), None), 0)
-            axes.add_collection(LineCollection(pieces, colors="#00000066", linewidths=0.5))
+        pieces = drawn_lines(mesh, MAX_CELLS_WITH_EDGES)[0] if q.size <= MAX_CELLS_WITH_EDGES**2 else []
+        axes.add_collection(LineCollection(pieces, colors="#00000066", linewidths=0.5))
         _physical_plane(axes, mesh)
         bar = figure.colorbar(coloured, ax=axes, shrink=0.85, label="$Q_{eq}$ of the cell (1: equidistributed)")
         bar.ax.yaxis.set_major_locator(FixedLocator(np.geomspace(1 / spread, spread, 9).tolist()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -147,6 +148,11 @@ class Cells(ABC):
         return self.shape[0] * self.shape[1]
 
     @property
+    def across(self) -> float:
+        """Cells along a line across the mesh: of the longer lines of a grid, else as if it were a square."""
+        return max(self.shape)
+
+    @property
     def own(self) -> slice:
         """The numbers of the own cells."""
         return self.rows.own
@@ -216,8 +222,14 @@ class UniformCells(Cells):
         return np.concatenate(self.domain.map(np.stack([s0, s1, s1, s0]), np.stack([t0, t0, t1, t1])))
 
 
+AnyMesh: TypeAlias = Mesh | MeshRows
+"""A mesh, or some rows of a grid."""
+
+
 class MeshCells(Cells):
     """The cells of a mesh with nodes, which may be folded."""
+
+    mesh: AnyMesh
 
     @property
     @abstractmethod
@@ -391,9 +403,6 @@ class BilinearCells(MeshCells):
 
 # The cells of a mesh of blocks as bilinear quadrilaterals: one row of cells after the other, in one column.
 
-AnyMesh: TypeAlias = Mesh | MeshRows
-"""A mesh, or some rows of a grid."""
-
 
 @dataclass(frozen=True, eq=False)
 class QuadCells(MeshCells):
@@ -433,6 +442,11 @@ class QuadCells(MeshCells):
     def total_area(self) -> float:
         """Signed area of the mesh."""
         return float(self.area.sum())
+
+    @property
+    def across(self) -> float:
+        """The root of the number of cells."""
+        return math.sqrt(self.count)
 
     @property
     def own_shape(self) -> tuple[int, ...]:

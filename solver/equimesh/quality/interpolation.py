@@ -14,18 +14,13 @@ from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.cell_maps import gather_values
 from equimesh.quality.cells import (
     AnyMesh,
-    BilinearCells,
     CellPoints,
     Cells,
     ChosenCells,
     MeshCells,
-    QuadCells,
     cells_of,
-    cells_of_block,
-    pieces,
 )
 from equimesh.quality.resolution import Pieces, resolved_integrals, scattered_between
 from equimesh.quality.tally import ErrorRule, ErrorTally
@@ -134,8 +129,8 @@ def errors_of(
 
 
 def require_same_cells(cells: Cells, uniform: Cells | None) -> None:
-    """Raise :class:`~equimesh.errors.InputError` where two meshes of blocks are compared that differ in their cells."""
-    if isinstance(cells, QuadCells) and uniform is not None and uniform.shape != cells.shape:
+    """Raise :class:`~equimesh.errors.InputError` where two meshes are compared that differ in their cells."""
+    if uniform is not None and uniform.count != cells.count:
         raise InputError(
             f"this mesh has {cells.count} cells, and the one that it is compared with {uniform.count}: compare it with "
             "the mesh that it began with",
@@ -240,8 +235,7 @@ class Extremes(NamedTuple):
 def noise(cells: Cells, size: float) -> tuple[float, float]:
     """The parts of the two norms that rounding causes, where ``size`` is the largest value of u."""
     of_values = ROUNDING_SHARE * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
-    across = math.sqrt(cells.count) if isinstance(cells, QuadCells) else max(cells.shape)
-    finest = across / math.sqrt(abs(cells.total_area) or 1.0)
+    finest = cells.across / math.sqrt(abs(cells.total_area) or 1.0)
     return of_values, 10.0 * of_values * finest
 
 
@@ -287,31 +281,13 @@ def probe_errors(mesh: AnyMesh, u: Field) -> tuple[LargestError, float]:
     """
     cells = cells_of(mesh)
     with np.errstate(all="ignore"):
-        if isinstance(cells, QuadCells):
-            extremes = [*_of_blocks(cells, u)]
-        else:
-            extremes = [found for first, last in cells.rows.strips for found in _of_strip(cells, first, last, u)]
-        found = cells.rows.joined(np.array(extremes).reshape(-1, 5))
+        found = cells.rows.joined(np.array([*_probed(cells, u)]))
         variation = float(np.fmax.reduce(found[:, 1]) - np.fmin.reduce(found[:, 0]))
     return LargestError(*map(float, found[found[:, 2].argmax(), 2:])), variation
 
 
-def _of_strip(cells: BilinearCells, first: int, last: int, u: Field) -> Iterator[tuple[float, ...]]:
-    """The smallest and largest u, the largest error and its place, in the rows ``first`` to ``last - 1`` of cells.
-
-    The first tuple is for the nodes, the others for blocks of cells.
-    """
-    columns, nodal = cells.shape[1], u.evaluate(*cells.window.nodes(first, last))[0]
-    yield float(np.nanmin(nodal)), float(np.nanmax(nodal)), 0.0, np.nan, np.nan
-    for block in pieces(first * columns, last * columns, cells_of_block(CENTRE)):
-        numbers = np.arange(block.start, block.stop)
-        values = np.empty((4, numbers.size))
-        gather_values(np.ascontiguousarray(nodal), numbers - first * columns, values)
-        yield _at_probes(cells, numbers, values, u)
-
-
-def _of_blocks(cells: QuadCells, u: Field) -> Iterator[tuple[float, ...]]:
-    """The probed errors of a mesh of blocks."""
+def _probed(cells: MeshCells, u: Field) -> Iterator[tuple[float, ...]]:
+    """The smallest and largest u, the largest error and its place: at the nodes, then in pieces of the cells."""
     nodal = u.evaluate(*cells.nodes)[0]
     yield float(np.nanmin(nodal)), float(np.nanmax(nodal)), 0.0, np.nan, np.nan
     for _, numbers in cells.blocks_of(ChosenCells.of(cells.rows), CENTRE):

@@ -33,7 +33,6 @@ from equimesh.quality.cells import (
     CellPoints,
     Cells,
     MeshCells,
-    QuadCells,
     UniformCells,
     cells_of,
 )
@@ -215,10 +214,8 @@ def window_image(window: MeshRows, domain: Domain) -> MeshRows:
 
 
 def _triangle_errors(cells: MeshCells, u: Field, uniform: Mesh | None, domain: Domain) -> InterpolationErrors:
-    if isinstance(cells, BilinearCells):
-        return triangle_errors(cells.window, u, window_image(cells.window, domain) if uniform is None else uniform)
-    assert isinstance(cells, QuadCells)
-    return triangle_errors(cells.mesh, u, uniform)
+    other = window_image(MeshRows.of(cells.mesh), domain) if uniform is None and cells.mesh.is_grid else uniform
+    return triangle_errors(cells.mesh, u, other)
 
 
 def _uniform_cells(cells: MeshCells, uniform: Mesh | None, domain: Domain, numbers: IntArray | None) -> Cells | None:
@@ -226,13 +223,18 @@ def _uniform_cells(cells: MeshCells, uniform: Mesh | None, domain: Domain, numbe
 
     ``None`` where a mesh of blocks is compared with nothing.
     """
-    if uniform is not None or not isinstance(cells, BilinearCells):
-        found = None if uniform is None else cells_of(uniform)
+    if uniform is not None:
+        found = cells_of(uniform)
         require_same_cells(cells, found)
         return found
-    if numbers is not None:
-        return UniformCells(cells.window.grid, domain, cells.rows)
-    return BilinearCells(window_image(cells.window, domain))
+    if not cells.mesh.is_grid:
+        return None
+    window = MeshRows.of(cells.mesh)
+    return (
+        BilinearCells(window_image(window, domain))
+        if numbers is None
+        else UniformCells(window.grid, domain, cells.rows)
+    )
 
 
 def _quality(

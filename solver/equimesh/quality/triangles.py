@@ -15,7 +15,7 @@ from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import MeshRows
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_maps import locate
-from equimesh.quality.cells import AnyMesh, BilinearCells, CellPoints, ChosenCells, MeshCells, cells_of
+from equimesh.quality.cells import AnyMesh, CellPoints, ChosenCells, MeshCells, cells_of
 from equimesh.quality.interpolation import (
     NO_ERROR,
     UNKNOWN,
@@ -47,7 +47,7 @@ def triangle_errors(mesh: AnyMesh, u: Field, uniform: AnyMesh | None = None) -> 
     """
     with np.errstate(all="ignore"):
         first = cells_of(mesh)
-        if isinstance(first, BilinearCells) and uniform is None:
+        if mesh.is_grid and uniform is None:
             uniform = MeshRows.uniform(first.rows)
         second = None if uniform is None else cells_of(uniform)
         require_same_cells(first, second)

@@ -427,7 +427,7 @@ class Sequence:
             u, before = u.reference, self._reference
         jump = 0.0
         if isinstance(u, NodalField | HermiteField | QuadField) and _is_same(u.mesh, before):
-            jump = largest_jump(u.values, u.mesh.cells if isinstance(u, QuadField) else None)
+            jump = largest_jump(u.values, u.mesh.cells)
         yield from about_moves(self.mesh, solution.mesh, jump, moved, self.max_move)
 
 

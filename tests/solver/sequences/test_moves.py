@@ -30,8 +30,9 @@ def test_a_way_on_which_a_cell_folds_is_seen() -> None:
 
 
 def test_the_largest_jump_is_a_share_of_the_range() -> None:
-    assert largest_jump(np.array([[0.0, 0.1], [0.5, 2.0]])) == pytest.approx(1.9 / 2.0)
-    assert largest_jump(np.ones((4, 4))) == 0.0
+    cells = em.Mesh(*np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij")).cells
+    assert largest_jump(np.array([[0.0, 0.1], [0.5, 2.0]]), cells) == pytest.approx(1.9 / 2.0)
+    assert largest_jump(np.ones((2, 2)), cells) == 0.0
 
 
 def test_moves_on_blocks_count_in_cells_too() -> None:
