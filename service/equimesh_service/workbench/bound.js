@@ -91,6 +91,28 @@ export function numberField(app, label, path, { fallback, help, optional = false
   return box;
 }
 
+/**
+ * A field for a whole number of few, as a slider with words for each.
+ *
+ * @param {object} app
+ * @param {string} label
+ * @param {(string|number)[]} path
+ * @param {{fallback: number, min: number, max: number, wordsOf: (value: number) => string, help?: string}} options
+ */
+export function sliderField(app, label, path, { fallback, min, max, wordsOf, help }) {
+  const words = element("output", {});
+  const input = element("input", { type: "range", step: 1, min, max, oninput: () => write(app, path, input.valueAsNumber, fallback) });
+  const box = field(label, input, { app, pointer: pointerOf(path), help });
+  words.htmlFor = input.id;
+  box.firstChild.after(words);
+  follow(app, path, (value) => {
+    input.value = value ?? fallback;
+    words.value = wordsOf(input.valueAsNumber);
+    input.setAttribute("aria-valuetext", words.value);
+  });
+  return box;
+}
+
 /** A field for true or false. */
 export function flagField(app, label, path, { fallback = false, help } = {}) {
   const input = element("input", { type: "checkbox", onchange: () => write(app, path, input.checked, fallback) });

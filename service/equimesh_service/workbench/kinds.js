@@ -1,10 +1,10 @@
 // The kinds of monitors with their settings, in the words of the page.
 
-import { choiceField, flagField, numberField } from "./bound.js";
+import { choiceField, flagField, numberField, sliderField } from "./bound.js";
 import { CHOICES } from "./choices.js";
 
 // The settings that most people change; the others of a kind are folded away.
-const COMMON = new Set(["norm", "a", "b", "map", "curvature.smoothing"]);
+const COMMON = new Set(["norm", "degree", "a", "b", "map", "curvature.smoothing"]);
 
 /** The kinds: a title, the settings that most people change, the others, and the functions besides u. */
 export const KINDS = Object.fromEntries(CHOICES.monitors.map(({ name: kind, title, functions, settings }) => {
@@ -18,10 +18,18 @@ export const KINDS = Object.fromEntries(CHOICES.monitors.map(({ name: kind, titl
   }];
 }));
 
-/** The settings of monitors, by their names, as the service describes them. */
-export const SETTINGS = Object.fromEntries(
-  CHOICES.monitors.flatMap(({ settings }) => settings).map((setting) => [setting.name, setting]),
-);
+// The names of elements of each degree.
+const ELEMENTS = ["bilinear", "biquadratic", "bicubic"];
+
+// The settings of each kind, by their names, as the service describes them: those of one name may have other bounds.
+const OF_KINDS = Object.fromEntries(CHOICES.monitors.map(({ name: kind, settings }) => [kind, byName(settings)]));
+
+/** The settings of all monitors, by their names. */
+export const SETTINGS = byName(CHOICES.monitors.flatMap(({ settings }) => settings));
+
+function byName(settings) {
+  return Object.fromEntries(settings.map((setting) => [setting.name, setting]));
+}
 
 /** The kinds that a member of an intersection can have. */
 export const MEMBER_KINDS = CHOICES.monitors.filter(({ member }) => member).map(({ name }) => name);
@@ -39,13 +47,18 @@ export const FIRST_FUNCTIONS = {
  *
  * @param {object} app
  * @param {(string|number)[]} path the place of the monitor in the spec
+ * @param {string} kind
  * @param {string} name
  */
-export function settingField(app, path, name) {
-  const { type, title, default: fallback, help, words, minimum, maximum } = SETTINGS[name];
+export function settingField(app, path, kind, name) {
+  const { type, title, default: fallback, help, words, minimum, maximum } = OF_KINDS[kind][name];
   const place = [...path, name];
   if (type === "flag") return flagField(app, title, place, { fallback, help });
   if (type === "word") return choiceField(app, title, place, { fallback, choices: words.map((word) => [word.name ?? "", word.title]) });
+  if (name === "degree") {
+    const wordsOf = (degree) => [degree, ELEMENTS[degree - 1]].filter(Boolean).join(": ");
+    return sliderField(app, title, place, { fallback, help, wordsOf, min: minimum, max: maximum });
+  }
   const bounds = Object.fromEntries(Object.entries({ min: minimum, max: maximum }).filter(([, bound]) => bound !== undefined));
   const optional = words.some((word) => word.name === null);
   return numberField(app, title, place, { fallback, help, optional, ...(optional ? { placeholder: "none" } : {}), ...bounds });

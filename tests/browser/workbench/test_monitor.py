@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -90,6 +91,23 @@ def test_a_fault_of_the_service_is_shown_at_its_field(page: Page) -> None:
     expect(field).not_to_have_attribute("aria-invalid", "true")
     field.fill("")
     expect(fault).to_have_text("Type a number.")
+
+
+def test_the_slider_of_the_degree_changes_the_mesh_and_its_gains(visit: Callable[..., Page]) -> None:
+    page = visit("/#u=sin(6*x)*cos(5*y)&n=17&monitor=least_error")
+    box = panel(page, "monitor")
+    slider = box.get_by_label("Degree of the elements", exact=True)
+    expect(slider).to_have_attribute("aria-valuetext", "1: bilinear")
+    gains = page.get_by_role("row", name="gain for elements of degree 1, 2, 3 (L2)").get_by_role("cell")
+    expect(gains).to_have_text(re.compile(r"^[1-9][\d.]*, 0\.\d+, "))  # better for degree 1, worse for degree 2
+    answer = answered(page, lambda: slider.press("ArrowRight"))
+    assert answer.status == 200, answer.text()
+    assert spec_of(page)["monitor"]["degree"] == 2
+    expect(slider).to_have_attribute("aria-valuetext", "2: biquadratic")
+    expect(gains).to_have_text(re.compile(r"^[\d.]+, [1-9]"))
+    assert slider.get_attribute("max") == "4"
+    box.get_by_label("Kind", exact=True).select_option("nodal_solution")
+    assert box.get_by_label("Degree of the elements", exact=True).get_attribute("max") == "2"
 
 
 def test_a_wrong_density_is_told_with_the_place(page: Page) -> None:

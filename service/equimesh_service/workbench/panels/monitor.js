@@ -58,16 +58,16 @@ function plain(app, path, kind) {
   if (functions.length) sources.push(sourceField(app, "u(x, y), if you like", [...path, "u"], { help: HELP.u, optional: true }));
   const hint = kind === "nodal_solution" && element("p", { class: "hint" },
     "u is a file with x, y and values at the nodes of a mesh with the points of the grid.");
-  return [hint || null, ...sources, ...fields(app, path, common), folded(app, path, more)].filter(Boolean);
+  return [hint || null, ...sources, ...fields(app, path, kind, common), folded(app, path, kind, more)].filter(Boolean);
 }
 
-function fields(app, path, names) {
-  return names.map((name) => settingField(app, path, name));
+function fields(app, path, kind, names) {
+  return names.map((name) => settingField(app, path, kind, name));
 }
 
-function folded(app, path, names) {
+function folded(app, path, kind, names) {
   if (!names.length) return null;
-  return element("details", { class: "more" }, element("summary", {}, "More settings"), fields(app, path, names));
+  return element("details", { class: "more" }, element("summary", {}, "More settings"), fields(app, path, kind, names));
 }
 
 // The members of an intersection, and what belongs to all of them.
@@ -82,7 +82,7 @@ function members(app) {
     return list().map((member, k) => memberBox(inner, member, k, list, put));
   });
   const hint = element("p", { class: "hint" }, "Cells are as small as each of these requires; the error is that of the first u.");
-  return [hint, box, add, folded(app, PLACE, KINDS.intersection.more)];
+  return [hint, box, add, folded(app, PLACE, "intersection", KINDS.intersection.more)];
 }
 
 function memberBox(app, member, k, list, put) {
@@ -105,7 +105,7 @@ function memberBox(app, member, k, list, put) {
   const sources = functions.map((name) => sourceField(app, LABELS[name] ?? `${name}(x, y)`, [...path, name], { help: HELP[name] }));
   // A bound of the angles belongs to the whole mesh.
   const rest = [...common, ...more].filter((name) => name !== "orthogonality" && name !== "map");
-  return element("fieldset", {}, element("legend", {}, `Monitor ${k + 1}`), kinds, u, sources, fields(app, path, rest), remove);
+  return element("fieldset", {}, element("legend", {}, `Monitor ${k + 1}`), kinds, u, sources, fields(app, path, kind, rest), remove);
 }
 
 // A member of another kind; where it needs a u and has none, it takes that of the others.
