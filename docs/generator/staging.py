@@ -37,6 +37,8 @@ _GENERATED = """
 - [options of all commands](commands.md)
 - [all settings of the service](variables.md)
 """
+# The last line of the page of a notebook.
+_DOWNLOAD = "\n{{download}}`Take this notebook along <{}>`, and open it with `jupyter lab`.\n"
 # The page of the service for an address below /site that leads nowhere.
 _NOWHERE = """---
 orphan: true
@@ -84,6 +86,9 @@ def _written_pages() -> dict[str, str]:
         text = markdown_of(ROOT / path) if is_notebook else (ROOT / path).read_text(encoding="utf-8")
         is_page = is_notebook or path.endswith(".md")
         pages[name] = relinked(text, path, paths.append) if is_page else _source_page(path, text)
+        if is_notebook:
+            pages[name] += _DOWNLOAD.format(posixpath.basename(path))
+            pages[name.removesuffix(".md") + ".ipynb"] = (ROOT / path).read_text(encoding="utf-8")
     return pages
 
 
