@@ -4,10 +4,11 @@ Problems of W. F. Mitchell, *A collection of 2D elliptic problems for testing ad
 and others with a steep feature that the first mesh does not see. Dirichlet data on all sides; the load is a(u, v) with
 the exact gradient. Relative errors are in the L2 and in the full H1 norm, by a quadrature of its own.
 
-    python benchmarks/refinement.py                         all problems, about 1,000 unknowns: some minutes
+    python benchmarks/refinement.py                         all problems, about 1,000 unknowns: a minute
     python benchmarks/refinement.py --unknowns 4000 --only 01 04
-    python benchmarks/refinement.py --norm h1 --rounds      every round of the loop, not only the mesh that it returns
+    python benchmarks/refinement.py --norm h1 --only 07     every round of a loop
     python benchmarks/refinement.py --movement              the Helmholtz demo of Firedrake's movement
+    python benchmarks/refinement.py --unknowns 1000 4000 --write
 """
 
 from __future__ import annotations
@@ -17,11 +18,16 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import matplotlib.pyplot as plt
 import numpy as np
+import skfem
+from matplotlib.collections import LineCollection
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
+from skfem.helpers import dot, grad
 
 import equimesh as em
 
@@ -32,6 +38,8 @@ MAX_CHUNK = 200_000
 NEWTON_STEPS = 12
 """Steps, at most, for an equation that is not linear."""
 MAX_ROUNDS = 5
+LARGE = 3000
+"""Unknowns from which on errors of others are those with about 4,000 of them."""
 CORNER = "(x**2 + y**2 + 1e-30)**(1/3)*sin(2/3*(atan2(-x - y, y - x) + 3*pi/4))"
 """The function of a corner that turns inwards; the missing quadrant is x > 0 > y."""
 
@@ -286,39 +294,163 @@ def loop(
     return Looped(found, errors, time.process_time() - begun - spent[0], unknowns[0])
 
 
-def said(errors: tuple[float, float]) -> str:
-    """Errors in L2 and H1."""
-    return f"{errors[0]:.2e} / {errors[1]:.2e}"
+# The Helmholtz demo of Firedrake's movement: triangles on 21 x 21 nodes.
+
+DEMO = "exp(-((x - 0.51)**2 + (y - 0.65)**2)/0.01)"
+DEMO_POINTS = 21
+DEMO_PUBLISHED = {"uniform": 0.010234, "moved by the exact Hessian": 5.96e-3, "moved, u unknown": 6.22e-3}
+"""L2 errors in the demo: https://github.com/mesh-adaptation/movement, ``demos/monge_ampere_helmholtz.py``."""
+
+
+def demo_solve(mesh: em.Mesh) -> np.ndarray:
+    """Linear elements for ``-Laplace(u) + u = f`` with the values of u on the sides."""
+    basis = skfem.Basis(mesh.to_skfem(cells="triangle"), skfem.ElementTriP1(), intorder=6)
+    u = em.Expression(DEMO)
+    exact, x, y = u.evaluate(*basis.global_coordinates(), order=1)
+    matrix = skfem.BilinearForm(lambda v, w, _: dot(grad(v), grad(w)) + v * w).assemble(basis)
+    load = skfem.LinearForm(lambda w, at: at.x_ * grad(w)[0] + at.y_ * grad(w)[1] + at.u * w)
+    right = load.assemble(basis, x_=x, y_=y, u=exact)
+    values = u.evaluate(mesh.x.ravel(), mesh.y.ravel())[0]
+    return skfem.solve(*skfem.condense(matrix, right, x=values, D=basis.get_dofs()))
+
+
+def demo_error(mesh: em.Mesh, values: np.ndarray) -> float:
+    """The L2 error of linear elements."""
+    basis = skfem.Basis(mesh.to_skfem(cells="triangle"), skfem.ElementTriP1(), intorder=10)
+    error = basis.interpolate(np.ravel(values)) - em.Expression(DEMO).evaluate(*basis.global_coordinates())[0]
+    return float(np.sqrt((error**2 * basis.dx).sum()))
+
+
+def demo_rows() -> Iterator[str]:
+    """The table of the demo."""
+    yield "| mesh of 21 x 21 nodes | L2 error |"
+    yield "|---|---|"
+    for name, error in DEMO_PUBLISHED.items():
+        yield f"| movement: {name} | {error:.3g} |"
+    grid = em.Grid(DEMO_POINTS)
+    uniform = em.Mesh.uniform(grid)
+    yield f"| equimesh: uniform | {demo_error(uniform, demo_solve(uniform)):.3g} |"
+    given = em.solve(em.Problem(em.LeastError(em.Expression(DEMO), cells="triangle"), grid)).mesh
+    yield f'| equimesh: `LeastError(u, cells="triangle")` | {demo_error(given, demo_solve(given)):.3g} |'
+    found = em.adapt(demo_solve, DEMO_POINTS)
+    yield f"| equimesh: `em.adapt`, u unknown | {demo_error(found.mesh, found.values):.3g} |"
+
+
+# Tables.
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "background" / "against-refinement.md"
+PICTURE = PAGE.parents[1] / "images" / "against-refinement.png"
+BEGIN, END = "<!-- refinement.py: begin -->", "<!-- refinement.py: end -->"
+DRAWN = ("07", "steep", "12")
+"""Problems whose meshes are drawn."""
+
+
+def percent(error: float | None) -> str:
+    """A relative error in percent."""
+    return "-" if error is None or not math.isfinite(error) else f"{100.0 * error:.3g}"
+
+
+def table_rows(names: list[str], counts: list[int], rounds: int) -> Iterator[tuple[str, dict[str, Looped]]]:
+    """The rows of the table, and the loops in H1 by which they were made."""
+    head = (
+        "problem, unknowns",
+        "uniform, L2 / H1",
+        "`em.adapt`, L2 / H1",
+        'with `norm="h1"`',
+        "refinement, H1",
+        "Mmg, L2 / H1",
+        "seconds of adapting",
+    )
+    yield f"| {' | '.join(head)} |", {}
+    yield "|---" * len(head) + "|", {}
+    for name in names:
+        problem = PROBLEMS[name]
+        for number, count in enumerate(counts):
+            cells = math.ceil(math.sqrt(count))
+            value = loop(problem, cells, "l2", rounds)
+            slope = loop(problem, cells, "h1", rounds, finds_shape=True)
+            is_large = count >= LARGE
+            refined = problem.refined and problem.refined[is_large]
+            others = problem.remeshed[is_large] if problem.remeshed else UNKNOWN
+            at = [looped.errors[looped.found.best] for looped in (value, slope)]
+            shape = "" if problem.domain == "L" else " on {} x {}".format(*slope.found.mesh.grid.shape)
+            entries = (
+                f"{name}, {value.unknowns}",
+                pair(value.errors[0]),
+                pair(at[0]),
+                pair(at[1]) + shape,
+                percent(refined and refined / 100.0),
+                pair(others),
+                f"{value.seconds:.1f} / {slope.seconds:.1f}",
+            )
+            yield f"| {' | '.join(entries)} |", {name: slope if name == "07" else value} if number == 0 else {}
+
+
+def pair(errors: tuple[float, float]) -> str:
+    """Relative errors in L2 and H1, in percent."""
+    return f"{percent(errors[0])} / {percent(errors[1])}"
+
+
+def draw(loops: dict[str, Looped]) -> None:
+    """The picture of the meshes of three problems."""
+    figure, panes = plt.subplots(1, len(DRAWN), figsize=(12.0, 4.2))
+    for pane, name in zip(panes, DRAWN, strict=True):
+        mesh = loops[name].found.mesh
+        lines = LineCollection(mesh.points[mesh.cells[:, [0, 1, 2, 3, 0]]], colors="#345", linewidths=0.35)
+        pane.add_collection(lines)
+        pane.autoscale()
+        pane.set_aspect("equal")
+        pane.set_axis_off()
+        pane.set_title(name, fontsize=10)
+    figure.tight_layout()
+    figure.savefig(PICTURE, dpi=110)
+
+
+def write(rows: list[str], demo: list[str]) -> None:
+    """Put both tables into the page."""
+    before, rest = PAGE.read_text().split(BEGIN)
+    after = rest.split(END)[1]
+    PAGE.write_text(f"{before}{BEGIN}\n\n" + "\n".join([*rows, "", *demo]) + f"\n\n{END}{after}")
+
+
+def every_round(name: str, looped: Looped) -> Iterator[str]:
+    """What happened in every round."""
+    for one, errors in zip(looped.found.rounds, looped.errors, strict=True):
+        numbers = f"estimate {one.estimate:.2e}, unresolved {one.unresolved:.3f}, {one.start}"
+        yield f"    {name} {one.number}: {pair(errors)} %, {numbers}"
+    yield f"    {looped.found.reason}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), help="these problems")
     parser.add_argument("--unknowns", type=int, nargs="+", default=[1000], help="about so many unknowns")
-    parser.add_argument("--norm", nargs="+", choices=("l2", "h1"), default=["l2", "h1"], help="norms of the loop")
-    parser.add_argument("--shape", action="store_true", help="let the loop find the shape of the grid")
-    parser.add_argument("--rounds", action="store_true", help="print every round")
+    parser.add_argument("--norm", choices=("l2", "h1"), help="print every round of the loops in this norm, no table")
+    parser.add_argument("--shape", action="store_true", help="with --norm: let the loop find the shape of the grid")
+    parser.add_argument("--rounds", type=int, default=MAX_ROUNDS, help="rounds of the loop, at most")
+    parser.add_argument("--movement", action="store_true", help="the Helmholtz demo of movement alone")
+    parser.add_argument("--write", action="store_true", help="both tables and the picture, into the page of the docs")
     options = parser.parse_args()
-    for count in options.unknowns:
-        cells = math.ceil(math.sqrt(count))
-        for name in options.only:
-            for norm in options.norm:
-                result = loop(PROBLEMS[name], cells, norm, finds_shape=options.shape)
-                best = result.found.best
-                print(
-                    f"{name} {norm} {result.unknowns}: uniform {said(result.errors[0])}, returned"
-                    f" {said(result.errors[best])} (round {best} of {len(result.errors) - 1}), least"
-                    f" {min(one[0] for one in result.errors):.2e} / {min(one[1] for one in result.errors):.2e},"
-                    f" {result.seconds:.1f} s, resolved {result.found.resolved}",
-                    flush=True,
-                )
-                if options.rounds:
-                    for one, errors in zip(result.found.rounds, result.errors, strict=True):
-                        print(
-                            f"    {one.number} {said(errors)}  est {one.estimate:.2e} {one.estimate_h1:.3e}"
-                            f" unres {one.unresolved:.4f} moved {one.moved_cells:.2f} {one.start}"
-                        )
-                    print("   ", result.found.reason, flush=True)
+    if options.norm:
+        for count in options.unknowns:
+            for name in options.only:
+                cells = math.ceil(math.sqrt(count))
+                looped = loop(PROBLEMS[name], cells, options.norm, options.rounds, finds_shape=options.shape)
+                print(f"{name}, {looped.unknowns} unknowns: round {looped.found.best}, {looped.seconds:.1f} s")
+                print("\n".join(every_round(name, looped)), flush=True)
+        return
+    rows, loops, demo = [], {}, []
+    if not options.movement:
+        for row, made in table_rows(options.only, options.unknowns, options.rounds):
+            print(row, flush=True)
+            rows.append(row)
+            loops.update(made)
+    if options.movement or options.write:
+        demo = list(demo_rows())
+        print("\n".join(demo))
+    if options.write:
+        write(rows, demo)
+        draw(loops)
 
 
 if __name__ == "__main__":

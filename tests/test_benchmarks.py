@@ -23,6 +23,7 @@ import least_error_goals
 import numpy as np
 import parted_files
 import pytest
+import refinement
 import road
 from costs import budget, newton, peers, solves
 from costs.budget import Bought, Curve
@@ -417,3 +418,20 @@ def test_the_cost_of_a_start_is_that_of_all_processes_and_compiled_loops_are_cou
     seconds, compiled = cold_start.start(tmp_path, {})
     assert seconds > 0.0
     assert compiled == 2
+
+
+@pytest.mark.parametrize(
+    "equation",
+    [{}, {"reaction": 3.0}, {"is_nonlinear": True}, {"diffusion": 0.1, "stream": (1.0, 0.5)}, {"domain": "L"}],
+)
+def test_the_elements_against_refinement_converge(equation: dict[str, object]) -> None:
+    problem = refinement.Problem(u="sin(2*x + y)", **equation)
+    errors = []
+    for cells in (8, 16):
+        domain, points = refinement.domain_of(problem, cells)
+        mesh = domain.mesh if points is None else em.Mesh.uniform(em.Grid(points))
+        elements = refinement.Elements.of(problem, mesh)
+        errors.append(elements.errors(elements.solve()))
+    orders = [math.log2(coarse / fine) for coarse, fine in zip(*errors, strict=True)]
+    assert 1.7 < orders[0] < 2.5  # of an L the finer mesh has a little more than twice the cells
+    assert 0.9 < orders[1] < 1.3
