@@ -102,6 +102,13 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
         "other norm": ({**AIMED, "target": {"error": 1, "norm": "max"}}, "/target/norm", "'l2' or 'h1'"),
         "few points": ({**AIMED, "target": {"error": 1, "max_points": 9}}, "/target/max_points", "at least 25"),
         "no function": ({"monitor": {"kind": "weight", "rho": "1"}, "target": {"error": 1}}, "/target", "has no u"),
+        "few points of a shape": ({**AIMED, "grid": {"points": 24}}, "/grid/points", "at least 25 points"),
+        "points and n_xi": ({**AIMED, "grid": {"points": 99, "n_xi": 9}}, "/grid/points", "give one of them"),
+        "points and an error": (
+            {**AIMED, "grid": {"points": 99}, "target": {"error": 1}},
+            "/target",
+            "takes the place of the grid",
+        ),
         "subdomains": ({**AIMED, "schwarz": {}, "target": {"error": 1}}, "/target", "a grid that is known"),
     },
     "source": {

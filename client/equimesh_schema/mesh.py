@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
-from equimesh_schema.document import LATER, Document, Either, Limits, Parameters, Words
+from equimesh_schema.document import LATER, Document, Either, Limits, Parameters, Words, is_whole
 from equimesh_schema.domains import Domain, Rectangle
 from equimesh_schema.monitors import Monitor, Norm
 from equimesh_schema.schwarz import Schwarz
@@ -56,6 +56,8 @@ class Grid(Document):
     """Points along xi, at least 4."""
     n_eta: int = 64
     """Points along eta, at least 4."""
+    points: Annotated[int | None, LATER] = None
+    """Points of the whole grid, at least 25, in place of n_xi and n_eta: the shape with the least error is found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +66,8 @@ class Target(Document):
 
     norm: Norm = "l2"
     """The norm of the error: l2 of u, or h1, of its gradient."""
-    error: float
-    """The requested error, positive, in the units of u."""
+    error: float | None = None
+    """The requested error, positive, in the units of u; null: the least one on max_points points."""
     max_points: int | None = None
     """Most points of the grid, at least 25; null: the limit of the service."""
 
@@ -98,6 +100,35 @@ class MeshSpec(Document):
     parts: Annotated[NumberOfParts, LATER] = None
     """How many parts of a cluster the mesh is computed in; auto: as many as fit its workers. null: one machine computes
     it, or where it is too large for that, a cluster in parts."""
+
+
+MIN_GRID_POINTS = 25
+"""The fewest points of a whole grid whose shape is found: 5 in each direction."""
+
+
+def fault_of_points(document: Mapping[str, Any]) -> tuple[str, str] | None:
+    """The field and the sentence of what is wrong with ``grid.points`` of a spec; None where nothing is."""
+    grid = document.get("grid")
+    points = grid.get("points") if isinstance(grid, Mapping) else None
+    if grid is None or points is None:
+        return None
+    if "n_xi" in grid or "n_eta" in grid:
+        return "grid.points", "points takes the place of n_xi and n_eta: give one of them"
+    if document.get("target") is not None:
+        return "target", "a target takes the place of the grid: give one of them"
+    if not is_whole(points) or points < MIN_GRID_POINTS:
+        return "grid.points", f"a grid whose shape is found has at least {MIN_GRID_POINTS} points, 5 a direction"
+    return None
+
+
+def with_target(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The spec with a target in place of ``grid.points``, of which :func:`fault_of_points` finds no fault."""
+    grid, monitor = document.get("grid"), document.get("monitor")
+    if not isinstance(grid, Mapping) or grid.get("points") is None:
+        return document
+    norm = monitor.get("norm") if isinstance(monitor, Mapping) else None
+    target = {"norm": "h1" if norm == "h1" else "l2", "max_points": grid["points"]}
+    return {**{name: value for name, value in document.items() if name != "grid"}, "target": target}
 
 
 @dataclass(frozen=True, kw_only=True)

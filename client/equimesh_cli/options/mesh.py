@@ -65,6 +65,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     mesh = parser.add_argument_group("mesh")
     mesh.add_argument("-n", "--n-xi", dest="n_xi", type=int, help=f"points a side, along xi ({Grid.n_xi})")
     mesh.add_argument("--n-eta", type=int, help="points along eta (as along xi)")
+    add_field(mesh, Grid, "points", option="--points")
     add_field(mesh, Target, "error", option="--target-error")
     add_field(mesh, Target, "norm", option="--target-norm")
     domains = mesh.add_mutually_exclusive_group()
@@ -189,16 +190,22 @@ def _check_points(options: argparse.Namespace) -> None:
     """Refuse a grid for a domain that has points of its own."""
     from equimesh_client.spec.domains import has_own_points
 
-    given = options.n_xi is not None or options.n_eta is not None or options.target_error is not None
-    if given and has_own_points(options.domain):
-        raise CommandError("the mesh of the domain has points of its own: leave out -n, --n-eta and --target-error")
+    given = (options.n_xi, options.n_eta, options.points, options.target_error)
+    if any(one is not None for one in given) and has_own_points(options.domain):
+        raise CommandError(
+            "the mesh of the domain has points of its own: leave out -n, --n-eta, --points and --target-error"
+        )
 
 
 def _check_target(options: argparse.Namespace) -> None:
-    if options.target_error is None:
+    has_n = options.n_xi is not None or options.n_eta is not None
+    if options.points is not None:
+        if has_n or options.target_error is not None:
+            raise CommandError("--points takes the place of -n, --n-eta and --target-error: give one of them")
+    elif options.target_error is None:
         if options.target_norm is not None:
             raise CommandError("--target-norm is the norm of a target; add --target-error, e.g. --target-error 1e-4")
-    elif options.n_xi is not None or options.n_eta is not None:
+    elif has_n:
         raise CommandError("--target-error takes the place of -n and --n-eta: give one of them")
 
 
@@ -228,9 +235,10 @@ def points_of(options: argparse.Namespace) -> tuple[int, int]:
 
 def target_of(options: argparse.Namespace) -> Target | None:
     """The target of the client; None for a grid."""
-    if options.target_error is None:
-        return None
-    return Target(error=options.target_error, norm=options.target_norm or Target.norm)
+    norm = options.target_norm or Target.norm
+    if options.points is not None:
+        return Target(max_points=options.points, norm=norm)
+    return None if options.target_error is None else Target(error=options.target_error, norm=norm)
 
 
 def schwarz_of(options: argparse.Namespace) -> Schwarz | None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from equimesh_schema.document import without_usual
 from equimesh_schema.domains import MeshFile
-from equimesh_schema.mesh import ExpressionCheck, Grid, MeshSpec
+from equimesh_schema.mesh import ExpressionCheck, Grid, MeshSpec, fault_of_points, with_target
 from equimesh_schema.monitors import ArcLength, Auto, LeastError, NodalSolution
 from equimesh_schema.sources import AnySource, ExpressionSource, GridSource, NodalSource, StoredSource
 from equimesh_service.problems.problem import problem_at
@@ -128,16 +128,27 @@ class CheckedSpec:
 def read_spec(document: Any) -> CheckedSpec:
     """The spec in a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
     spec = validate(MeshSpec, document)
+    if spec.grid is not None and spec.grid.points is not None and not spec.domain.HAS_BLOCKS:
+        fault = fault_of_points(document)
+        if fault is not None:
+            raise problem_at("/" + fault[0].replace(".", "/"), fault[1])
+        document = with_target(document)
+        spec = validate(MeshSpec, document)
     if spec.target is not None:
         if document.get("grid") is not None:
             raise problem_at("/target", "a target takes the place of the grid: give one of them")
+        if spec.target.error is None and spec.target.max_points is None:
+            raise problem_at("/target/error", "an error is required, or max_points for the least one on so many points")
         spec = replace(spec, grid=None)
     elif spec.domain.HAS_BLOCKS:
         if document.get("grid") is None:  # one that is given is refused with the reason
             spec = replace(spec, grid=None)
     elif spec.grid is None:
         spec = replace(spec, grid=Grid())
-    return CheckedSpec(spec, dict(sources_of(spec.monitor)), to_json(spec))
+    canonical = to_json(spec)
+    if canonical["grid"] is not None:  # as in releases without it; a grid that has it became a target
+        del canonical["grid"]["points"]
+    return CheckedSpec(spec, dict(sources_of(spec.monitor)), canonical)
 
 
 def read_expression_check(document: Any) -> ExpressionCheck:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal, Unpack
+from typing import Any, Literal, Unpack
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.problem import Boundary, Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.monitor import Monitor
-from equimesh.rounds.shape import proportions
+from equimesh.rounds.shape import best_grid, proportions
 from equimesh.solving.solution import Solution, degree_of
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Announcer, SolveArguments
@@ -23,6 +24,8 @@ from equimesh_schema.document import is_number, is_whole
 
 FIRST_CELLS = 32
 """Cells a side, about, of the first grid, from whose error the others are predicted."""
+RESOLVING_CELLS = 64
+"""Cells a side, about, of the mesh at whose points the shapes of grids are compared."""
 MIN_CELLS = 4
 """Cells, at least, in each direction of a grid."""
 MAX_POINTS = 1025 * 1025
@@ -46,24 +49,37 @@ class Target:
     """A requested interpolation error of u, in place of a grid.
 
     ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient; ``error`` is the norm over the whole
-    domain, in the units of u (of its gradient) times a length. ``max_points`` limits the grid. Raises
+    domain, in the units of u (of its gradient) times a length. ``max_points`` limits the grid. Without an ``error`` it
+    is the least one on so many points, for which the shape of the grid is found. Raises
     :class:`~equimesh.errors.InputError` for values that cannot be used.
     """
 
     norm: Literal["l2", "h1"] = "l2"
-    error: float
-    max_points: int = MAX_POINTS
+    error: float | None = None
+    max_points: int | None = None
 
     def __post_init__(self) -> None:
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
-        if not (is_number(self.error) and 0.0 < self.error < math.inf):
+        if self.error is None and self.max_points is None:
+            raise InputError("an error is required, or max_points for the least one on so many points", field="error")
+        if self.error is not None and not (is_number(self.error) and 0.0 < self.error < math.inf):
             raise InputError(f"error = {self.error!r}: the requested error must be a positive number", field="error")
         least = (MIN_CELLS + 1) ** 2
-        if not (is_whole(self.max_points) and self.max_points >= least):
+        if self.max_points is not None and not (is_whole(self.max_points) and self.max_points >= least):
             raise InputError(
                 f"max_points = {self.max_points!r}: at least {least} points are needed", field="max_points"
             )
+
+    @property
+    def most(self) -> int:
+        """The most points of the grid."""
+        return MAX_POINTS if self.max_points is None else self.max_points
+
+    @property
+    def aimed(self) -> float:
+        """The requested error; 0 for the least one."""
+        return 0.0 if self.error is None else self.error
 
     def grid(self, domain: Domain, cells: float = FIRST_CELLS) -> Grid:
         """The grid of about ``cells`` a side, in the proportions of the mesh lines of ``domain``."""
@@ -72,8 +88,8 @@ class Target:
 
     def largest_cells(self, domain: Domain) -> float:
         """The number of cells a side of the largest allowed grid."""
-        cells = math.sqrt(self.max_points)
-        while cells > MIN_CELLS and self.grid(domain, cells).points > self.max_points:
+        cells = math.sqrt(self.most)
+        while cells > MIN_CELLS and self.grid(domain, cells).points > self.most:
             cells -= 0.5
         return cells
 
@@ -91,7 +107,9 @@ def solve_to(
 
     The error on about 33 points a side predicts the grid, since it falls with the square of the spacing in L2, and with
     the spacing in H1. The mesh on the predicted grid is solved and measured. Where its error is too large, or far
-    smaller than requested, the grid is corrected, at most twice. ``target`` of the certificate has the numbers.
+    smaller than requested, the grid is corrected, at most twice. ``target`` of the certificate has the numbers. Without
+    an error the shape of the grid is found on coarse grids; the mesh is no worse than that on the largest grid in the
+    proportions of the domain.
 
     ``began`` is called with every grid before it is solved. ``options`` are those of
     :func:`~equimesh.solving.solve.solve`; the start is no mesh. Raises what that raises, and
@@ -101,17 +119,19 @@ def solve_to(
     if isinstance(options.get("initial"), Mesh):
         raise InputError("a target chooses the grid, so that there is no mesh to start from", field="initial")
     search = _Search(target, _problem(target, monitor, domain, boundary), began, options, _Work.of(options))
+    if target.error is None:
+        return search.least()
     tried = [search.at(min(FIRST_CELLS, target.largest_cells(domain)), math.nan)]
     if not tried[0].solution.status.succeeded:
         return tried[0].solution
     while True:
         last = tried[-1]
-        if last.error <= target.error and last.error >= LOOSE_SHARE * target.error:
+        if last.error <= target.aimed and last.error >= LOOSE_SHARE * target.aimed:
             break
         cells = search.next_cells(last, MARGINS[min(len(tried), len(MARGINS)) - 1])
         if len(tried) > 1 + MAX_CORRECTIONS or target.grid(domain, cells) == last.grid:
             break
-        if last.error <= target.error and target.grid(domain, cells).points > LOOSE_SHARE * last.grid.points:
+        if last.error <= target.aimed and target.grid(domain, cells).points > LOOSE_SHARE * last.grid.points:
             break
         tried.append(search.at(cells, search.predicted(last, cells)))
         if not tried[-1].solution.status.succeeded:
@@ -124,6 +144,8 @@ def require_reachable(
 ) -> None:
     """Raise what :func:`solve_to` raises for a target out of reach, at the cost of the solve on the first grid."""
     problem = _problem(target, monitor, domain, boundary)
+    if target.error is None:
+        return
     search = _Search(target, problem, None, {"threads": 1, "check": False}, _Work(None))
     first = search.at(min(FIRST_CELLS, target.largest_cells(domain)), math.nan)
     if first.solution.status.succeeded and first.error > target.error:
@@ -176,7 +198,10 @@ class _Search:
 
     def at(self, cells: float, predicted: float) -> _GridSolution:
         """The solution on about ``cells`` a side."""
-        grid = self.target.grid(self.problem.domain, cells)
+        return self.on(self.target.grid(self.problem.domain, cells), predicted)
+
+    def on(self, grid: Grid, predicted: float = math.nan) -> _GridSolution:
+        """The solution on a grid."""
         if self.began is not None:
             self.began(grid)
         options: SolveArguments = {**self.options, "observe": self.work.begin(grid)}
@@ -184,6 +209,24 @@ class _Search:
         errors = solution.interpolation
         error = math.nan if errors is None else {"l2": errors.l2, "h1": errors.h1}[self.target.norm]
         return _GridSolution(cells=_cells_of(grid), grid=grid, solution=solution, error=error, predicted=predicted)
+
+    def least(self) -> Solution:
+        """The solution with the least error on so many points: of the usual shape, or of that which is found."""
+        target, domain = self.target, self.problem.domain
+        u: Any = self.problem.monitor.on(domain).u
+        usual = target.grid(domain, target.largest_cells(domain))
+        first = self.on(usual)
+        coarse = target.grid(domain, min(RESOLVING_CELLS, target.largest_cells(domain)))
+        resolving: Any = solve(
+            Problem(monitor=LeastError(u=u, norm=target.norm), grid=coarse, domain=domain),
+            check=False,
+            threads=self.options.get("threads"),
+        )
+        found = best_grid(u, domain, target.most, target.norm, resolving.reference)
+        if found == coarse or not first.solution.status.succeeded:
+            return first.solution
+        other = self.on(found)
+        return other.solution if other.error < first.error else first.solution
 
     def predicted(self, last: _GridSolution, cells: float) -> float:
         """The error on about ``cells`` a side, from that of another grid."""
@@ -200,17 +243,17 @@ class _Search:
         target, domain = self.target, self.problem.domain
         if not math.isfinite(last.error):
             raise InputError("the interpolation error of u is not finite on this domain", field="target.error")
-        needed = float(last.cells * (margin * last.error / target.error) ** (1.0 / self.order))
+        needed = float(last.cells * (margin * last.error / target.aimed) ** (1.0 / self.order))
         most = target.largest_cells(domain)
         if needed <= most:
             return max(needed, float(MIN_CELLS))
         best = self.predicted(last, most)
-        if best <= target.error and target.grid(domain, most) != last.grid:
+        if best <= target.aimed and target.grid(domain, most) != last.grid:
             return most
         points = needed**2
         raise InputError(
             f"an error of {target.error:g} in {target.norm.upper()} needs about {points:.2g} points, and at most"
-            f" {target.max_points} are allowed: the largest allowed grid, {target.grid(domain, most)}, would give about"
+            f" {target.most} are allowed: the largest allowed grid, {target.grid(domain, most)}, would give about"
             f" {best:.2g}",
             field="target.error",
         )
@@ -218,12 +261,12 @@ class _Search:
     def finish(self, tried: list[_GridSolution]) -> Solution:
         """The solution on the smallest grid whose error is as requested, else the one of the smallest error."""
         target = self.target
-        enough = [one for one in tried if one.error <= target.error]
+        enough = [one for one in tried if one.error <= target.aimed]
         best = min(enough, key=lambda one: one.grid.points) if enough else min(tried, key=lambda one: one.error)
         predicted = best.predicted if math.isfinite(best.predicted) else best.error
         aim = Aim(
             norm=target.norm,
-            error=target.error,
+            error=target.aimed,
             grid=best.grid.shape,
             predicted=predicted,
             reached=best.error,

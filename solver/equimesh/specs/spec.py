@@ -29,7 +29,7 @@ from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import AnySolution
 from equimesh.solving.solve import NO_DEGREE, NO_ROUNDS, NO_STRAIGHT_LINES, count_subdomains, solve
 from equimesh.solving.status import Initial, SolveArguments
-from equimesh.solving.target import MAX_POINTS, NO_U, Target, solve_to
+from equimesh.solving.target import NO_U, Target, solve_to
 from equimesh.specs.document import Makers, Reading, mapping, several, text, whole, within
 from equimesh.specs.monitors import FindSamples, build_monitor, no_samples, samples_in
 from equimesh_schema import domains as domains_schema
@@ -123,13 +123,9 @@ def usual_grid(**given: int) -> Grid:
     return Grid(n_xi=made.n_xi, n_eta=made.n_eta)
 
 
-def _target(*, max_points: int | None = None, **given: Any) -> Target:
-    return Target(**given, max_points=MAX_POINTS if max_points is None else max_points)
-
-
 MAKERS: Makers = {
     mesh_schema.Grid: usual_grid,
-    mesh_schema.Target: _target,
+    mesh_schema.Target: Target,
     schwarz_schema.Schwarz: Schwarz,
     schwarz_schema.Optimized: Optimized,
     schwarz_schema.Classical: Classical,
@@ -296,6 +292,10 @@ def build(
     Raises :class:`~equimesh.errors.InputError` for values that cannot be used, wrong types and unknown keys; ``field``
     is the path of the fault in the document, e.g. ``"monitor.u.expression"`` or ``"schwarz.overlap"``.
     """
+    fault = mesh_schema.fault_of_points(mapping(document, ""))
+    if fault is not None:
+        raise InputError(fault[1], field=fault[0])
+    document = mesh_schema.with_target(document)
     makers: Makers = {**MAKERS, **domain_makers(find_mesh, folder), MeshSpec: dict}
     given = Reading(makers, {MONITORS: _as_given}).record(MeshSpec, document)
     parts = _parts(given)

@@ -41,6 +41,7 @@ import pytest
         ),
         (["x", "-n", "9", "--target-error", "1e-3"], "--target-error takes the place of -n"),
         (["x", "--target-norm", "h1"], "add --target-error"),
+        (["x", "--points", "99", "-n", "9"], "--points takes the place of -n"),
         (["x", "-a", "0.5"], "-a is for --monitor arc-length, and this is --monitor auto"),
         (["x", "--smoothing", "0.1"], "--smoothing is for --monitor arc-length or curvature"),
         (["x", "--distortion", "1"], "--distortion is for --monitor least-error, and this is --monitor auto"),

@@ -54,6 +54,12 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
     assert generate("x", "--target-error", "1e-4", "--target-norm", "h1")[0] == 0
     sent = json.loads(service.seen("POST", "meshes")[-1].body)
     assert sent["target"] == {"norm": "h1", "error": 1e-4, "max_points": None}
+    assert generate("x", "--points", "400")[0] == 0
+    assert json.loads(service.seen("POST", "meshes")[-1].body)["target"] == {
+        "norm": "l2",
+        "error": None,
+        "max_points": 400,
+    }
     assert "grid" not in sent
     assert generate("x", "--norm", "h1")[0] == 0
     sent = json.loads(service.seen("POST", "meshes")[-1].body)

@@ -79,6 +79,15 @@ def test_a_target_takes_the_grid_that_it_needs(http: httpx.Client) -> None:
     assert [len(cells) + 1, len(cells[0]) + 1] == told["grid"]
 
 
+def test_the_shape_of_a_grid_of_so_many_points_is_found(http: httpx.Client) -> None:
+    mesh = solved(http, {"monitor": {"kind": "least_error", "u": "exp(-30*x)", "norm": "h1"}, "grid": {"points": 200}})
+    assert mesh["grid"]["n_xi"] > 4 * mesh["grid"]["n_eta"]
+    assert mesh["points"] <= 200
+    canonical = http.get(mesh["links"]["spec"]).json()
+    assert (canonical["grid"], canonical["target"]) == (None, {"norm": "h1", "error": None, "max_points": 200})
+    assert solved(http, canonical)["grid"] == mesh["grid"]
+
+
 def test_a_target_counts_as_the_largest_grid_that_it_may_take() -> None:
     spec = {"grid": None, "target": {"norm": "l2", "error": 1e-3, "max_points": 5000}}
     assert NewMesh(id="m", spec=spec).points == 70 * 70

@@ -33,6 +33,24 @@ def test_the_error_is_reached_on_the_predicted_grid(norm: Any, error: float) -> 
     assert f"reached on {solution.problem.grid} points" in str(solution.certificate)
 
 
+@pytest.mark.parametrize("kind", [em.LeastError, em.Auto])
+def test_the_least_error_on_so_many_points_takes_a_shape_for_it(kind: Any) -> None:
+    u, grids = em.Expression("exp(-30*y)"), list[em.Grid]()
+    solution = em.solve_to(em.Target(max_points=300), monitor=kind(u), began=grids.append, threads=1)
+    square = em.solve(em.Problem(monitor=kind(u), grid=grids[0]), threads=1)
+    assert (grids[0], grids[-1]) == (em.Grid(17), solution.problem.grid)
+    assert solution.problem.grid.n_eta > 6 * solution.problem.grid.n_xi
+    assert solution.interpolation is not None
+    assert square.interpolation is not None
+    assert solution.interpolation.l2 < 0.3 * square.interpolation.l2
+
+
+def test_a_target_needs_an_error_or_points() -> None:
+    with pytest.raises(em.InputError, match="an error is required, or max_points") as refused:
+        em.Target()
+    assert refused.value.field == "error"
+
+
 def test_the_order_of_the_degree_predicts_the_grid() -> None:
     solution = em.solve_to(em.Target(error=2e-6), monitor=em.LeastError(PAPER, degree=3), threads=1)
     aim = solution.certificate.target
