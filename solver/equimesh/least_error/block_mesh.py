@@ -235,12 +235,12 @@ class BlockNest:
         """The start from the initial mesh."""
         return BlockStart(name="initial")
 
-    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> BlockStart | None:
+    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float, degree: int = 1) -> BlockStart | None:
         """The start from straight lines of each block, at most ``most`` of each family; none on paved meshes."""
         if self.is_paved:
             return None
         counts = [min(cells + 1, most) for cells in self.families.finest]
-        lines = equidistributed(u, self._patches, counts, norm, floor)
+        lines = equidistributed(u, self._patches, counts, norm, floor, degree=degree)
         return None if lines is None else BlockStart(name="rectilinear", lines=tuple(lines))
 
     def given(self, mesh: Mesh) -> BlockStart:

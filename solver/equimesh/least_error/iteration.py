@@ -258,7 +258,7 @@ class LeastErrorSolve:
         if not least > objective.rounding:
             return
         for floor in FLOORS:
-            origin = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_LINES, floor)
+            origin = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_LINES, floor, self.monitor.degree)
             if origin is None:
                 continue
             mesh = self.nest.first_mesh(origin, level)
@@ -267,7 +267,7 @@ class LeastErrorSolve:
                 if error < least:
                     best, least = floor, error
         if best is not None:
-            origin = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_FINE_LINES, best)
+            origin = self.nest.rectilinear(self.monitor.u, self.monitor.norm, MAX_FINE_LINES, best, self.monitor.degree)
             if origin is not None:
                 yield origin
 

@@ -170,7 +170,7 @@ class Nest(Protocol[AnyLevel, AnyMesh, AnyStart]):
         """The start from the initial mesh."""
         ...
 
-    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> AnyStart | None:
+    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float, degree: int = 1) -> AnyStart | None:
         """The start from straight lines, at most ``most`` of each family; ``None`` where there are none.
 
         See :func:`~equimesh.least_error.starts.equidistributed`.

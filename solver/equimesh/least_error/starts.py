@@ -31,8 +31,8 @@ MIN_CHANGE_CELLS = 0.05
 """Largest move of a line, in spacings, at which the passes end."""
 MAX_CROSSINGS = 33
 """Lines of the other family, at most, over which the mean is taken."""
-EXPONENTS = {"l2": 0.2, "h1": 1.0 / 3.0}
-"""The power of the integral of the squared second derivative that is the density of lines with the least error."""
+MORE_ORDERS = {"l2": 3, "h1": 1}
+"""What is added to twice the degree: one over it is the power of the integral of the squared derivative."""
 INSET_SHARE = 0.1
 """The share of a spacing by which lines are moved from a side where u has no finite slope."""
 ENDS = 4
@@ -63,16 +63,19 @@ def equidistributed(
     norm: Norm,
     floor: float,
     closed: Sequence[bool] | None = None,
+    degree: int = 1,
 ) -> list[Array] | None:
     """The positions, 0 to 1, of ``counts`` lines of each family, of a mesh whose lines are straight on every patch.
 
-    Each family is equidistributed in the density of least error of piecewise linear interpolation, for the mean over
-    the lines that cross it: the integral of ``u_ss^2`` to the power 1/5 in L2, 1/3 in H1, smoothed over neighbours.
+    Each family is equidistributed in the density of least error of interpolation of a ``degree`` p, for the mean over
+    the lines that cross it: the integral of the square of the derivative of order p + 1 to the power 1/(2 p + 3) in
+    L2, 1/(2 p + 1) in H1, smoothed over neighbours.
     ``floor`` times its mean is added: more of it leaves more lines where u is flat. The lines of a ``closed`` family
     go on after a turn; their mean position is that of uniform ones, so that it does not matter where they begin.
     ``None`` where u is not finite.
     """
     closed = closed or [False] * len(counts)
+    exponent = 1.0 / (2 * degree + MORE_ORDERS[norm])
     lines = [np.linspace(0.0, 1.0, count) for count in counts]
     for _ in range(MAX_PASSES):
         few = [
@@ -89,7 +92,7 @@ def equidistributed(
                 shares = patch.share * _shares(few[across], closed[across])
                 found[family].append((slopes, shares[::-1] if patch.turned[1 - axis] else shares))
         moved = [
-            _equidistributed(line, *_together(crossed), EXPONENTS[norm], floor, is_closed)
+            _equidistributed(line, *_together(crossed), exponent, floor, is_closed, degree)
             for line, crossed, is_closed in zip(lines, found, closed, strict=True)
         ]
         change = max(_change(line, new) for line, new in zip(lines, moved, strict=True))
@@ -107,13 +110,14 @@ def rectilinear(
     floor: float,
     *,
     closed: tuple[bool, bool] = (False, False),
+    degree: int = 1,
 ) -> tuple[Array, Array] | None:
     """The positions of ``counts`` lines along s and along t of a grid, as :func:`equidistributed` finds them."""
 
     def places(s: Array, t: Array) -> Sequence[Array]:
         return *domain.map(s, t), *domain.jacobian(s, t)
 
-    found = equidistributed(u, [Patch(places)], counts, norm, floor, closed)
+    found = equidistributed(u, [Patch(places)], counts, norm, floor, closed, degree)
     return None if found is None else (found[0], found[1])
 
 
@@ -195,11 +199,15 @@ def _sum(one: Array, other: Array) -> Array:
     return np.where(np.isfinite(both) & (np.abs(both) <= smallest), 0.0, both)
 
 
-def _equidistributed(line: Array, slopes: Array, shares: Array, exponent: float, floor: float, closed: bool) -> Array:
-    """The line moved to equal integrals of its density; second derivatives are differences of ``slopes``.
+def _equidistributed(
+    line: Array, slopes: Array, shares: Array, exponent: float, floor: float, closed: bool, degree: int
+) -> Array:
+    """The line moved to equal integrals of its density; derivatives of order 2 and more are differences of ``slopes``.
 
     ``shares`` are the lengths for which the lines of the other family stand.
     """
+    for _ in range(degree - 1):
+        slopes = np.gradient(slopes, line, axis=0)
     integral = np.empty(line.size)
     wanted = exponent, floor
     if not density_integral(line, np.ascontiguousarray(slopes), np.ascontiguousarray(shares), wanted, closed, integral):
@@ -399,10 +407,10 @@ class GridNest:
         """The start from the uniform mesh."""
         return Start.uniform(closed=self.closed)
 
-    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float) -> Start | None:
+    def rectilinear(self, u: Field, norm: Norm, most: int, floor: float, degree: int = 1) -> Start | None:
         """The start from straight lines, at most ``most`` of each family."""
         counts = min(self.finest.n_xi, most), min(self.finest.n_eta, most)
-        lines = rectilinear(u, self.domain, counts, norm, floor, closed=self.closed)
+        lines = rectilinear(u, self.domain, counts, norm, floor, closed=self.closed, degree=degree)
         return None if lines is None else Start(name="rectilinear", s=lines[0], t=lines[1], closed=self.closed)
 
     def given(self, mesh: Mesh) -> Start:

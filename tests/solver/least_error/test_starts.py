@@ -7,7 +7,9 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error import starts
+from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.starts import Start, coordinates_of, mesh_of, product, rectilinear, resampled
+from equimesh.rounds.recovery import measured
 from solver.bent import SECTOR, bent, uniform
 
 SQUARE = em.Rectangle()
@@ -194,3 +196,19 @@ def test_a_given_mesh_is_the_first_one_on_its_own_grid_alone() -> None:
     assert np.array_equal(origin.first_mesh(COARSE), mesh)
     assert origin.first_mesh(FINE[0]) == pytest.approx(uniform(FINE[0]), abs=1e-15)
     assert origin.name == "given"
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_lines_for_a_degree_have_the_least_error_of_that_degree(norm: Norm) -> None:
+    u, grid = em.Expression("tanh(30*(x - 0.4))"), em.Grid(33, 5)
+
+    def errors(degree: int) -> list[float]:
+        found = rectilinear(u, SQUARE, grid.shape, norm, 0.1, degree=degree)
+        assert found is not None
+        mesh = mesh_of(product(*found), grid)
+        return [measured(u, SQUARE, mesh, Rule(norm=norm, points=6, degree=one)) for one in (1, 2, 3)]
+
+    first, second, third = (errors(degree) for degree in (1, 2, 3))
+    assert first[0] < 0.7 * second[0]
+    assert second[1] < 0.8 * first[1]
+    assert third[2] < 0.8 * second[2]
