@@ -72,9 +72,9 @@ class MonitorDocument(Document):
 
 @dataclass(frozen=True, kw_only=True)
 class Auto(MonitorDocument):
-    """The monitor with the smallest measured interpolation error among candidates, compared on a coarse grid."""
+    """The monitor with the smallest measured error among candidates, compared on a coarse grid."""
 
-    USE = "You have u: candidates are tried on a coarse grid, and the one of least error is taken. The default."
+    USE = "You have u: candidates are tried on a coarse grid, and the best one for a solver is taken. The default."
     TITLE = "Automatic"
     JSON_NAMES: ClassVar = {"purpose": "for"}
     NEEDED = ("u",)
@@ -87,21 +87,21 @@ class Auto(MonitorDocument):
     u: Function = None
     norm: ErrorNorm = "l2"
     purpose: Annotated[
-        Literal["finite_element", "finite_volume"] | None,
+        Literal["finite_element", "finite_volume", "interpolation"],
         LATER,
         Shown(
             "Chosen for",
             words={
-                "": "interpolation of u",
                 "finite_element": "finite elements: what a solver gets",
                 "finite_volume": "finite volumes: a cell-centred code",
+                "interpolation": "interpolation of u",
             },
         ),
-    ] = None
-    """What the mesh is for; null: to interpolate u.
+    ] = "interpolation"
+    """What the mesh is for.
 
     finite_element chooses by the error of a finite element solver, finite_volume by that of a code with cell-centred
-    unknowns.
+    unknowns, interpolation by that of the interpolant.
     """
     orthogonality: Orthogonality = None
     degree: Degree = 1
@@ -112,6 +112,7 @@ class LeastError(MonitorDocument):
     """The mesh of least interpolation error of u, measured on the cells of the file."""
 
     USE = "You have u, and want the settings in your hand: the measured interpolation error is minimised."
+    JSON_NAMES: ClassVar = {"purpose": "for"}
     REFUSED: ClassVar = {"smoothing": NO_SMOOTHING}
     MISSING: ClassVar = NO_U
     kind: Literal["least_error"] = "least_error"
@@ -125,6 +126,17 @@ class LeastError(MonitorDocument):
     """Keep lines straight: x depends on xi alone, y on eta alone."""
     orthogonality: Orthogonality = None
     degree: Degree = 1
+    purpose: Annotated[
+        Literal["finite_element", "interpolation"],
+        LATER,
+        Shown(
+            "Error of",
+            words={"finite_element": "finite elements: what a solver gets", "interpolation": "interpolation of u"},
+        ),
+    ] = "interpolation"
+    """Whose error is made small: that of a finite element solver, or that of the interpolant."""
+    obliqueness: Annotated[float, LATER, Shown(minimum=0.0)] = 0.0
+    """Weight of oblique corners, not negative; 30 for few angles over 60 degrees."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -88,7 +88,8 @@ def warm_up_basics() -> None:
         (sampled, 33, rectangle, None),
         (sent, 33, rectangle, None),
         (equimesh.ArcLength(u=steep, a=1.0, b=0.0), 9, rectangle, None),  # relaxed
-        (equimesh.Auto(u=u), 9, rectangle, None),
+        (equimesh.Auto(u=u, purpose="finite_element"), 9, rectangle, None),
+        (equimesh.Auto(u=u, purpose="interpolation"), 9, rectangle, None),
     )
     _solve_and_measure(cases)
 

@@ -195,7 +195,7 @@ def test_a_document_and_its_completion_are_one_problem(name: str) -> None:
         (schwarz.INTERFACE_DATA, em.LineData),
         (schwarz.ACCELERATIONS, ["auto", *em.Acceleration]),
         (get_args(monitors.Norm), NORMS),
-        (get_args(get_args(get_type_hints(monitors.Auto)["purpose"])[0]), PURPOSES),
+        (get_args(get_type_hints(monitors.Auto)["purpose"]), PURPOSES),
     ],
 )
 def test_words_are_those_of_the_numerics(words: Words | tuple[Any, ...], known: Any) -> None:

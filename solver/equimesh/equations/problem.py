@@ -231,8 +231,8 @@ NO_LINES = (
 NO_STRAIGHT_LINES = "rectilinear = True: a domain in blocks has no lines that could stay straight; leave it out"
 """Why straight lines are refused on blocks."""
 NO_CELL_CENTRES = (
-    "a purpose chooses among candidates on grids, not on blocks; leave it out, and bound the angles by orthogonality,"
-    " 50 for instance"
+    "the purpose finite_volume chooses among candidates on grids, not on blocks; leave it out, and bound the angles by"
+    " orthogonality, 50 for instance"
 )
 """Why the purpose is refused on blocks."""
 NO_ANGLES_OF_A_ROUND = (
@@ -306,7 +306,7 @@ class Problem(Generic[D]):
             raise InputError(NO_LINES, field="monitor")
         if isinstance(monitor, LeastError) and monitor.rectilinear:
             raise InputError(NO_STRAIGHT_LINES, field="monitor.rectilinear")
-        if isinstance(monitor, Auto) and monitor.purpose is not None:
+        if isinstance(monitor, Auto) and monitor.purpose == "finite_volume":
             raise InputError(NO_CELL_CENTRES, field="monitor.purpose")
         if isinstance(monitor, NodalSolution) and monitor.orthogonality is not None:
             raise InputError(NO_ANGLES_OF_A_ROUND, field="monitor.orthogonality")

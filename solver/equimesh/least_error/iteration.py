@@ -21,6 +21,7 @@ from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import Level, Nest, Start, last_compared
 from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.paved import descend_paved, paved_steps
+from equimesh.least_error.projection import ProjectedObjective, is_projected
 from equimesh.least_error.restricted import Merged
 from equimesh.least_error.starts import GridNest
 from equimesh.least_error.subdomains import Subdomains
@@ -61,12 +62,16 @@ IRREGULAR_DISTORTION = 6.0
 """How many times the usual weight distortion has there: cells are bent around such nodes."""
 OBLIQUENESS_WEIGHT = 10.0
 """The weight of corners with small angles, where these have a limit."""
+MODERATE_COTANGENT = 1.0
+"""The limit for the obliqueness of a monitor: 45 degrees, so that few angles are over 60."""
 MARGIN_DEGREES = 10.0
 """The distance from the limit at which corners begin to have weight: some always go beyond."""
 MAX_VALUE_POINTS = 9 * 9
 """Points of meshes on which the error of u leads a descent for its gradient: it finds fronts more surely."""
 MORE_SLOPE_POINTS = 1
-"""Gauss points a direction in addition for errors of the gradient, which are small at the points of a lean rule."""
+"""Gauss points a direction in addition for errors of the gradient, which are small at the points of a lean rule.
+
+The error of a solver depends on the gradient of u."""
 MORE_POINTS = {1: 0, 2: 1, 3: 1, 4: 2}
 """Gauss points a direction in addition for elements of each degree."""
 FINER_POINTS = 4
@@ -415,19 +420,23 @@ class LeastErrorSolve:
         return found
 
     def _new_objective(self, level: Level, origin: Start, norm: Norm, gauss_points: int) -> Objective:
-        points = gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
-        points += MORE_POINTS[self.monitor.degree]
         # Cells that move far are cut the other way, which a descent on triangles does not see.
         kind = self.monitor.cells if level.is_finest else "quad"
         cells = self.nest.cells(level, are_cut=kind == "triangle")
+        of_solver = self.monitor.purpose == "finite_element" and norm == "l2" and is_projected(cells)
+        points = gauss_points + (MORE_SLOPE_POINTS if norm == "h1" or of_solver else 0)
+        points += MORE_POINTS[self.monitor.degree]
         weights = weights_of(self.monitor.distortion, self.monitor.smoothness, cells.count)
         if not self.nest.is_regular:
             weights = replace(weights, distortion=IRREGULAR_DISTORTION * weights.distortion)
         if self.smallest_angle is not None:
             limit = 1.0 / math.tan(math.radians(self.smallest_angle + MARGIN_DEGREES))
             weights = replace(weights, obliqueness=self.obliqueness, largest_cotangent=limit)
+        elif self.monitor.obliqueness > 0.0:
+            weights = replace(weights, obliqueness=self.monitor.obliqueness, largest_cotangent=MODERATE_COTANGENT)
         rule = Rule(norm=norm, cells=kind, points=points, degree=self.monitor.degree)
         chart, start = self.nest.chart(level), self.nest.first_mesh(origin, level)
-        objective = Objective(self.monitor.u, chart, cells, start, weights, rule, self.threads)
+        kind_of_error = ProjectedObjective if of_solver else Objective
+        objective = kind_of_error(self.monitor.u, chart, cells, start, weights, rule, self.threads)
         objective.bound_cut_off(self.nest.initial(level), self.nest.finest_cells / cells.count)
         return objective

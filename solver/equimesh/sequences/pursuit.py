@@ -241,6 +241,17 @@ def monitor_for(template: Monitor, given: Any, mesh: Mesh) -> Monitor:
     return with_u(template, field_of(given, mesh, "u"))
 
 
+def followed(problem: Problem[Any]) -> Problem[Any]:
+    """The problem of a mesh that is followed: of ``auto`` by the error of interpolation in place of a solver's.
+
+    Meshes continue from the one before without a choice, and their gains of interpolation are compared.
+    """
+    monitor = problem.monitor
+    if not (isinstance(monitor, Auto) and monitor.purpose == "finite_element"):
+        return problem
+    return replace(problem, monitor=replace(monitor, purpose="interpolation"))
+
+
 def field_of(given: Any, mesh: Mesh, name: str) -> Field:
     """A function of x and y: ``given`` itself, the expression of a text, or nodal values as a field."""
     if isinstance(given, str) or callable(getattr(given, "evaluate", None)):
@@ -346,8 +357,9 @@ class Pursuit:
 
     def solve(self, problem: Problem[Any]) -> StepSolution:
         """The solution with the smallest measured error. Further starts are solved only where the gain has fallen."""
+        problem = followed(problem)
         found = StepSolution(solution=self._from(problem, self.before))
-        if isinstance(problem.monitor, Auto) and problem.monitor.purpose is not None:
+        if isinstance(problem.monitor, Auto) and problem.monitor.purpose == "finite_volume":
             return found  # its meshes are chosen by another error than that of interpolation, and for each u anew
         # A mesh that has kept its gain is better than one that is a little better and far away.
         is_followed = not math.isnan(self.gain) or self._moved(found) <= self.max_move

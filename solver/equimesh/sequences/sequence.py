@@ -30,6 +30,7 @@ from equimesh.sequences.pursuit import (
     about_moves,
     cells_moved,
     displacement,
+    followed,
     gain_of,
     largest_jump,
     monitor_for,
@@ -279,7 +280,7 @@ class Sequence:
         earlier = solution if isinstance(solution, Earlier) else None
         found: AnySolution | None = None if isinstance(solution, Earlier) else solution
         if found is None and mesh is None:
-            found = solve(problem, schwarz, **self._options)
+            found = solve(followed(problem), schwarz, **self._options)
         self.solution = found
         self._earlier = earlier
         self.mesh: Mesh

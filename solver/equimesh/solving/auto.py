@@ -33,17 +33,26 @@ DESCENT_WORK = 4.0
 """The work of a least-error candidate, about, in units of the work of a candidate that equidistributes a metric."""
 SMOOTHING = 0.02
 """Radius of the smoothed curvature candidate, in units of the domain's shorter extent."""
-SOLVER_SETTINGS: tuple[Mapping[str, Any], ...] = (
-    {"norm": "l2", "distortion": 0.5, "smoothness": 0.1},
-    {"norm": "l2", "distortion": 0.5, "smoothness": 1.0},
-    {"norm": "l2", "distortion": 2.0, "smoothness": 1.0},
-    {"norm": "l2", "distortion": 8.0, "smoothness": 4.0},
-    {"norm": "l2", "rectilinear": True},
-    {"norm": "h1", "distortion": 0.5, "smoothness": 1.0},
-)
-"""The settings of the least-error candidates for finite elements."""
-NEAR_BEST = 0.9
-"""The share of the best solver's gain that the mesh with the smallest angles must have to be taken."""
+SOLVER_SETTINGS: Mapping[str, tuple[Mapping[str, Any], ...]] = {
+    "l2": (
+        {"purpose": "finite_element", "distortion": 0.5, "smoothness": 0.5},
+        {"purpose": "finite_element", "distortion": 2.0, "smoothness": 0.5, "obliqueness": 5.0},
+        {"rectilinear": True},
+    ),
+    "h1": (
+        {"norm": "h1", "distortion": 0.5, "smoothness": 1.0},
+        {"norm": "h1", "distortion": 2.0, "smoothness": 0.5, "obliqueness": 5.0},
+        {"purpose": "finite_element", "distortion": 0.5, "smoothness": 0.5},
+        {"rectilinear": True},
+    ),
+}
+"""The settings of the least-error candidates for finite elements, by the norm of the error that is compared."""
+NEAR_BEST = 0.85
+"""The share of the best gain for a solver that the mesh with the smallest angles must have to be taken."""
+FINER_ANGLE = 5.0
+"""How much larger angles often become from the coarse grid of the comparison to the requested one, in degrees."""
+MODERATE_ANGLE, ENOUGH = 60.0, 0.6
+"""An angle below which many codes are content, and the share of the best gain with which such meshes go first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +76,7 @@ class CoarseCandidate:
         """The error of the uniform mesh over the error of the candidate; 0 where there is no mesh."""
         if self.errors is None:
             return 0.0
-        gain = self.solver if auto.purpose == "finite_element" else self.errors.estimated_gain(auto.norm)
+        gain = self.solver if auto.compares_solvers else self.errors.estimated_gain(auto.norm)
         return gain if math.isfinite(gain) else 0.0
 
     def candidate(self, *, chosen: bool) -> Candidate:
@@ -112,38 +121,46 @@ def choose_monitor(problem: Problem, options: SolveOptions, *, metrics_only: boo
         raise TypeError("only an Auto monitor is chosen")
     level = coarse_level(nested_levels(problem.grid))
     coarse, metrics = replace(problem, grid=level.grid), list(_metrics(auto))
-    if auto.degree > 1:  # metrics follow the second derivatives of u
+    # Metrics follow the second derivatives of u, and none was ever the best for a solver.
+    if auto.degree > 1 or (auto.compares_solvers and not metrics_only):
         metrics = []
     least = [] if metrics_only else least_errors(auto)
     parts = _parts(options, [DESCENT_WORK] * len(least) + [1.0] * len(metrics))
     tried = [_descended(problem, monitor, given, level, next(parts)) for given, monitor in least]
     tried += [_equidistributed(coarse, kind, given, monitor, next(parts)) for kind, given, monitor in metrics]
-    if auto.purpose == "finite_element":
+    if auto.compares_solvers:
         tried = _measured_for_solvers(tried, coarse, auto)
     tried.sort(key=lambda one: -one.gain(auto))
-    return Choice(tried=tuple(tried), chosen=_straightest(tried, auto))
+    margin = 0.0 if level.is_finest else FINER_ANGLE
+    return Choice(tried=tuple(tried), chosen=_straightest(tried, auto, MODERATE_ANGLE - margin))
 
 
-def _straightest(tried: Sequence[CoarseCandidate], auto: Auto) -> CoarseCandidate:
-    """The first candidate, for finite elements the one with the smallest angles among those that are nearly as good."""
-    if auto.purpose != "finite_element":
+def _straightest(tried: Sequence[CoarseCandidate], auto: Auto, moderate: float) -> CoarseCandidate:
+    """The first candidate; for finite elements the one with the smallest angles of those with nearly its gain.
+
+    Where some have angles below ``moderate``, and ``ENOUGH`` of the best gain, it is one of them, and ``NEAR_BEST`` is
+    the share of their best gain.
+    """
+    best = tried[0].gain(auto)
+    if not auto.compares_solvers or best == 0.0:
         return tried[0]
-    enough = NEAR_BEST * tried[0].gain(auto)
-    return min((one for one in tried if one.gain(auto) >= enough), key=lambda one: one.angle)
+    among = [one for one in tried if one.angle < moderate and one.gain(auto) >= ENOUGH * best] or tried
+    least = NEAR_BEST * among[0].gain(auto)
+    return min((one for one in among if one.gain(auto) >= least), key=lambda one: one.angle)
 
 
 def least_errors(auto: Auto) -> list[tuple[Mapping[str, Any], LeastError]]:
     """Settings and monitors of the candidates that minimise the error."""
-    if auto.purpose != "finite_element":
+    if not auto.compares_solvers:
         degree = {"degree": auto.degree} if auto.degree > 1 else {}
         return [
             ({"norm": auto.norm, "distortion": d, "smoothness": s, **degree}, auto.least_error(d, s))
             for d, s in LEAST_ERROR_SETTINGS
         ]
     found = []
-    for given in SOLVER_SETTINGS:
+    for given in SOLVER_SETTINGS[auto.norm]:
         settings: dict[str, Any] = dict(given)
-        found.append((given, replace(auto.least_error(), **settings)))
+        found.append((given, replace(auto.least_error(), **{"norm": "l2", **settings})))
     return found
 
 

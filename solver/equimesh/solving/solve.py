@@ -50,6 +50,11 @@ NO_STRAIGHT_LINES = (
     " Schwarz settings out"
 )
 """The reason why straight lines with Schwarz settings are refused."""
+NO_SOLVERS_PARTS = (
+    "purpose = 'finite_element': the error of a solver belongs to the whole mesh, and subdomains descend on that of"
+    " interpolation: leave the purpose or the Schwarz settings out"
+)
+"""The reason why the error of a solver with Schwarz settings is refused."""
 NO_ROUNDS = "values of a solver are adapted to on the whole mesh: leave the Schwarz settings out, or take LeastError"
 """The reason why subdomains are refused for values of a solver."""
 NO_DEGREE = (
@@ -314,7 +319,7 @@ class Best:
             if found.least_error is None:
                 break
             found = found.least_error
-        if auto.purpose == "finite_element" and not _is_no_worse(solution, auto):
+        if auto.compares_solvers and not _is_no_worse(solution, auto):
             return replace(uniform_solution(problem, auto, NO_BETTER_FOR_SOLVERS), comparison=found.comparison)
         return solution
 
@@ -348,6 +353,10 @@ def count_subdomains(problem: Problem[Any], schwarz: Schwarz) -> int:
     """
     if isinstance(problem.monitor, NodalSolution):
         raise InputError(NO_ROUNDS, field="schwarz")
+    if getattr(problem.monitor, "purpose", "interpolation") != "interpolation" and not isinstance(
+        problem.monitor, Auto
+    ):
+        raise InputError(NO_SOLVERS_PARTS, field="monitor.purpose")
     if in_blocks(problem):
         schwarz.require_blocks()
         return int(owners(schwarz, problem.domain.mesh).max()) + 1
@@ -359,7 +368,7 @@ def count_subdomains(problem: Problem[Any], schwarz: Schwarz) -> int:
 
 def _is_no_worse(solution: AnySolution, auto: Auto) -> bool:
     """Whether the mesh is no worse than the uniform one: for interpolation, and for a solver that it is meant for."""
-    if auto.purpose is None or not is_no_worse(solution, auto.norm):
+    if not auto.compares_solvers or not is_no_worse(solution, auto.norm):
         return is_no_worse(solution, auto.norm)
     gain = solution.solver_gain
     return gain is None or not gain[auto.norm] < 1.0
