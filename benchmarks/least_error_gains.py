@@ -63,7 +63,7 @@ def gains(n: int, names: Sequence[str]) -> Iterator[Row]:
         kinds: dict[str, tuple[em.Monitor, float | None]] = {
             "defaults": (em.LeastError(u=u), goal.default),
             f"smoothness {ROUGH:g}": (em.LeastError(u=u, smoothness=ROUGH), goal.rough),
-            "auto": (em.Auto(u=u), None),
+            "auto": (em.Auto(u=u, purpose="interpolation"), None),
         }
         for kind, (monitor, least) in kinds.items():
             yield _gain(f"{name}, {kind}", u, monitor, n, least)
@@ -102,7 +102,7 @@ def unseen(seed: int, count: int, n: int) -> Iterator[Row]:
     kinds: dict[str, tuple[str, Callable[[em.Expression], em.Monitor]]] = {
         "norm l2": ("l2", lambda u: em.LeastError(u=u)),
         "norm h1": ("h1", lambda u: em.LeastError(u=u, norm="h1")),
-        "auto": ("l2", lambda u: em.Auto(u=u)),
+        "auto": ("l2", lambda u: em.Auto(u=u, purpose="interpolation")),
     }
     functions: list[RandomFunction] = random_functions(seed, count)
     for kind, (norm, monitor) in kinds.items():

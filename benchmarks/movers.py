@@ -30,7 +30,13 @@ FEALPY = {"tau": 0.5, "t_max": 0.5, "mol_times": 5, "alpha": 0.5}
 """The settings with which FEALPy's model of Allen and Cahn moves its mesh."""
 FEALPY_BETA = 0.5
 """The weight of the gradient in its monitor, the default of that model."""
-OWN = ("`auto`, the default", "`least_error`", "`least_error`, norm `h1`", "`arc_length`", "`weight`, gradient map")
+OWN = (
+    "`auto` for `interpolation`",
+    "`least_error`",
+    "`least_error`, norm `h1`",
+    "`arc_length`",
+    "`weight`, gradient map",
+)
 """Our monitors in the table."""
 DENSITY_POINTS = 257
 """Points a side of the density for our gradient map."""
@@ -43,7 +49,7 @@ def own_monitors(u: em.Expression) -> dict[str, em.Monitor]:
     density = curvature.metric(*np.meshgrid(axis, axis, indexing="ij"))[0]
     rho = em.GridSamples(x=axis, y=axis, values=density)
     monitors = (
-        em.Auto(u=u),
+        em.Auto(u=u, purpose="interpolation"),
         em.LeastError(u=u),
         em.LeastError(u=u, norm="h1"),
         em.ArcLength(u=u),

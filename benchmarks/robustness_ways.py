@@ -31,7 +31,7 @@ SHOWN = 65
 """Points a side of the meshes in the page; all are in the data."""
 SCHWARZ = em.Schwarz(subdomains=(2, 2), overlap=4)
 WAYS: dict[str, tuple[Callable[[em.Field], em.Monitor], em.Schwarz | None]] = {
-    "auto": (lambda u: em.Auto(u=u), None),
+    "auto": (lambda u: em.Auto(u=u, purpose="interpolation"), None),
     "least error in L2": (lambda u: em.LeastError(u=u), None),
     "least error in H1": (lambda u: em.LeastError(u=u, norm="h1"), None),
     "Schwarz, arc length, 2 x 2": (lambda u: em.ArcLength(u=u), SCHWARZ),

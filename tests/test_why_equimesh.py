@@ -34,7 +34,7 @@ def test_claims_of_the_page_are_those_of_the_record() -> None:
         assert found["equimesh, `least_error`"]["l2"] <= found["equimesh, `weight`, gradient map"]["l2"]
         assert all(one["folded"] == 0 and one["sides_kept"] == 4 for one in found.values())
     front = meshes["tanh60"]
-    assert front["Mmg2d"]["l2"] < 0.6 * front["equimesh, `auto`, the default"]["l2"]
+    assert front["Mmg2d"]["l2"] < 0.6 * front["equimesh, `auto` for `interpolation`"]["l2"]
 
 
 def test_the_uniform_mesh_has_the_errors_of_the_uniform_mesh() -> None:

@@ -97,7 +97,7 @@ class Auto(MonitorDocument):
                 "interpolation": "interpolation of u",
             },
         ),
-    ] = "interpolation"
+    ] = "finite_element"
     """What the mesh is for.
 
     finite_element chooses by the error of a finite element solver, finite_volume by that of a code with cell-centred

@@ -95,6 +95,11 @@ def check_gain(shown: em.Solution, told: str) -> None:
     assert shown.interpolation.gain_l2 == shown.against_uniform.gain
 
 
+def check_solver(shown: em.Solution, told: str) -> None:
+    assert shown.solver_gain is not None
+    assert shown.solver_gain.l2 == pytest.approx(float(told), rel=NEAR)
+
+
 def check_grid(shown: em.Solution, n_xi: str, n_eta: str) -> None:
     assert shown.problem.grid.shape == (int(n_xi), int(n_eta))
 
@@ -159,10 +164,11 @@ def check_commands(_: em.Solution, told: str) -> None:
 
 CHECKS: dict[str, Callable[..., None]] = {
     r"coloured by error: ([\d.]+) times smaller": check_gain,
-    r"([\d.]+) times smaller error": check_gain,
+    r"([\d.]+) times smaller error of a solver": check_solver,
+    r"A solver's error is ([\d.]+) times smaller on the adapted one": check_solver,
     r"mesh of a wave, coloured by error, ([\d.]+) times smaller": check_plate,
     r"Both meshes have (\d+) x (\d+) points": check_grid,
-    r"On (\d+) random functions the error was about (\d+) times smaller \(geometric mean, (\d+) x (\d+) points\)": (
+    r"interpolation of (\d+) random functions was about (\d+) times smaller \(geometric mean, (\d+) x (\d+) points\)": (
         check_random_functions
     ),
     r"has (\w+) more problems": check_gallery,

@@ -212,7 +212,7 @@ class Auto:
     _: KW_ONLY
     norm: Literal["l2", "h1"] = "l2"
     cells: Literal["quad", "triangle"] = "quad"
-    purpose: Literal["finite_element", "finite_volume", "interpolation"] = "interpolation"
+    purpose: Literal["finite_element", "finite_volume", "interpolation"] = "finite_element"
     """What the mesh is for.
 
     ``"finite_element"`` chooses by the error of bilinear elements, for Poisson's equation with u as solution, and takes

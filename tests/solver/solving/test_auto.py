@@ -17,7 +17,7 @@ METRICS = ["arc_length", "curvature"]
 
 
 def problem(u: em.Field = FRONT, n_xi: int = 33, n_eta: int = 33, norm: Any = "l2") -> em.Problem:
-    return em.Problem(monitor=em.Auto(u=u, norm=norm), grid=em.Grid(n_xi=n_xi, n_eta=n_eta))
+    return em.Problem(monitor=em.Auto(u=u, norm=norm, purpose="interpolation"), grid=em.Grid(n_xi=n_xi, n_eta=n_eta))
 
 
 @pytest.mark.parametrize("norm", ["l2", "h1"])
