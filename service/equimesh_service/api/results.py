@@ -135,8 +135,8 @@ _FORMAT = Query(
 )
 _CELLS = Query(description="Cells of the file; by default those of the spec.")
 _ORDER = Query(
-    description="2: cells with a node in the middle of each edge, on curved sides of the domain on the curve, for vtu,"
-    " msh and abaqus.",
+    description="2: cells with a node in the middle of each edge, on curved sides of the domain on the curve, for"
+    f" {', '.join(name for name, form in FORMATS.items() if form.second_order)}.",
     ge=1,
     le=2,
 )

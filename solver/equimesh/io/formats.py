@@ -95,8 +95,9 @@ FORMATS: Final = {
             name="hohqmesh",
             suffix=".ism",
             media_type="application/x-hohqmesh",
-            description="HOHQMesh's ISM-V2 text with straight edges, quadrilaterals, sides by their names: Trixi",
+            description="HOHQMesh's ISM-V2 text, quadrilaterals, sides by their names: Trixi",
             cells=("quad",),
+            second_order=True,
         ),
         MeshFormat(
             name="re2",
@@ -104,6 +105,7 @@ FORMATS: Final = {
             media_type="application/x-nek5000",
             description="Nek5000's binary mesh, quadrilaterals, with the number of its side at a face: Nek5000, Neko",
             cells=("quad",),
+            second_order=True,
         ),
         MeshFormat(
             name="nmsh",
@@ -119,6 +121,7 @@ FORMATS: Final = {
             description="zip of mesh_file, nodes_coords_file, materials_file, free_surface_file and"
             " absorbing_surface_file, quadrilaterals: SPECFEM2D",
             cells=("quad",),
+            second_order=True,
         ),
         MeshFormat(
             name="p3d",

@@ -1,8 +1,10 @@
 """Mesh files of spectral element codes, which take quadrilaterals alone: Trixi, Nek5000, Neko, SPECFEM2D.
 
 All functions take the ``points``, shape ``(n, 2)``, the ``cells``, ``(m, 4)``, counter-clockwise, and the ``sides``,
-``(k, 2)`` each, with the domain on their left. Numbers start at 0, and at 1 in the files. Face j of a cell goes from
-corner j to the next; the first one is called its bottom, then right, top and left.
+``(k, 2)`` each, with the domain on their left. Cells of second order have the shape ``(m, 9)``: the corners, the
+middles of the edges, the centre; their sides ``(k, 3)``, the middle last; all corners come first among the points.
+Numbers start at 0, and at 1 in the files. Face j of a cell goes from corner j to the next; the first one is called its
+bottom, then right, top and left.
 """
 
 from __future__ import annotations
@@ -14,18 +16,22 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.io.abaqus import faces_of
 from equimesh.io.solver_files import integer_rows, words
-from equimesh.numerics.types import Array, IntArray
+from equimesh.numerics.types import Array, BoolArray, IntArray
 
 INSIDE = "---"
 """The name of an edge inside the domain in a HOHQMesh file."""
-ORDER = 1
-"""The order of the edges in a HOHQMesh file: all are straight."""
+MAX_STRAIGHT = 1e-12
+"""An edge is straight whose middle is no further, in lengths of the edge, from the mean of its ends."""
 FORWARD = np.array([[0, 1], [1, 2], [3, 2], [0, 3]])
 """The first and the last corner of each face in a HOHQMesh file: opposite faces run the same way."""
 RE2_HEADER = 80
 """Characters of the header of a re2 file."""
 RE2_TAG = 6.54321
 """The number by which readers of a re2 file know the order of its bytes."""
+RE2_ROW = np.dtype([("numbers", "<f8", 7), ("kind", "S8")])
+"""A row of a re2 file: a cell, a face, five numbers, and what they are."""
+MIDDLE = b"m       "
+"""The curve of Nek5000 that is given by its middle."""
 MESH_SIDE = b"MSH     "
 """The condition of Nek5000 that means: see the number of the side."""
 NEKO_FACES = np.array([3, 2, 4, 1])
@@ -39,17 +45,39 @@ TOP = "top"
 
 
 def hohqmesh_text(points: Array, cells: IntArray, sides: Mapping[str, IntArray]) -> str:
-    """The text of a mesh file of HOHQMesh, version ISM-V2, with straight edges; sides keep their names.
+    """The text of a mesh file of HOHQMesh, version ISM-V2; sides keep their names.
+
+    Edges of cells of second order that are not straight are curves through three points.
 
     Source: HOHQMesh, "The HOHQMesh mesh file formats".
     """
-    edges, names = _ism_edges(cells), _ism_names(cells, sides)
-    lines = ["ISM-V2", f"{len(points)} {len(edges)} {len(cells)} {ORDER}"]
-    lines += [f"{x!r} {y!r} 0.0" for x, y in points.tolist()]
+    corners, is_curved = cells[:, :4], _curved_faces(points, cells)
+    edges, names = _ism_edges(corners), _ism_names(corners, sides)
+    nodes = points if cells.shape[1] == 4 else points[: int(corners.max()) + 1]
+    lines = ["ISM-V2", f"{len(nodes)} {len(edges)} {len(cells)} {1 if cells.shape[1] == 4 else 2}"]
+    lines += _ism_points(nodes)
     lines += integer_rows("%d %d %d %d %d %d", edges)
-    for corners, of_faces in zip((cells + 1).tolist(), names, strict=True):
-        lines += [" ".join(map(str, corners)), "0 0 0 0", " ".join(of_faces)]
+    for cell, of_faces, curved in zip(cells, names, is_curved, strict=True):
+        lines += [" ".join(map(str, (cell[:4] + 1).tolist())), " ".join(map(str, curved.astype(int).tolist()))]
+        for face in np.flatnonzero(curved).tolist():
+            first, last = FORWARD[face]
+            lines += _ism_points(points[cell[[first, 4 + face, last]]])
+        lines.append(" ".join(of_faces))
     return "\n".join(lines) + "\n"
+
+
+def _ism_points(points: Array) -> list[str]:
+    return [f"{x!r} {y!r} 0.0" for x, y in points.tolist()]
+
+
+def _curved_faces(points: Array, cells: IntArray) -> BoolArray:
+    """Which faces of each cell are not straight, shape ``(m, 4)``."""
+    if cells.shape[1] == 4:
+        return np.zeros((len(cells), 4), dtype=bool)
+    ends = points[cells[:, :4]], points[np.roll(cells[:, :4], -1, axis=1)]
+    away = np.linalg.norm(points[cells[:, 4:8]] - 0.5 * (ends[0] + ends[1]), axis=2)
+    curved: BoolArray = away > MAX_STRAIGHT * np.linalg.norm(ends[1] - ends[0], axis=2)
+    return curved
 
 
 def _ism_edges(cells: IntArray) -> IntArray:
@@ -85,13 +113,13 @@ def _ism_names(cells: IntArray, sides: Mapping[str, IntArray]) -> list[list[str]
     named = words(sides, [INSIDE])
     found = [[INSIDE] * 4 for _ in range(len(cells))]
     for side, edges in sides.items():
-        for cell, face in faces_of(cells, edges).tolist():
+        for cell, face in faces_of(cells, edges[:, :2]).tolist():
             found[cell][face] = named[side]
     return found
 
 
 def re2_bytes(points: Array, cells: IntArray, sides: Mapping[str, IntArray]) -> bytes:
-    """The bytes of a mesh of Nek5000, version #v002, with straight edges.
+    """The bytes of a mesh of Nek5000, version #v002. Curved edges of cells of second order have their middle, ``m``.
 
     The faces of a side have the condition ``MSH`` and the number of the side, from 1, as the fifth parameter, from
     which Nek5000 has ``boundaryID``.
@@ -101,15 +129,22 @@ def re2_bytes(points: Array, cells: IntArray, sides: Mapping[str, IntArray]) -> 
     count = len(cells)
     header = f"#v002{count:9d}{2:3d}{count:9d} this is the hdr".ljust(RE2_HEADER).encode("ascii")
     corners = np.zeros((count, 9))
-    corners[:, 1:] = points[cells].swapaxes(1, 2).reshape(count, 8)
-    faces = _numbered(cells, sides)
-    conditions = np.zeros(len(faces), dtype=[("numbers", "<f8", 7), ("kind", "S8")])
+    corners[:, 1:] = points[cells[:, :4]].swapaxes(1, 2).reshape(count, 8)
+    bent = np.argwhere(_curved_faces(points, cells))
+    curves = np.zeros(len(bent), dtype=RE2_ROW)
+    curves["numbers"][:, :2] = bent + 1
+    if len(bent):
+        curves["numbers"][:, 2:4] = points[cells[bent[:, 0], 4 + bent[:, 1]]]
+    curves["kind"] = MIDDLE
+    faces = _numbered(cells[:, :4], sides)
+    conditions = np.zeros(len(faces), dtype=RE2_ROW)
     conditions["numbers"][:, :2] = faces[:, :2] + 1
     conditions["numbers"][:, 6] = faces[:, 2]
     conditions["kind"] = MESH_SIDE
-    counts = (np.array([number], dtype="<f8").tobytes() for number in (0, len(faces)))  # no edge is curved
-    parts = [header, np.array([RE2_TAG], dtype="<f4").tobytes(), corners.astype("<f8").tobytes(), *counts]
-    return b"".join([*parts, conditions.tobytes()])
+    parts = [header, np.array([RE2_TAG], dtype="<f4").tobytes(), corners.astype("<f8").tobytes()]
+    for rows in (curves, conditions):
+        parts += [np.array([len(rows)], dtype="<f8").tobytes(), rows.tobytes()]
+    return b"".join(parts)
 
 
 def nmsh_bytes(points: Array, cells: IntArray, sides: Mapping[str, IntArray]) -> bytes:
@@ -150,11 +185,11 @@ def specfem_files(
         out = np.column_stack([along[:, 1], -along[:, 0]])
         is_level = abs(out[:, 0]) > abs(out[:, 1])
         towards = np.where(is_level, np.where(out[:, 0] > 0.0, 2, 4), np.where(out[:, 1] > 0.0, 3, 1))
-        cell = faces_of(cells, edges)[:, 0]
-        rows = np.column_stack([cell + 1, np.full(len(edges), 2), edges + 1, towards])
+        cell = faces_of(cells[:, :4], edges[:, :2])[:, 0]
+        rows = np.column_stack([cell + 1, np.full(len(edges), 2), edges[:, :2] + 1, towards])
         (free if side == TOP else absorbing).append(rows[:, :4] if side == TOP else rows)
     return {
-        "mesh_file": _counted("%d %d %d %d", cells + 1),
+        "mesh_file": _counted(" ".join(["%d"] * cells.shape[1]), cells + 1),
         "nodes_coords_file": "\n".join([str(len(points)), *(f"{x!r} {y!r}" for x, y in points.tolist()), ""]),
         "materials_file": "\n".join([*map(str, (subdomain.ravel() + 1).tolist()), ""]),
         "free_surface_file": _counted("%d %d %d %d", _joined(free, 4)),
@@ -173,7 +208,7 @@ def _joined(rows: list[IntArray], columns: int) -> IntArray:
 def _numbered(cells: IntArray, sides: Mapping[str, IntArray]) -> IntArray:
     """The cell, the face and the number of the side, from 1, of all edges of the sides, shape ``(k, 3)``."""
     rows = [
-        np.column_stack([faces_of(cells, edges), np.full(len(edges), number)])
+        np.column_stack([faces_of(cells, edges[:, :2]), np.full(len(edges), number)])
         for number, edges in enumerate(sides.values(), start=1)
     ]
     return _joined(rows, 3)

@@ -305,13 +305,14 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells, order: int =
             text = abaqus_text(of.points, of.cells, of.sides, subdomain=owner)
             file.write_text(text, encoding="ascii", newline="\n")
         case "hohqmesh":
-            text = hohqmesh_text(data.mesh.points, data.mesh.cells, data.mesh.sides)
-            file.write_text(text, encoding="utf-8", newline="\n")
+            of = FileCells.of(data, kind, order)
+            file.write_text(hohqmesh_text(of.points, of.cells, of.sides), encoding="utf-8", newline="\n")
         case "re2" | "nmsh":
-            make = {"re2": re2_bytes, "nmsh": nmsh_bytes}[name]
-            file.write_bytes(make(data.mesh.points, data.mesh.cells, data.mesh.sides))
+            of, make = FileCells.of(data, kind, order), {"re2": re2_bytes, "nmsh": nmsh_bytes}[name]
+            file.write_bytes(make(of.points, of.cells, of.sides))
         case "specfem":
-            texts = specfem_files(data.mesh.points, data.mesh.cells, data.mesh.sides, subdomain=data.subdomain)
+            of = FileCells.of(data, kind, order)
+            texts = specfem_files(of.points, of.cells, of.sides, subdomain=data.subdomain)
             with TemporaryDirectory(dir=file.parent) as folder:
                 _pack(file, _written(Path(folder), texts))
         case "foam":

@@ -25,7 +25,8 @@ def test_formats_that_do_not() -> None:
     with pytest.raises(Problem, match="A vts file holds no triangles"):
         check_format("vts", {**WHOLE, "cells": "triangle"})
     with pytest.raises(
-        Problem, match=r"A su2 file holds cells of order 1\. Request one of vtu, msh, abaqus, or order=1"
+        Problem,
+        match=r"holds cells of order 1\. Request one of vtu, msh, abaqus, hohqmesh, re2, specfem, or order=1",
     ):
         check_whole("su2", "quad", order=2)
     with pytest.raises(Problem, match=r"in parts hold cells of order 1\. Request order=1"):

@@ -166,6 +166,68 @@ def test_specfem_reads_the_nodes_and_the_surfaces(mesh: em.Mesh, tmp_path: Path)
         assert {*absorbing[:, 4]} == {1, 2, 3, 4}
 
 
+RING = em.solve(
+    em.Problem(monitor=em.ArcLength(u=em.Expression("x + y")), grid=em.Grid(n_xi=4, n_eta=5), domain=em.AnnulusSector())
+)
+
+
+def on_arcs(points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Which points lie on the inner or the outer arc of the sector."""
+    radius = np.hypot(points[:, 0], points[:, 1])
+    on: np.ndarray[Any, Any] = (abs(radius - 1.0) < 1e-12) | (abs(radius - 2.0) < 1e-12)
+    return on
+
+
+def test_trixi_reads_curves_through_the_middles_of_curved_sides(tmp_path: Path) -> None:
+    (file,) = RING.write(tmp_path / "m.ism", order=2)
+    lines = iter(file.read_text().splitlines()[1:])
+    points, edges, cells, order = map(int, next(lines).split())
+    assert (points, order) == (20, 2)
+    at = np.array([next(lines).split()[:2] for _ in range(points)], dtype=float)
+    for _ in range(edges):
+        next(lines)
+    forward = [(0, 1), (1, 2), (3, 2), (0, 3)]
+    found = 0
+    for _ in range(cells):
+        corners = np.array(next(lines).split(), dtype=int) - 1
+        for (first, last), flag in zip(forward, map(int, next(lines).split()), strict=True):
+            if flag:
+                curve = np.array([next(lines).split()[:2] for _ in range(3)], dtype=float)
+                np.testing.assert_array_equal(curve[[0, 2]], at[corners[[first, last]]])
+                assert on_arcs(curve).all()
+                found += 1
+        assert len(next(lines).split()) == 4
+    assert found == 2 * 4  # the edges of both arcs, and no others
+
+
+def test_nek5000_reads_the_middles_of_curved_sides(tmp_path: Path) -> None:
+    (file,) = RING.write(tmp_path / "m.re2", order=2)
+    data, end = file.read_bytes(), 84 + 72 * 12
+    (count,) = struct.unpack("<d", data[end : end + 8])
+    assert count == 8
+    rows = np.frombuffer(data[end + 8 : end + 8 + 64 * 8], np.dtype([("numbers", "<f8", 7), ("kind", "S8")]))
+    assert {*rows["kind"]} == {b"m       "}
+    assert on_arcs(rows["numbers"][:, 2:4]).all()
+    for cell, face, x, y, *more in rows["numbers"].tolist():
+        ends = RING.mesh.cells[int(cell) - 1][[int(face) - 1, int(face) % 4]]
+        assert np.hypot(*(RING.mesh.points[ends].mean(axis=0) - (x, y))) < 0.1
+        assert more == [0.0, 0.0, 0.0]
+    (conditions,) = struct.unpack("<d", data[end + 8 + 64 * 8 :][:8])
+    assert conditions == 2 * (3 + 4)
+
+
+def test_specfem_reads_cells_of_nine_nodes(tmp_path: Path) -> None:
+    (file,) = RING.write(tmp_path / "m.specfem.zip", order=2)
+    with zipfile.ZipFile(file) as archive:
+        texts = {name: archive.read(name).decode() for name in archive.namelist()}
+    cells, at = table(texts["mesh_file"], 9) - 1, table(texts["nodes_coords_file"], 2, float)
+    np.testing.assert_array_equal(cells[:, :4], RING.mesh.cells)
+    for face in range(4):
+        ends = at[cells[:, [face, (face + 1) % 4]]].mean(axis=1)
+        assert np.hypot(*(at[cells[:, 4 + face]] - ends).T).max() < 0.1
+    assert {frozenset(row[2:] - 1) for row in table(texts["free_surface_file"], 4)} == own_sides(RING.mesh)["top"]
+
+
 def table(text: str, columns: int, kind: Any = int) -> np.ndarray[Any, Any]:
     """The rows behind their number."""
     count, *values = text.split()
