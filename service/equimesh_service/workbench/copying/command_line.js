@@ -22,7 +22,8 @@ const MESH = ["boundary", "initial", "mode", "cells", "parts", "label"];
 export function commandOf(spec, { url, format, hasKey }) {
   const { monitor = {}, target } = spec;
   if (monitor.kind === "intersection") return { missing: "The command line has no intersections. Copy curl or Python." };
-  if (target?.max_points !== undefined) return { missing: "The command line has no limit of points for a target. Copy curl or Python." };
+  const hasError = (target?.error ?? null) !== null;
+  if (hasError && target.max_points !== undefined) return { missing: "The command line has no limit of points for a target. Copy curl or Python." };
   const samples = sampleFiles(spec, url, hasKey);
   if (!samples) return { missing: "The command line has no samples inside a spec. Copy curl or Python." };
   const names = commonNames(withoutSamples(spec));
@@ -68,12 +69,14 @@ function monitorOf({ kind = "auto", ...settings }) {
   return words.join(" ");
 }
 
-function gridOf({ n_xi = 64, n_eta = 64 } = {}) {
+function gridOf({ n_xi = 64, n_eta = 64, points } = {}) {
+  if (points) return `--points ${quoted(points)}`;
   return n_xi === n_eta ? `-n ${quoted(n_xi)}` : `--n-xi ${quoted(n_xi)} --n-eta ${quoted(n_eta)}`;
 }
 
-function targetOf({ error, norm }) {
-  return `--target-error ${quoted(error)}${norm ? ` --target-norm ${quoted(norm)}` : ""}`;
+function targetOf({ error, norm, max_points }) {
+  const wanted = (error ?? null) === null ? `--points ${quoted(max_points)}` : `--target-error ${quoted(error)}`;
+  return `${wanted}${norm ? ` --target-norm ${quoted(norm)}` : ""}`;
 }
 
 // Four curves, and rings around another centre, go by a file.

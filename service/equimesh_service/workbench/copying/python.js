@@ -66,7 +66,8 @@ function callOf(spec, imports) {
   const names = commonNames(spec);
   const isUsual = names && monitor.u !== undefined && !monitor.monitors;
   const lines = isUsual ? [literal(textOf(monitor.u))] : [];
-  if (target) lines.push(`target=${call("Target", target, imports)}`);
+  const aim = target ?? (grid?.points ? { max_points: grid.points } : null);
+  if (aim) lines.push(`target=${call("Target", aim, imports)}`);
   else if (!hasBlocks(domain)) lines.push(`${isUsual ? "" : "n="}${pair([grid.n_xi ?? 64, grid.n_eta ?? 64])}`);
   if (names && Object.keys(names.parameters).length) lines.push(`parameters=${literal(names.parameters)}`);
   if (names?.t !== undefined) lines.push(`t=${literal(names.t)}`);
