@@ -276,7 +276,8 @@ class Problem(Generic[D]):
             object.__setattr__(self, "monitor", self.monitor.on(self.domain))  # type: ignore[arg-type]
         else:
             self._check_sides()
-            object.__setattr__(self, "monitor", repeated(self.monitor, self.domain).on(self.domain))
+            monitor = repeated(self.monitor, self.domain) if is_closed(self.domain) else self.monitor
+            object.__setattr__(self, "monitor", monitor.on(self.domain))
 
     def _check_sides(self) -> None:
         """Refuse what a domain with four sides cannot have."""

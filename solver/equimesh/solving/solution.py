@@ -426,10 +426,8 @@ class Solution(Generic[D]):
         With ``joined`` the mesh is :attr:`joined`, without the second copies of nodes of a seam that lies on itself.
         """
         owner, parts = np.zeros(self.mesh.cell_shape, dtype=np.int64), self.decomposition
-        if not self.mesh.is_grid:
-            for number, cells in enumerate(self.mesh.block_cells):
-                owner[cells] = number
-            return MeshData(mesh=self.mesh, q_eq=self.quality.q_eq.cells, u=self.u, subdomain=owner)
+        for number, cells in enumerate(self.mesh.block_cells):
+            owner.reshape(-1)[cells] = number
         owner = owner if parts is None else parts.owner_of_cells()
         data = MeshData(mesh=self.mesh, q_eq=self.quality.q_eq.cells, u=self.u, subdomain=owner)
         return data.joined if joined else data
