@@ -219,7 +219,7 @@ WORDS = [
 ]
 
 
-@settings(seeded, max_examples=400)
+@settings(seeded, max_examples=250)
 @given(words=st.lists(st.sampled_from(WORDS), max_size=9), space=st.sampled_from(["", " "]))
 def test_what_was_understood_is_a_formula_of_the_language(words: list[str], space: str) -> None:
     """Any text is refused with a place, or it is read; as it was understood it is read again, and the same."""

@@ -195,7 +195,7 @@ SNIPPETS = [
 ]
 
 
-@settings(seeded, max_examples=400)
+@settings(seeded, max_examples=250)
 @given(
     tree=trees,
     edits=st.lists(

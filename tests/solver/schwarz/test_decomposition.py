@@ -23,7 +23,7 @@ def test_the_two_strips_of_the_paper() -> None:
     assert [part.owned[0] for part in decomposition.parts] == [slice(0, 5), slice(5, 12)]
 
 
-@settings(max_examples=200, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 @given(
     points=st.tuples(st.integers(4, 60), st.integers(4, 60)),
     subdomains=st.tuples(st.integers(1, 9), st.integers(1, 9)),
