@@ -98,7 +98,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--everything", action="store_true", help="also run what is marked `everything`: whole products")
 
 
-# Files that take long, most of them by waiting: begun first, so that no single one is waited for at the end.
+# Files that take long, most of them by waiting: begun early, so that no single one is waited for at the end.
 LONG = (
     *("test_durability", "test_replicas", "test_deployment", "test_faults", "test_backup", "test_base_install"),
     *("test_consumers", "test_benchmarks", "test_structure"),
@@ -106,8 +106,8 @@ LONG = (
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    # After those the folders of which a process takes many files at once.
-    items.sort(key=lambda item: (not item.path.stem.startswith(LONG), item.nodeid.split("/")[1] not in SHARED))
+    # Before those the folders of which a process takes many files at once: they work while others wait.
+    items.sort(key=lambda item: (item.nodeid.split("/")[1] not in SHARED, not item.path.stem.startswith(LONG)))
     if not config.getoption("--everything"):
         _leave_out(config, items, [item for item in items if item.get_closest_marker("everything")])
     missing = {item: name for item in items if (name := missing_program(item)) and not must_be_here(name)}

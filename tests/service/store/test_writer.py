@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from equimesh_service.errors import EngineError, KeyReusedError
 from equimesh_service.problems.storage import storage_problem
+from equimesh_service.store import writer as module
 from equimesh_service.store.rows import (
     Artifact,
     Claim,
@@ -28,7 +30,7 @@ from equimesh_service.store.rows import (
     SamplesRow,
 )
 from equimesh_service.store.store import Store
-from equimesh_service.store.writer import MAX_WAITING, Writer, store_finished
+from equimesh_service.store.writer import Writer, store_finished
 from service.store.stores import SPEC, add, claimed, status
 
 CONTENTS = {"0" * 64: b"a mesh"}
@@ -89,12 +91,15 @@ def test_what_waits_is_committed_at_once(store: Store, writer: Writer, commits: 
     assert {status(store, f"m-{number}") for number in range(16)} == {"succeeded"}
 
 
-def test_more_than_one_group_are_several(store: Store, writer: Writer, commits: list[Connection]) -> None:
-    changes = [finish(store, entry(f"m-{number}")) for number in range(MAX_WAITING)]
-    together(writer, changes)
-    more = [writer.commit(finish(store, entry(f"n-{number}"))) for number in range(2 * MAX_WAITING)]
-    assert [future.result(60.0) for future in more] == [f"n-{number}" for number in range(2 * MAX_WAITING)]
-    assert len(store.meshes.page(limit=1000)) == 3 * MAX_WAITING
+def test_more_than_one_group_are_several(
+    store: Store, commits: list[Connection], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MAX_WAITING", most := 6)
+    with closing(Writer(store.database)) as writer:
+        together(writer, [finish(store, entry(f"m-{number}")) for number in range(most)])
+        more = [writer.commit(finish(store, entry(f"n-{number}"))) for number in range(2 * most)]
+        assert [future.result(60.0) for future in more] == [f"n-{number}" for number in range(2 * most)]
+    assert len(store.meshes.page(limit=1000)) == 3 * most
     assert len(commits) >= 3
 
 
