@@ -59,28 +59,61 @@ uvicorn.run(app, port=int(sys.argv[1]), log_level="warning", access_log=False)
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """A row of the table: CPU of one mesh in milliseconds, its wall time and the 99th percentile, meshes a second."""
+    """A row of the table: CPU of one mesh in milliseconds, its wall time and the 99th percentile, meshes a second.
+
+    ``first`` is the part of the CPU that the process has which answers the requests.
+    """
 
     what: str
     points: int
     cpu: float
+    first: float
     wall: float
     late: float
     rate: float
 
     @classmethod
-    def of(cls, what: str, points: int, cpu: float, seconds: Sequence[float], wall: float) -> Cost:
-        """The row of meshes that took so many ``seconds`` each, all together ``wall``, and ``cpu`` seconds."""
+    def of(cls, what: str, points: int, cpu: tuple[float, float], seconds: Sequence[float], wall: float) -> Cost:
+        """The row of meshes that took so many ``seconds`` each, all together ``wall``.
+
+        ``cpu`` are the seconds of all processes, and of the one that answers.
+        """
         count, slow = len(seconds), sorted(seconds)[min(len(seconds) - 1, int(0.99 * len(seconds)))]
-        own = 1e3 * cpu / count
-        return cls(what=what, points=points, cpu=own, wall=1e3 * median(seconds), late=1e3 * slow, rate=count / wall)
+        every, first = (1e3 * part / count for part in cpu)
+        return cls(
+            what=what,
+            points=points,
+            cpu=every,
+            first=first,
+            wall=1e3 * median(seconds),
+            late=1e3 * slow,
+            rate=count / wall,
+        )
 
     def line(self) -> str:
         """The row as text."""
-        return f"{self.what:22} {self.points:4}^2 {self.cpu:9.1f} {self.wall:9.1f} {self.late:9.1f} {self.rate:9.0f}"
+        numbers = (self.cpu, self.first, self.wall, self.late)
+        return f"{self.what:22} {self.points:4}^2 {' '.join(f'{one:9.1f}' for one in numbers)} {self.rate:9.0f}"
 
 
-HEAD = f"{'':22} {'points':>6} {'CPU ms':>9} {'wall ms':>9} {'99 %':>9} {'a second':>9}"
+HEAD = f"{'':22} {'points':>6} {'CPU ms':>9} {'of API':>9} {'wall ms':>9} {'99 %':>9} {'a second':>9}"
+
+
+class Watch:
+    """Counts the processor time of a server from its making on."""
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._before, self._began = self._now(), time.perf_counter()
+
+    def _now(self) -> tuple[float, float]:
+        return cpu_seconds(self._pid), _own_seconds(self._pid)
+
+    def cost(self, what: str, points: int, seconds: Sequence[float]) -> Cost:
+        """The cost of the requests since then, which took so many ``seconds`` each."""
+        wall = time.perf_counter() - self._began
+        (every, first), (every_before, first_before) = self._now(), self._before
+        return Cost.of(what, points, (every - every_before, first - first_before), seconds, wall)
 
 
 def cpu_seconds(pid: int) -> float:
@@ -147,10 +180,8 @@ def one_caller(what: str, url: str, pid: int, path: str, points: int, meshes: in
     """The cost for a caller who waits for each mesh before the next."""
     bodies = [body(points, number) for number in range(WARM_UP + meshes)]
     ask(url, path, bodies[:WARM_UP])
-    before, began = cpu_seconds(pid), time.perf_counter()
-    seconds = ask(url, path, bodies[WARM_UP:])
-    wall = time.perf_counter() - began
-    return Cost.of(what, points, cpu_seconds(pid) - before, seconds, wall)
+    watch = Watch(pid)
+    return watch.cost(what, points, ask(url, path, bodies[WARM_UP:]))
 
 
 def many_callers(what: str, url: str, pid: int, path: str, points: int, meshes: int) -> Cost:
@@ -161,13 +192,12 @@ def many_callers(what: str, url: str, pid: int, path: str, points: int, meshes: 
         threading.Thread(target=lambda own: found.extend(ask(url, path, own)), args=(bodies[number::CALLERS],))
         for number in range(CALLERS)
     ]
-    before, began = cpu_seconds(pid), time.perf_counter()
+    watch = Watch(pid)
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    wall = time.perf_counter() - began
-    return Cost.of(f"{what}, {CALLERS} callers", points, cpu_seconds(pid) - before, found, wall)
+    return watch.cost(f"{what}, {CALLERS} callers", points, found)
 
 
 def in_process(points: int, meshes: int) -> Cost:
@@ -197,7 +227,7 @@ def _timed(what: str, points: int, meshes: int, work: Callable[[int], None]) -> 
         work(number)
         seconds.append(time.perf_counter() - start)
     wall, cpu = time.perf_counter() - began, time.process_time() - before
-    return Cost.of(what, points, cpu, seconds, wall)
+    return Cost.of(what, points, (cpu, cpu), seconds, wall)
 
 
 def costs(sizes: Sequence[int], meshes: int, workers: int) -> Iterator[Cost]:
