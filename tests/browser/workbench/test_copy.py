@@ -173,6 +173,13 @@ def test_a_program_names_the_class_of_every_kind_of_monitor(page: Page) -> None:
         assert hasattr(equimesh_client, name)
 
 
+def test_a_number_of_points_is_an_option_and_a_target(page: Page) -> None:
+    for asked in ({"grid": {"points": 400}}, {"target": {"error": None, "max_points": 400}}):
+        command, program, _ = page.evaluate(WRITTEN, {"monitor": {"u": "x"}, **asked})
+        assert "--points 400" in command
+        assert "max_points=400" in program
+
+
 def test_a_key_is_named_and_never_written(visit: Callable[..., Page]) -> None:
     page = visit("/#u=x*y&n=9&monitor=arc_length")
     box = panel(page, "key")
