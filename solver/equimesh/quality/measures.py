@@ -40,6 +40,7 @@ from equimesh.quality.degrees import degree_errors
 from equimesh.quality.interpolation import (
     UNKNOWN,
     InterpolationErrors,
+    Norms,
     compared,
     errors_of,
     norms,
@@ -173,37 +174,74 @@ def measure_all(
     kind: Literal["quad", "triangle"] = "quad",
     degree: int = 1,
     nodal: Array | None = None,
+    errors: InterpolationErrors | None = None,
     threads: int = 1,
 ) -> Quality:
     """As :func:`measure`, in ``threads`` if there are many cells.
 
-    u is interpolated on cells of this ``kind`` by elements of this ``degree``; ``nodal`` is u at the nodes where that
-    is known. Without ``uniform`` the errors are compared with those on the uniform mesh of ``domain``, which must be
-    valid.
+    u is interpolated on cells of this ``kind`` by elements of this ``degree``; ``nodal`` is u at the nodes, and
+    ``errors`` are those of interpolation, where they are known. Without ``uniform`` the errors are compared with those
+    on the uniform mesh of ``domain``, which must be valid.
     """
     with np.errstate(all="ignore"):
         cells, u, tally = cells_of(mesh, closed_of(domain)), monitor.u, None
         rule = metric_rule(cells, gauss)
         numbers = sample(cells.rows) if gauss is None else None
-        is_inside = rule is not CellPoints.corners()
-        if u is not None and (kind, degree) == ("quad", 1) and cells.all_valid and numbers is None and is_inside:
+        is_plain = errors is None and (kind, degree) == ("quad", 1) and cells.all_valid and numbers is None
+        if u is not None and is_plain and rule is not CellPoints.corners():
             tally = ErrorTally.of(cells, u, error_rule(cells, gauss), nodal=nodal)
         survey = Survey.of(cells, monitor, rule, tally=tally, threads=threads)
         if nodal is None:
             nodal = survey.nodal if tally is None else tally.nodal
-        if u is None:
-            errors = None
-        elif degree > 1:
-            errors = degree_errors(cells, _uniform_cells(cells, uniform, domain, numbers), u, degree, kind)
-        elif kind == "triangle":
-            errors = _triangle_errors(cells, u, uniform, domain)
-        else:
-            there = _uniform_cells(cells, uniform, domain, numbers)
-            errors_by = error_rule(cells, gauss)
-            here = norms_of(tally) if tally else norms(cells, u, errors_by, numbers, nodal=nodal, threads=threads)
-            second = UNKNOWN if there is None else norms(there, u, errors_by, numbers, threads=threads)
-            errors = compared(cells, here, second)
+        if u is not None and errors is None:
+            here = norms_of(tally) if tally else None
+            errors = _errors(
+                cells, u, uniform, domain, kind, degree, here=here, gauss=gauss, nodal=nodal, threads=threads
+            )
         return replace(_quality(cells, monitor, rule, survey, errors), u=nodal)
+
+
+def measure_errors(
+    mesh: AnyMesh,
+    u: Field,
+    *,
+    uniform: Mesh | None = None,
+    domain: Domain = UNIT_SQUARE,
+    kind: Literal["quad", "triangle"] = "quad",
+    degree: int = 1,
+    nodal: Array | None = None,
+    threads: int = 1,
+) -> InterpolationErrors:
+    """The errors alone that :func:`measure_all` measures, for which no metric is evaluated."""
+    with np.errstate(all="ignore"):
+        cells = cells_of(mesh, closed_of(domain))
+        return _errors(cells, u, uniform, domain, kind, degree, nodal=nodal, threads=threads)
+
+
+def _errors(
+    cells: MeshCells,
+    u: Field,
+    uniform: Mesh | None,
+    domain: Domain,
+    kind: Literal["quad", "triangle"],
+    degree: int,
+    *,
+    here: Norms | None = None,
+    gauss: int | None = None,
+    nodal: Array | None = None,
+    threads: int = 1,
+) -> InterpolationErrors:
+    """The errors next to those on the uniform or given mesh; ``here`` are the norms of bilinear ones if known."""
+    numbers = sample(cells.rows) if gauss is None else None
+    if degree > 1:
+        return degree_errors(cells, _uniform_cells(cells, uniform, domain, numbers), u, degree, kind)
+    if kind == "triangle":
+        return _triangle_errors(cells, u, uniform, domain)
+    there, rule = _uniform_cells(cells, uniform, domain, numbers), error_rule(cells, gauss)
+    if here is None:
+        here = norms(cells, u, rule, numbers, nodal=nodal, threads=threads)
+    second = UNKNOWN if there is None else norms(there, u, rule, numbers, threads=threads)
+    return compared(cells, here, second)
 
 
 def window_image(window: MeshRows, domain: Domain) -> MeshRows:

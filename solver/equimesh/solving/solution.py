@@ -31,6 +31,7 @@ from equimesh.quality.measures import (
     Quality,
     measure_all,
     measure_cut_off,
+    measure_errors,
 )
 from equimesh.quality.ritz import solver_gain
 from equimesh.schwarz.decomposition import Decomposition
@@ -86,8 +87,8 @@ class MeasuredMesh:
         """The mesh to compare with where it is given; of a grid it is the image of the uniform one."""
         return None if self.mesh.is_grid else self.problem.initial
 
-    def quality(self, nodal: Array | None = None) -> Quality:
-        """All quality measures; ``nodal`` is u at the nodes where that is known."""
+    def quality(self, nodal: Array | None = None, errors: InterpolationErrors | None = None) -> Quality:
+        """All quality measures; ``nodal`` is u at the nodes, and ``errors`` are its errors, where these are known."""
         monitor = self.problem.monitor
         return measure_all(
             self.mesh,
@@ -97,6 +98,22 @@ class MeasuredMesh:
             kind=interpolated_cells(monitor),
             degree=degree_of(monitor),
             nodal=nodal,
+            errors=errors,
+            threads=self.threads,
+        )
+
+    def errors(self) -> InterpolationErrors | None:
+        """The errors of interpolating u alone; ``None`` where there is no u."""
+        monitor = self.problem.monitor
+        if monitor.u is None:
+            return None
+        return measure_errors(
+            self.mesh,
+            monitor.u,
+            uniform=self._given,
+            domain=self.problem.domain,
+            kind=interpolated_cells(monitor),
+            degree=degree_of(monitor),
             threads=self.threads,
         )
 
@@ -232,7 +249,7 @@ class Solution(Generic[D]):
     @cached_property
     def quality(self) -> Quality:
         """All quality measures of the mesh."""
-        return self._measured.quality(vars(self).get("u"))
+        return self._measured.quality(vars(self).get("u"), vars(self).get("interpolation"))
 
     @cached_property
     def interpolation(self) -> InterpolationErrors | None:
@@ -240,6 +257,9 @@ class Solution(Generic[D]):
 
         On triangles where a least-error monitor asks for them, else on quadrilaterals.
         """
+        # A solve for the least error asks for its errors. The metric of its monitor takes longer than a small solve.
+        if isinstance(self.problem.monitor, LeastError) and "quality" not in vars(self):
+            return self._measured.errors()
         return self.quality.interpolation_error
 
     @cached_property

@@ -32,6 +32,17 @@ def test_every_corner_is_a_place_of_its_node_exactly_once(grid: em.Grid) -> None
         assert (cells.corners.reshape(-1)[places] == node).all()
 
 
+@pytest.mark.parametrize("size", [1, 5, 100])
+def test_spans_of_a_group_have_no_common_node(size: int) -> None:
+    cells = cells_of_grid((9, 8))
+    groups = cells.apart(size)
+    assert sorted(k for group in groups for span in group for k in range(*span)) == list(range(cells.count))
+    assert len(groups) == {1: 4, 5: 3, 100: 1}[size]
+    for group in groups:
+        nodes = [np.unique(cells.corners[slice(*span)]) for span in group]
+        assert len(np.unique(np.concatenate(nodes))) == sum(map(len, nodes))
+
+
 @pytest.mark.parametrize("grid", GRIDS, ids=str)
 def test_nodes_of_sides_stay_on_them_and_corners_stay(grid: em.Grid) -> None:
     s, t = uniform(grid)

@@ -181,6 +181,10 @@ def test_there_is_no_value_where_cells_are_folded_or_the_error_is_zero_or_not_fi
     folded[:, GRID.n_eta + 1] = 0.9
     assert objective_on(GRID).evaluate(folded) is None
     assert objective_on(GRID).smallest_share(folded) < 0.0
+    nearly = bent(GRID, 11)
+    smallest = objective_on(GRID).smallest_share(nearly)
+    assert objective_on(GRID).evaluate(nearly, 0.99 * smallest) is not None
+    assert objective_on(GRID).evaluate(nearly, smallest) is None
     assert objective_on(GRID, em.Expression("0*x")).evaluate(uniform(GRID)) is None
     pole = objective_on(GRID, em.Expression("1/(x - 0.4)"))
     mesh = bent(GRID, 11)
