@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh_coupling import BadValues, MeshParts, MissingLibrary
-from equimesh_coupling.adaptors.dolfinx import mesh_of, nodal_values
+from equimesh_coupling import BadValues, MeshParts, MissingLibrary, element_points
+from equimesh_coupling.adaptors.dolfinx import mesh_of, nodal_values, placed_values
+from equimesh_coupling.elements import at_elements
 
 FIRST = SimpleNamespace(rank=0)
 SECOND = SimpleNamespace(rank=1)
@@ -105,3 +106,20 @@ def test_values_come_back_in_our_order(parts: MeshParts) -> None:
     assert np.array_equal(nodal_values(function(parts, ours[turn], turn), parts), ours.reshape(parts.shape))
     with pytest.raises(BadValues, match=f"has 3 values here, and this mesh {len(turn)} nodes"):
         nodal_values(function(parts, np.zeros(3), turn), parts)
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_values_of_order_2_come_with_their_places(quads: MeshParts, old: bool) -> None:
+    points = element_points(quads, 2)
+    order = np.random.default_rng(2).permutation(len(points))
+    element = SimpleNamespace(degree=(lambda: 2) if old else 2)
+    space = SimpleNamespace(
+        ufl_element=lambda: element,
+        tabulate_dof_coordinates=lambda: np.pad(points[order], ((0, 0), (0, 1))),
+        mesh=SimpleNamespace(topology=SimpleNamespace(cell_name=lambda: "quadrilateral")),
+    )
+    found = placed_values(SimpleNamespace(function_space=space, x=SimpleNamespace(array=points[order, 0])), quads)
+    assert found is not None
+    assert np.array_equal(at_elements(found, quads).ravel(), points[:, 0])
+    element.degree = 1
+    assert placed_values(SimpleNamespace(function_space=space, x=SimpleNamespace(array=points[:, 0])), quads) is None

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from equimesh_coupling import BadValues, Coupled, MeshParts, node_values
+from equimesh_coupling import BadValues, Coupled, MeshParts, element_points, element_values, node_values
 
 # Consumers that read files only.
 WITHOUT_ADAPTOR = ("vtk", "gmsh", "meshio", "freefem", "dealii", "openfoam", "paraview")
@@ -108,6 +108,11 @@ def main(name: str, folder: Path) -> None:
     if hasattr(consumer, "linear"):
         field = consumer.linear(hand_over(small))
         found["carried"] = bool(np.allclose(node_values(field, small).ravel(), small.points @ [1.0, 2.0]))
+    if hasattr(consumer, "quadratic"):
+        values, degree = element_values(consumer.quadratic(hand_over(small)), small)
+        x, y = element_points(small, 2).T
+        is_carried = degree == 2 and np.allclose(values.ravel(), x * x + 2.0 * y)
+        found["carried"] = bool(is_carried and found.get("carried", True))
     found["refused"] = refused(consumer.strangers(small), small) if adaptor else []
     code = folder / f"{name}.py"  # of the page about this consumer
     if code.exists():

@@ -113,6 +113,13 @@ def linear(both: tuple[Any, Any]) -> Any:
     return field
 
 
+def quadratic(both: tuple[Any, Any]) -> Any:
+    """The field x^2 + 2 y of order 2."""
+    field = fem.Function(fem.FunctionSpace(both[0], ("Lagrange", 2)))
+    field.interpolate(lambda at: at[0] ** 2 + 2.0 * at[1])
+    return field
+
+
 def strangers(parts: Any) -> list[Any]:
     """A field of another order, one with two components, and one of another mesh."""
     mesh, _ = mesh_of(parts, MPI.COMM_WORLD)

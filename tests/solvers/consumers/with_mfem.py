@@ -79,6 +79,21 @@ def solve(mesh: Any) -> Any:
     return u
 
 
+class Quadratic(mfem.PyCoefficient):  # type: ignore[misc]
+    def EvalValue(self, x: Any) -> float:
+        return float(x[0] ** 2 + 2.0 * x[1])
+
+
+def quadratic(mesh: Any) -> Any:
+    """The field x^2 + 2 y of order 2, which keeps its space."""
+    collection = mfem.H1_FECollection(2, 2)
+    space = mfem.FiniteElementSpace(mesh, collection)
+    field = mfem.GridFunction(space)
+    field.ProjectCoefficient(Quadratic())
+    field.kept = mesh, collection, space
+    return field
+
+
 def strangers(parts: Any) -> list[Any]:
     """A discontinuous field, one with two components, and one of another mesh."""
     mesh, other = mesh_of(parts), mfem.Mesh(2, 2, "QUADRILATERAL", False, 1.0, 1.0, True)

@@ -56,6 +56,13 @@ def solve(mesh: Any) -> Any:
     return solution
 
 
+def quadratic(mesh: Any) -> Any:
+    """The field x^2 + 2 y of order 2."""
+    field = GridFunction(H1(mesh, order=2))
+    field.Set(x * x + 2.0 * y)
+    return field
+
+
 def strangers(parts: Any) -> list[Any]:
     """A discontinuous field, one with two components, and one of another mesh."""
     mesh = mesh_of(parts)
