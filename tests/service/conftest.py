@@ -36,13 +36,17 @@ def small(**more: Any) -> dict[str, Any]:
 
 
 def until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
-    """The first true value of ``condition``; fails after this many seconds, far more than a busy machine takes."""
-    deadline = time.monotonic() + seconds
+    """The first true value of ``condition``; fails after this many seconds, far more than a busy machine takes.
+
+    Most conditions are requests, which take the processor from what is waited for: pauses grow to 60 ms.
+    """
+    deadline, pause = time.monotonic() + seconds, 0.01
     while time.monotonic() < deadline:
         value = condition()
         if value:
             return value
-        time.sleep(0.02)
+        time.sleep(pause)
+        pause = min(1.25 * pause, 0.06)
     raise AssertionError(f"not within {seconds} s")
 
 
