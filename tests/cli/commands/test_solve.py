@@ -55,7 +55,7 @@ def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tm
     assert "observed rate" in out
     assert np.load(mesh)["x"].shape == (12, 12)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert main(["solve", "x*y", "-n", "8", "--json"]) == 0
+    assert main(["solve", "x*y", "-n", "8", "--for", "interpolation", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     kinds = [one["kind"] for one in said["certificate"]["comparison"]]
     assert sorted(kinds) == ["arc_length", "curvature", "least_error", "least_error"]
