@@ -369,7 +369,7 @@ class _Cutter:
             starts=np.concatenate([[0], np.cumsum(used)]),
             places=np.argsort(corners.ravel(), kind="stable"),
             triples=local_triples,
-            free=cells.free[:, nodes] * free,
+            free=np.ascontiguousarray(cells.free[:, nodes] * free),
             # A node in no triple has no derivative either; 1 lets its block have an inverse.
             stiffness=np.maximum(squares[0] + 4.0 * squares[1] + squares[2], 1.0),
             corner_cuts={place[cell]: cut for cell, cut in cells.corner_cuts.items() if cell in place},

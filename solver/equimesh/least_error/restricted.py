@@ -61,7 +61,7 @@ class RestrictedDescent:
         ``steps`` is how many steps a region takes in an exchange. Ends early where an exchange lowers the objective by
         less than ``min_decrease`` a step. Yields nothing where the error of ``mesh`` is rounding.
         """
-        self._each(lambda k: self._local[k].cut(mesh[:, self._regions[k].nodes]))
+        self._each(lambda k: self._local[k].cut(self._part(k, mesh)))
         now, squares = self._measured(mesh)
         if not math.isfinite(now.value):
             return
@@ -99,6 +99,10 @@ class RestrictedDescent:
         """The nodes that a region owns, as numbers of the mesh."""
         return self._regions[k].nodes[self._regions[k].owned]
 
+    def _part(self, k: int, mesh: Array) -> Array:
+        """The nodes of a region, in an array in rows: loops would be compiled again for one in columns."""
+        return np.ascontiguousarray(mesh[:, self._regions[k].nodes])
+
     def _each(self, work: Callable[[int], object]) -> None:
         """Do ``work`` for every region here, on the threads."""
 
@@ -117,7 +121,7 @@ class RestrictedDescent:
 
         def measure(k: int) -> None:
             region = self._regions[k]
-            sums = self._local[k].sums(mesh[:, region.nodes], region.own_cells, region.own_triples)
+            sums = self._local[k].sums(self._part(k, mesh), region.own_cells, region.own_triples)
             found[k] = sums.square, sums.distortion, sums.bends, sums.obliqueness, sums.smallest_share
             squares[k] = sums.every_square
 
@@ -140,7 +144,7 @@ class RestrictedDescent:
 
         def descend_in(k: int) -> None:
             region, objective = self._regions[k], self._local[k]
-            start = mesh[:, region.nodes]
+            start = self._part(k, mesh)
             objective.beyond = max(0.0, square - squares[k])
             found[k] = np.zeros((2, region.owned.size))
             for state, _ in descend(objective, start, steps, 0.0):
