@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -291,7 +292,10 @@ _U = "/monitor/u"
 
 
 def check_first_spec(admitted: AdmittedSpec) -> AdmittedSpec:
-    """The spec of a sequence's first mesh; raises a 422 problem for a target, and for a mesh in parts."""
+    """The spec of a sequence's first mesh, with interpolation in place of a solver as what its mesh is for.
+
+    Raises a 422 problem for a target, and for a mesh in parts.
+    """
     if admitted.spec["target"] is not None:
         raise problem_at("/target", "the meshes of a sequence have one grid: give it in place of the target")
     if admitted.nodes is not None and admitted.spec["schwarz"] is not None:
@@ -299,7 +303,13 @@ def check_first_spec(admitted: AdmittedSpec) -> AdmittedSpec:
     if admitted.is_in_parts:
         message = "the meshes of a sequence are computed on one machine: request fewer points, and leave parts out"
         raise problem_at("/parts", message)
-    return admitted
+    monitor = admitted.spec["monitor"]
+    if monitor["kind"] != "auto" or monitor["for"] != "finite_element":
+        return admitted
+    # Steps follow interpolation, and would have to move far from a first mesh for a solver.
+    spec = {**admitted.spec, "monitor": {**monitor, "for": "interpolation"}}
+    digest = sha256(f"{admitted.digest} followed".encode()).hexdigest()
+    return replace(admitted, spec=spec, digest=digest, built=None, packed=None)
 
 
 @dataclass(frozen=True, kw_only=True)
