@@ -107,3 +107,15 @@ def test_subdomains_have_no_solvers_error() -> None:
     problem = em.Problem(monitor=em.LeastError(u=U, purpose="finite_element"), grid=em.Grid(n_xi=9, n_eta=9))
     with pytest.raises(em.InputError, match="leave the purpose or the Schwarz settings out"):
         em.solve(problem, em.Schwarz(subdomains=(2, 1)))
+
+
+def test_blocks_descend_on_a_solvers_error_too() -> None:
+    mesh = em.Mesh.uniform(em.Grid(n_xi=17, n_eta=17))
+    blocks = em.Blocks.of_mesh(mesh.points, mesh.cells, mesh.sides)
+    gains = []
+    for purpose in ("interpolation", "finite_element"):
+        monitor = em.LeastError(u=em.Expression("tanh(20*(x + y/2 - 0.75))"), purpose=purpose)  # type: ignore[arg-type]
+        found = em.solve(em.Problem(monitor=monitor, domain=blocks), threads=1).solver_gain
+        assert found is not None
+        gains.append(found.l2)
+    assert gains[1] > 1.2 * gains[0]

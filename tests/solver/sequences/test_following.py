@@ -61,3 +61,14 @@ def test_what_follows_nothing_is_refused() -> None:
         with_u(em.Tensor(m11=one, m12=em.Expression("0"), m22=one), U)
     with pytest.raises(InputError, match=r"9 x 9|needed"):
         field_of(np.zeros((4, 4)), MESH, "u")
+
+
+def test_auto_follows_the_error_of_interpolation() -> None:
+    u, grid = em.Expression("tanh(20*(x + y/2 - 0.75))"), em.Grid(n_xi=17, n_eta=17)
+    followed = em.Sequence(em.Problem(monitor=em.Auto(u=u), grid=grid)).mesh
+    alone = {
+        purpose: em.solve(em.Problem(monitor=em.Auto(u=u, purpose=purpose), grid=grid), threads=1).mesh  # type: ignore[arg-type]
+        for purpose in ("interpolation", "finite_element")
+    }
+    assert followed.distance(alone["interpolation"]) == 0.0
+    assert followed.distance(alone["finite_element"]) > 0.0
