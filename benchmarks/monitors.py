@@ -24,7 +24,7 @@ FUNCTIONS = {name: functions.FUNCTIONS[name].u for name in ("paper", "wave", "ta
     "ring150": "tanh(150*((x - 0.5)**2 + (y - 0.5)**2 - 0.09))",
 }
 CHOOSERS: dict[str, Callable[[em.Field], em.Monitor]] = {
-    "auto": lambda u: em.Auto(u=u, purpose="interpolation"),
+    "auto, for interpolation": lambda u: em.Auto(u=u, purpose="interpolation"),
     "least error l2": lambda u: em.LeastError(u=u),
     "least error h1": lambda u: em.LeastError(u=u, norm="h1"),
     "least error l2, smoothness 0.1": lambda u: em.LeastError(u=u, smoothness=0.1),

@@ -39,7 +39,8 @@ WAYS: dict[str, tuple[Callable[[em.Field], em.Monitor], em.Schwarz | None]] = {
 
 SECTION = """
 The same functions by other ways, `benchmarks/robustness_ways.py`. Gains are the geometric means, and the smallest, over
-the functions. A mesh for L2 may have a gain below 1 in H1. CPU times are of a busy machine.
+the functions. A mesh for L2 may have a gain below 1 in H1. CPU times are of a busy machine. `auto` is for
+`interpolation`.
 """
 
 
@@ -83,12 +84,9 @@ def section(results: Sequence[Result]) -> Iterator[str]:
         here = [result for result in results if (result["way"], result["n"]) == (way, SHOWN)]
         if here:
             yield _row(way, SHOWN, here)
-    chosen = [result["chosen"] for result in results if result.get("chosen")]
-    counts = ", ".join(f"`{kind}` {chosen.count(kind)}" for kind in sorted(set(chosen), key=chosen.count, reverse=True))
     iterations = [result["iterations"] for result in results if result.get("iterations") is not None]
     exact = [r["iterations"] for r in results if r.get("iterations") is not None and r["status"] == "converged"]
     yield ""
-    yield f"`auto` chose: {counts}." if chosen else ""
     if iterations:
         yield f"Schwarz iterations that solved the requested equations took {min(exact)} to {max(exact)}."
 
