@@ -256,7 +256,12 @@ def sample(rows: Rows) -> IntArray | None:
 
 
 def gain_of(uniform: float, adapted: float, rounding: float) -> float:
-    """The error on the uniform mesh over that on the adapted one; 1 where both are at most ``rounding``."""
+    """The error on the uniform mesh over that on the adapted one; 1 where both are at most ``rounding``.
+
+    NaN where one of them is not known.
+    """
+    if math.isnan(uniform) or math.isnan(adapted):
+        return math.nan
     if max(uniform, adapted) <= rounding:
         return 1.0
     return uniform / adapted if adapted > 0.0 else math.inf

@@ -108,6 +108,10 @@ def test_what_is_not_known_is_nan() -> None:
     assert math.isnan(ritz_errors(coarsened(folded), WAVE).l2)
     with np.errstate(all="ignore"):
         assert math.isnan(ritz_errors(coarsened(uniform(9)), em.Expression("sqrt(x - 0.5)")).l2)
+    found = solver_gain(folded, uniform(9), WAVE)
+    assert found is not None
+    assert math.isnan(found.l2)
+    assert math.isnan(found.h1)
 
 
 def solved(monitor: em.Monitor, count: int = 17) -> em.Solution:
