@@ -118,15 +118,16 @@ def _keys(ends: IntArray) -> IntArray:
 
 
 def _bend_inside(points: Array, cells: IntArray, of_cells: IntArray, bends: Array) -> None:
-    """Bend edges inside as the sides are where cells would fold, in place."""
+    """Bend edges inside as the sides are where cells would fold, in place; sides stay as the domain has them."""
     is_bent: BoolArray = np.asarray(bends.any(axis=1))
+    is_inside = np.bincount(of_cells.ravel(), minlength=len(bends)) > 1
     at_side = is_bent.copy()
     touched = np.flatnonzero(is_bent[of_cells].any(axis=1))
     while touched.size:
         folded = touched[smallest_shares(points[cells[touched]], bends[of_cells[touched]], AT_NODES) < MIN_SHARE]
         edges = of_cells[folded]
         across = np.roll(edges, 2, axis=1)
-        moves = is_bent[edges] & ~is_bent[across]
+        moves = is_bent[edges] & ~is_bent[across] & is_inside[across]
         if not moves.any():
             break
         bends[across[moves]] = bends[edges[moves]]

@@ -59,6 +59,17 @@ def test_cells_of_second_order_have_nodes_on_the_curve(http: httpx.Client) -> No
     assert http.get(url, params={"order": 3}).status_code == 422
 
 
+def test_a_mesh_whose_cells_fold_in_second_order_is_refused_with_the_remedy(http: httpx.Client) -> None:
+    bottom = {"x": "t", "y": "0.28*sin(3*pi*t)^2"}  # 0 at all nodes
+    sides = {"right": {"points": [[1, 0], [1, 0.3]]}, "left": {"points": [[0, 0], [0, 0.3]]}}
+    domain = {"kind": "quadrilateral", "bottom": bottom, "top": {"points": [[0, 0.3], [1, 0.3]]}, **sides}
+    monitor = {"kind": "arc_length", "u": {"expression": "1"}}
+    mesh = solved(http, small(monitor=monitor, grid={"n_xi": 4, "n_eta": 4}, domain=domain))
+    refused = http.get(mesh["links"]["file"], params={"format": "vtu", "order": 2})
+    assert refused.status_code == 422
+    assert "folds where its side bends: take more cells along this side, or order 1" in refused.text
+
+
 def test_files_can_be_cached_and_resumed(http: httpx.Client, finished: dict[str, Any]) -> None:
     url = finished["links"]["file"]
     whole = http.get(url)

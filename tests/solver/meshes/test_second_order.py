@@ -90,6 +90,16 @@ def test_edges_bend_with_the_side_as_far_as_cells_would_fold() -> None:
     assert smallest_shares(corners[:1], moves[:1] * [[[1.0], [1.0], [0.0], [1.0]]], AT_GAUSS_POINTS)[0] < 0.0
 
 
+def test_a_straight_side_stays_where_it_is() -> None:
+    points, cells, curved = layers(0.1, sagitta=0.09)
+    second = SecondOrderMesh.of(points, cells, curved)
+    ceiling = second.edges(np.array([[1, 3], [3, 5]]))
+    np.testing.assert_array_equal(second.points[ceiling[:, 2], 1], 0.1)
+    points, cells, curved = layers(0.02, sagitta=0.1)
+    with pytest.raises(InputError, match="folds where its side bends"):
+        SecondOrderMesh.of(points, cells, curved)
+
+
 def test_a_cell_that_folds_all_the_same_is_refused() -> None:
     points, cells, curved = layers(0.02, sagitta=0.1)
     ceiling = CurvedEdges(np.array([[1, 3], [3, 5]]), np.array([[0.5, 0.02], [1.5, 0.02]]))
