@@ -17,12 +17,15 @@ if TYPE_CHECKING:
 
 
 def print_report(certificate: Certificate | None, points: int | str, message: str) -> None:
-    """Print what a mesh of so many ``points`` is worth, how the solve ended, and the rest of its certificate."""
+    """Print what a mesh of so many ``points`` is worth, how the solve ended, and the rest of its certificate.
+
+    The number is empty where it is not known.
+    """
     if certificate is None:
-        print(f"{points} points: {message}")
+        print(f"{points} points: {message}" if points else message)
         return
     print(certificate.headline)
-    print(f"{points} points. {message}")
+    print(f"{points} points. {message}" if points else message)
     for warning in certificate.warnings:
         print(f"warning: {warning}")
     print(f"\nDetails:\n{certificate.details}")

@@ -20,7 +20,7 @@ from equimesh_client.spec.sources import StoredSamples, read_mesh_file
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve
 from equimesh_client.wire.arrays import MeshArrays, raise_unless_succeeded
-from equimesh_client.wire.downloads import write_atomically
+from equimesh_client.wire.downloads import unpacking, write_atomically
 from equimesh_client.wire.protocol import Pages
 from equimesh_client.wire.settings import (
     DEADLINE_SECONDS,
@@ -144,6 +144,7 @@ class ClientOperations(ABC, Generic[M]):
     ) -> Certificate | None:
         """The certificate of a mesh of which only the file at ``path`` is kept, in the format of its suffix.
 
+        An ``.xdmf`` comes with the files that it refers to, and a folder that exists is a case, as in ``download``.
         Takes and raises the same as :meth:`compute`, and :class:`BadArgument` where the file cannot be written.
         """
         complete = complete_options(options, type(self).generate)
@@ -151,7 +152,11 @@ class ClientOperations(ABC, Generic[M]):
         limit, settings, format = Deadline.after(deadline), self._session.settings, protocol.format_of(str(path))
         request = await self._session.run(flows.prepare(arguments, settings, limit))
         content, certificate = await self._session.run(flows.compute_file(request, format, settings, limit))
-        write_atomically(path, content)
+        unpack = unpacking(path)
+        if unpack is None:
+            write_atomically(path, content)
+        else:
+            unpack(content, path)
         return certificate
 
     @operation

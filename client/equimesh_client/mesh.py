@@ -23,7 +23,7 @@ from equimesh_client.wire.arrays import (
     plot_format,
     raise_unless_succeeded,
 )
-from equimesh_client.wire.downloads import PartFile, unpack_foam, unpack_xdmf
+from equimesh_client.wire.downloads import PartFile, unpacking
 from equimesh_client.wire.part_downloads import DEFAULT_FORMAT, PartArrays
 from equimesh_client.wire.settings import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.stream import Event, StreamPosition
@@ -139,10 +139,9 @@ class MeshOperations(MeshState, Generic[M]):
         call = protocol.mesh_file(
             self.id, protocol.format_of(str(path), format), cells=cells, order=order, partial=partial
         )
-        if format is None and Path(path).suffix.lower() == ".xdmf":
-            return unpack_xdmf(await self._session.run(flows.fetch_file(call, settings, limit)), path)
-        if format in (None, "foam") and Path(path).is_dir():
-            return unpack_foam(await self._session.run(flows.fetch_file(call, settings, limit)), path)
+        unpack = unpacking(path, format)
+        if unpack is not None:
+            return unpack(await self._session.run(flows.fetch_file(call, settings, limit)), path)
         with PartFile(path) as part:
             await self._session.run(flows.save(call, settings, limit, part))
         return Path(path)

@@ -33,6 +33,7 @@ CERTIFICATE: dict[str, Any] = {
     "warnings": ["The mesh adapts less than requested."],
     "interpolation_gain": {"l2": 5.4, "h1": 2.4},
 }
+AIM = {"norm": "l2", "error": 0.0, "grid": [9, 7], "predicted": 1e-3, "reached": 1e-3, "solves": 2}
 SIDES = ("left", "right", "bottom", "top")
 
 
@@ -338,8 +339,11 @@ class _Handler(BaseHTTPRequestHandler):
             errors = [{"pointer": "/monitor/u/expression", "message": "unknown name 'foo'", "position": place}]
             return _problem(422, "Invalid input", errors=errors)
         if request.query.get("store") == "false":
-            head = {"Content-Type": "application/x-npz", "Equimesh-Certificate": json.dumps(CERTIFICATE)}
-            return 200, head, mesh_file(**spec["grid"])
+            aim = {"target": AIM} if "target" in spec else {}
+            head = {"Content-Type": "application/x-npz", "Equimesh-Certificate": json.dumps(CERTIFICATE | aim)}
+            if request.query["format"] == "xdmf":
+                return 200, head, archive()
+            return 200, head, mesh_file(**spec.get("grid") or {"n_xi": 4, "n_eta": 4})
         key = request.headers["idempotency-key"]
         if key not in self.service.keys:
             mesh_id = f"m{len(self.service.keys)}"

@@ -24,7 +24,7 @@ from equimesh_cli.parser import CommandError, Exit, add_command
 from equimesh_cli.report import told
 
 if TYPE_CHECKING:
-    from equimesh_client import Client, Mesh
+    from equimesh_client import Certificate, Client, Mesh
 
 EXAMPLES = """\
 examples:
@@ -130,15 +130,26 @@ def _compute_file(client: Client, options: argparse.Namespace) -> int:
         raise CommandError("--no-store leaves one file and its certificate: name it by -o FILE, without pictures")
     if options.parts is not None or options.label is not None:
         raise CommandError("--parts and --label are for meshes that the service keeps: leave out --no-store")
+    if options.order != 1:
+        raise CommandError("--order 2 is for meshes that the service keeps: leave out --no-store")
     certificate = client.compute_file(options.output, **_arguments(options))
     if options.json:
         known = None if certificate is None else certificate.to_json()
         print(json.dumps({"certificate": known, "files": [str(options.output)]}, indent=2))
     elif not options.quiet:
-        n_xi, n_eta = points_of(options)
-        print_report(certificate, f"{n_xi} x {n_eta}", "The service keeps nothing of it.")
+        print_report(certificate, _points_of(options, certificate), "The service keeps nothing of it.")
         print(f"wrote {options.output}")
     return Exit.DONE
+
+
+def _points_of(options: argparse.Namespace, certificate: Certificate | None) -> str:
+    """The points of a mesh of which only the certificate is known; empty where that does not tell them."""
+    from equimesh_client.spec.domains import has_own_points
+
+    aim = None if certificate is None else certificate.target
+    if aim is None and (has_own_points(options.domain) or target_of(options) is not None):
+        return ""
+    return " x ".join(map(str, points_of(options) if aim is None else aim.grid))
 
 
 def _report_failure(

@@ -10,6 +10,7 @@ import re
 import secrets
 import sys
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -78,6 +79,13 @@ def unpack_xdmf(data: bytes, path: str | Path) -> Path:
         text = light[part].replace(f"{part}.h5:", f"{names[part]}.h5:")
         write_atomically(path.with_name(f"{names[part]}.xdmf"), text.encode())
     return path
+
+
+def unpacking(path: str | Path, format: str | None = None) -> Callable[[bytes, str | Path], Path] | None:
+    """The function that writes the files of a zip to ``path``; ``None`` where what the service sends is the file."""
+    if format is None and Path(path).suffix.lower() == ".xdmf":
+        return unpack_xdmf
+    return unpack_foam if format in (None, "foam") and Path(path).is_dir() else None
 
 
 if sys.platform != "win32":

@@ -125,7 +125,11 @@ def test_a_mesh_that_is_not_kept_is_one_file(generate: Any, service: Any, tmp_pa
     assert sent.query == {"store": "false", "format": "npz"}
     assert json.loads(generate("x", "-n", "5", "--no-store", "--json", "-o", str(tmp_path / "m.vtu"))[1])["certificate"]
     assert service.seen("POST", "meshes")[-1].query["format"] == "vtu"
-    for wrong in ((), ("-o", str(path), "--open"), ("-o", str(path), "--label", "mine")):
+    generate("x", "-n", "5", "--no-store", "-o", str(tmp_path / "m.xdmf"))
+    assert (tmp_path / "m_facets.h5").read_bytes() == b"facets"  # not the zip in which they come
+    assert "\n9 x 7 points. " in generate("x", "--points", "64", "--no-store", "-o", str(path))[1]
+    second = ("-o", str(tmp_path / "m.vtu"), "--order", "2")
+    for wrong in ((), second, ("-o", str(path), "--open"), ("-o", str(path), "--label", "mine")):
         code, _, err = generate("x", "--no-store", *wrong)
         assert code == 2
         assert "--no-store" in err

@@ -7,6 +7,13 @@ from typing import Any
 
 import pytest
 
+from equimesh.io.formats import FORMATS
+from equimesh_cli.options.mesh import SECOND_ORDER
+
+
+def test_files_of_second_order_are_those_that_the_service_writes() -> None:
+    assert tuple(form.suffix for form in FORMATS.values() if form.second_order) == SECOND_ORDER
+
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
@@ -18,7 +25,7 @@ import pytest
         (["x", "-o", "no/where/mesh.vtu"], "no/where: there is no such folder"),
         (["x", "-o", "no-case"], ", or name the folder of an OpenFOAM case, which must exist"),
         (["x", "-o", "mesh.vts", "--cells", "triangle"], "a .vts file holds no triangles"),
-        (["x", "-o", "mesh.su2", "--order", "2"], "--order 2 is for a file of .vtu, .msh, .inp: name one by -o"),
+        (["x", "-o", "mesh.su2", "--order", "2"], "--order 2 is for a file of .vtu, "),
         (["x", "--plot", "mesh.gif"], "mesh.gif: the suffix"),
         (["--samples", "missing.npz"], "missing.npz: No such file"),
         (["--samples", "u.npz", "--t", "1"], "belong to an expression"),
