@@ -203,6 +203,13 @@ static void append_utf8(buffer *to, unsigned long code)
               (int)(0x80 | (code >> 6 & 0x3F)), (int)(0x80 | (code & 0x3F)));
 }
 
+/* Read the four digits after the u of an escape in JSON; returns whether there is one. */
+static int read_escape(const char *at, unsigned int *code)
+{
+    return at[0] == '\\' && at[1] == 'u' && strspn(at + 2, "0123456789abcdefABCDEF") >= 4 &&
+           sscanf(at + 2, "%4x", code) == 1;
+}
+
 /* Append the string of the first `key` of a JSON text; returns whether there is one. */
 static int append_member(buffer *to, const char *json, const char *key)
 {
@@ -223,10 +230,10 @@ static int append_member(buffer *to, const char *json, const char *key)
         const char *escapes = "nrtbf", *plain = "\n\r\t\b\f", *found;
         if (at[1] == 'u') {
             unsigned int code = 0, low = 0;
-            if (sscanf(at + 2, "%4x", &code) != 1)
+            if (!read_escape(at, &code))
                 return 1;
             at += 6;
-            if (code >= 0xD800 && code < 0xDC00 && sscanf(at, "\\u%4x", &low) == 1) {
+            if (code >= 0xD800 && code < 0xDC00 && read_escape(at, &low)) {
                 append_utf8(to, 0x10000ul + ((code - 0xD800ul) << 10) + (low - 0xDC00ul));
                 at += 6;
             } else
@@ -301,11 +308,14 @@ static array find_array(const buffer *file, const char *name)
             break;
         long long first = 0, second = 0;
         int dimensions = sscanf(shape, "'shape': (%lld, %lld", &first, &second);
+        long long most = (long long)((size - begin - header) / 8);
+        if (first < 0 || second < 0 || first > most || second > most)
+            break;
         found.shape[0] = dimensions > 0 ? first : 0;
         found.shape[1] = dimensions > 1 ? second : 0;
         found.count = found.shape[0] * (found.shape[1] > 0 ? found.shape[1] : 1);
         found.is_float = is_float;
-        if (found.count > 0 && begin + header + 8 * (size_t)found.count <= size)
+        if (found.count > 0 && found.count <= most)
             found.data = (const char *)bytes + begin + header;
         break;
     }
@@ -324,7 +334,8 @@ static void *copy_of(const array *from)
 static int read_mesh(equimesh *service, const buffer *file, equimesh_mesh *mesh)
 {
     array x = find_array(file, "x"), y = find_array(file, "y"), u = find_array(file, "u"), cells = find_array(file, "cells");
-    if (x.data == NULL || y.data == NULL || cells.data == NULL || !x.is_float || x.count != y.count || cells.is_float)
+    if (x.data == NULL || y.data == NULL || cells.data == NULL || !x.is_float || !y.is_float || x.count != y.count ||
+        cells.is_float || cells.shape[1] < 3 || (u.data != NULL && (!u.is_float || u.count != x.count)))
         return fail(service, "the mesh file of the service cannot be read: is this client older than the service?");
     equimesh_mesh new = {.points = x.count,
                          .cells = cells.shape[0],

@@ -104,6 +104,9 @@ function [status, file, place] = send_once (url, method, path, body, once)
   key = getenv ('EQUIMESH_KEY'); granted = '';
   if ~isempty (key), granted = sprintf ('-H "Authorization: Bearer %s"', key); end
   while ~isempty (url) && url(end) == '/', url(end) = ''; end
+  if ~isempty (regexp ([url path], '[^\w:/?&=.~@+,\[\]-]', 'once'))  % a shell would read it
+    error ('equimesh:input', 'the address %s has characters that are none of an address of a service', [url path]);
+  end
   command = ['curl -sS -X %s -o "%s" -D "%s" -w "%%{http_code}" -H "Content-Type: application/json" -H "Expect:" ' ...
              '-H "Prefer: wait=30" -H "Idempotency-Key: %s" %s --max-time 600 --data-binary "@%s" "%s%s" 2>&1'];
   [failed, said] = system (sprintf (command, method, file, head, once, granted, sent, url, path));

@@ -191,6 +191,18 @@ def test_c_finds_the_same(expected: dict[str, str], listed: Path, url: str, tmp_
     check(run(tmp_path / "run", listed), expected, url)
 
 
+@pytest.mark.needs("cc")
+def test_c_reads_nothing_beyond_what_was_sent(tmp_path: Path) -> None:
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined", "-g"]
+    run("cc", *strict, f"-I{ROOT / 'client' / 'c'}", DRIVERS / "broken.c", "-lcurl", "-o", tmp_path / "run")
+    whole = {"x": np.zeros((2, 2)), "y": np.zeros((2, 2)), "u": np.zeros((2, 2)), "cells": np.array([[0, 2, 3, 1]])}
+    wrong: list[dict[str, Any]] = [{"u": np.zeros(3)}, {"y": np.zeros((2, 2), dtype=int)}, {"cells": np.arange(4)}]
+    for arrays in ({}, *wrong):
+        np.savez(tmp_path / "mesh.npz", **whole | arrays)
+        said = run(tmp_path / "run", tmp_path / "mesh.npz")
+        assert ("cannot be read" in said) == bool(arrays), arrays
+
+
 @pytest.mark.needs("cc", "gfortran")
 def test_fortran_finds_the_same(expected: dict[str, str], listed: Path, url: str, tmp_path: Path) -> None:
     run("cc", "-c", ROOT / "client" / "c" / "equimesh.c", "-o", tmp_path / "equimesh.o")
@@ -204,3 +216,12 @@ def test_fortran_finds_the_same(expected: dict[str, str], listed: Path, url: str
 def test_octave_finds_the_same(expected: dict[str, str], listed: Path, url: str) -> None:
     command = ["octave-cli", "--norc", "--quiet", "--path", ROOT / "client" / "octave", DRIVERS / "conformance.m"]
     check(run(*command, CASES=str(listed)), expected, url)
+
+
+@pytest.mark.needs("octave")
+def test_octave_gives_no_command_of_a_service_to_the_shell(tmp_path: Path) -> None:
+    address = f'/v1/";touch {tmp_path / "made"};"'
+    sequence = f"struct ('url', '{NOWHERE}', 'address', '{address}')"
+    words = f"try, equimesh ('end', {sequence}); catch fault, disp (fault.identifier); end"
+    said = run("octave-cli", "--norc", "--quiet", "--path", ROOT / "client" / "octave", "--eval", words)
+    assert (said.strip(), [*tmp_path.iterdir()]) == ("equimesh:input", [])
