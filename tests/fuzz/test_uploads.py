@@ -17,7 +17,7 @@ from equimesh.upload.samples import READERS
 from fuzz.conftest import chosen_seed, count_cases
 from service.conftest import small, until
 
-FEW = 60
+FEW = 100
 KINDS = 18
 """Formats of samples, and kinds of mesh files."""
 TESTS = Path(__file__).parents[1]
