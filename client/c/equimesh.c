@@ -389,20 +389,34 @@ int equimesh_generate(equimesh *service, const char *spec, equimesh_mesh *mesh)
     return failed ? -1 : 0;
 }
 
+/* A number as JSON; where it is not finite, by the name that the service knows, which then says where it is. */
+static void print_number(buffer *to, double value)
+{
+    if (value - value == 0.0)
+        print(to, "%.17g", value);
+    else
+        print(to, "%s", value > 0.0 ? "Infinity" : value < 0.0 ? "-Infinity" : "NaN");
+}
+
 /* Values at the nodes as JSON: rows of a grid, or one row. */
 static void print_values(buffer *to, const double *values, const equimesh_mesh *mesh)
 {
     int64_t row = mesh->n_eta > 0 ? mesh->n_eta : mesh->points;
-    for (int64_t k = 0; k < mesh->points; k++)
-        print(to, "%s%.17g", k == 0 ? "[[" : k % row == 0 ? "],[" : ",", values[k]);
+    for (int64_t k = 0; k < mesh->points; k++) {
+        print(to, "%s", k == 0 ? "[[" : k % row == 0 ? "],[" : ",");
+        print_number(to, values[k]);
+    }
     print(to, "]]");
 }
 
 /* Values at the nodes of blocks as JSON: one value for each, or a row of one value. */
 static void print_list(buffer *to, const double *values, int64_t count, const char *open, const char *close)
 {
-    for (int64_t k = 0; k < count; k++)
-        print(to, "%s%s%.17g%s", k == 0 ? "[" : ",", open, values[k], close);
+    for (int64_t k = 0; k < count; k++) {
+        print(to, "%s%s", k == 0 ? "[" : ",", open);
+        print_number(to, values[k]);
+        print(to, "%s", close);
+    }
     print(to, "]");
 }
 

@@ -142,6 +142,8 @@ class Parser(argparse.ArgumentParser):
             return ""
         if unknown.startswith("-") and not unknown.startswith("--"):
             return "; an expression that begins with - comes last, after --, as in -- '-x*y'"
+        if unknown.isdecimal() and "-n" in self._option_string_actions:
+            return f"; the number of points a side is an option: -n {unknown}"
         return "; put the expression in quotes, as in 'tanh(20*(x - y))', or the shell takes it apart"
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

@@ -76,12 +76,17 @@ function text = rows (values)
   width = size (values, 2);
   format = ['[' repmat('%.17g,', 1, width - 1) '%.17g],'];
   text = sprintf (format, values.');
-  text = ['[' text(1:end-1) ']'];
+  text = ['[' finite_or_named(text(1:end-1)) ']'];
 end
 
 function text = list (values)
   text = sprintf ('%.17g,', values);
-  text = text(1:end-1);
+  text = finite_or_named (text(1:end-1));
+end
+
+function text = finite_or_named (text)
+% Infinity by the name that the service knows, which then says where it is. NaN has the same name there.
+  text = strrep (text, 'Inf', 'Infinity');
 end
 
 function [file, place] = send_until_done (url, path, body)

@@ -58,6 +58,7 @@ def test_paragraphs_are_filled_and_lists_are_not(monkeypatch: pytest.MonkeyPatch
         ),
         (["solve", "-x*y"], "comes last, after --, as in -- '-x*y'; see equimesh solve --help"),
         (["solve", "x", "u.csv", "y"], "unrecognized arguments: u.csv y; put the expression in quotes"),
+        (["solve", "x", "33"], "unrecognized arguments: 33; the number of points a side is an option: -n 33; see"),
         (["solve", "x", "--paramter", "c=3"], "--paramter c=3; perhaps --parameter is meant; see"),
         (["solve", "x", "--monitor", "arclength"], "'arclength' is not known; perhaps arc-length is meant"),
         (["solve", "x", "-n", "nine"], "argument -n/--n-xi: 'nine' is not a whole number; see equimesh solve --help"),

@@ -1,6 +1,7 @@
 /* Runs the cases of a file, a line each: name, address, action, spec, between tabs. Prints a line for each. */
 #include "equimesh.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,7 +37,7 @@ int main(int count, char **arguments)
         equimesh *service = equimesh_open(url, NULL);
         equimesh_mesh mesh = {0};
         equimesh_sequence sequence;
-        int failed = 0, carries = strcmp(action, "step") == 0;
+        int failed = 0, carries = strcmp(action, "step") == 0, diverges = strcmp(action, "diverge") == 0;
         double *u = NULL, *field = NULL;
         if (service == NULL)
             return 1;
@@ -47,6 +48,10 @@ int main(int count, char **arguments)
             for (int64_t k = 0; k < mesh.points; k++) {
                 u[k] = mesh.x[k] * mesh.x[k] * mesh.x[k] + mesh.y[k];
                 field[k] = mesh.x[k] + 2.0 * mesh.y[k];
+            }
+            if (diverges) {
+                u[1] = NAN;
+                u[2] = -INFINITY;
             }
             const char *names[] = {"T"};
             double *fields[] = {field};

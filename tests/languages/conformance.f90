@@ -2,6 +2,7 @@
 program conformance
   use equimesh
   use, intrinsic :: iso_fortran_env, only: real64, int64
+  use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_negative_inf
   implicit none
   character(65536) :: line
   character(4096) :: path
@@ -29,6 +30,10 @@ program conformance
     end if
     if (.not. allocated(error) .and. action /= 'generate') then
       u = mesh%x * mesh%x * mesh%x + mesh%y
+      if (action == 'diverge') then
+        u(2) = ieee_value(u(2), ieee_quiet_nan)
+        u(3) = ieee_value(u(3), ieee_negative_inf)
+      end if
       fields = reshape(mesh%x + 2 * mesh%y, [size(u), 1])
       if (action == 'step') then
         call equimesh_step(service, sequence, u, ['T'], fields, mesh, error)

@@ -18,7 +18,9 @@ for k = 1:numel (lines)
       equimesh ('end', sequence);
     else
       mesh = equimesh ('generate', url, spec);
-      if strcmp (action, 'round'), mesh = equimesh ('round', url, mesh, mesh.x .* mesh.x .* mesh.x + mesh.y); end
+      u = mesh.x .* mesh.x .* mesh.x + mesh.y;
+      if strcmp (action, 'diverge'), u(1, 2) = NaN; u(1, 3) = -Inf; end
+      if ~strcmp (action, 'generate'), mesh = equimesh ('round', url, mesh, u); end
     end
     printf ("%s\t%d %d %d %.17g %.17g %.17g", name, numel (mesh.x), rows (mesh.cells), columns (mesh.cells), ...
             weighed (mesh.x), weighed (mesh.y), weighed (mesh.cells - 1));

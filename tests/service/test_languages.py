@@ -35,7 +35,10 @@ BEND = {
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What a client is to do with a spec: ``generate``, a ``round`` after it, or a ``step`` of a sequence."""
+    """What a client is to do with a spec: ``generate``, a ``round`` after it, or a ``step`` of a sequence.
+
+    ``diverge`` is a round with NaN and infinity at the second and third node.
+    """
 
     action: str
     spec: dict[str, Any]
@@ -53,6 +56,7 @@ CASES = {
     "a step on blocks": Case(action="step", spec={"monitor": {"kind": "least_error", "u": "x*x*y"}, "domain": BEND}),
     "a mesh that takes longer": Case(action="generate", spec=FRONT, url="slow"),
     "a name that is not known": Case(action="generate", spec={"monitor": {"u": {"expression": "x+é"}}}, refused=True),
+    "a solver that diverged": Case(action="diverge", spec=FRONT, refused=True),
     "a grid that is too small": Case(action="step", spec={**FRONT, "grid": {"n_xi": 2, "n_eta": 7}}, refused=True),
     "a service that is not there": Case(action="generate", spec=FRONT, url=NOWHERE, refused=True),
 }
@@ -79,9 +83,12 @@ def by_python(case: Case, url: str) -> str:
                 sequence.delete()
                 return numbers_of(step.arrays, step.arrays.fields["T"])
             mesh = client.meshes.create(spec, wait=30).wait(progress=False).arrays()
-            if case.action == "round":
+            if case.action != "generate":
                 x, y = mesh.x, mesh.y
-                nodal = {"x": x.tolist(), "y": y.tolist(), "values": (x * x * x + y).tolist()}
+                u = x * x * x + y
+                if case.action == "diverge":
+                    u[0, 1:3] = np.nan, -np.inf
+                nodal = {"x": x.tolist(), "y": y.tolist(), "values": u.tolist()}
                 spec["monitor"] = {"kind": "nodal_solution", "u": {"nodal": nodal}}
                 mesh = client.meshes.create(spec, wait=30).wait(progress=False).arrays()
             return numbers_of(mesh)
@@ -169,6 +176,8 @@ def check(said: str, expected: dict[str, str], url: str) -> None:
             assert case.url in found[name]
             assert "does not answer" in found[name]
             assert "equimesh serve" in found[name]
+        elif case.action == "diverge":
+            assert found[name] == "/monitor/u/nodal/values/0/1: this must be a finite number, not NaN or infinity"
         else:
             path = "/v1/sequences" if case.action == "step" else "/v1/meshes"
             problem = httpx.post(url + path, json=case.spec).json()
