@@ -60,7 +60,7 @@ def picture(solution: em.Solution[Any]) -> dict[str, Any]:
     nodes = np.rint(np.stack([(mesh.x - low[0]) * scale, (high[1] - mesh.y) * scale], axis=-1)).astype(int)
     shades = np.rint((u - u.min()) / np.ptp(u) * SHADES).astype(int)
     size = np.ceil((high - low) * scale).astype(int).tolist()
-    if isinstance(mesh, em.Mesh):
+    if mesh.is_grid:
         return {"size": size, **part(nodes, shades)}
     return {"size": size, "blocks": [part(nodes[block], shades[block]) for block in mesh.blocks]}
 
