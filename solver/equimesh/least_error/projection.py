@@ -58,6 +58,8 @@ def unknowns_of(cells: Cells) -> Unknowns:
     number = np.full(cells.nodes, -1)
     number[inside] = np.arange(inside.size)
     number = number[original]
+    if not inside.size:
+        return Unknowns(number, 0, 0)
     widths = [_width(number[cells.corners])]
     at = number[cells.corners]
     one, two = (corner.ravel() for corner in np.broadcast_arrays(at[:, :, None], at[:, None]))

@@ -226,6 +226,8 @@ class Mesh(Coupled):
         if x is not None and y is not None and points is None:
             if x.shape != y.shape or x.ndim != 2:
                 raise InputError(f"x and y need one common shape (n_xi, n_eta), not {x.shape} and {y.shape}")
+            if ties is not None:
+                _check_table(ties, "ties", 2, x.size)
             own.update(x=x, y=y, _points=None, _connected=None, _ties=ties)
             return
         if x is not None or y is not None or points is None or cells is None or sides is None:
@@ -512,9 +514,14 @@ def _check_tables(points: Array, tables: Mapping[str, tuple[IntArray, int]], sid
     if points.ndim != 2 or points.shape[1] != 2:
         raise InputError(f"points has shape {points.shape}: it must be (n, 2)", field="points")
     for name, (table, columns) in {**tables, **{f"sides.{name}": (edges, 2) for name, edges in sides.items()}}.items():
-        if table.ndim != 2 or table.shape[1] != columns:
-            raise InputError(f"{name} has shape {table.shape}: it must be (k, {columns})", field=name)
-        _check_numbers(table, name, len(points))
+        _check_table(table, name, columns, len(points))
+
+
+def _check_table(table: IntArray, name: str, columns: int, count: int) -> None:
+    """Refuse another number of columns, and numbers that are no nodes."""
+    if table.ndim != 2 or table.shape[1] != columns:
+        raise InputError(f"{name} has shape {table.shape}: it must be (k, {columns})", field=name)
+    _check_numbers(table, name, count)
 
 
 def _check_blocks(blocks: tuple[IntArray, ...], count: int) -> None:

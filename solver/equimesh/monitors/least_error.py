@@ -124,7 +124,7 @@ class LeastError:
         if not isinstance(self.rectilinear, bool):
             raise InputError(f"rectilinear = {str(self.rectilinear)[:20]}: give True or False", field="rectilinear")
         require_purpose(self.purpose, ("finite_element", "interpolation"), self.degree)
-        if not (isinstance(self.obliqueness, int | float) and 0.0 <= self.obliqueness <= MAX_WEIGHT):
+        if not (is_number(self.obliqueness) and 0.0 <= self.obliqueness <= MAX_WEIGHT):
             raise InputError(
                 f"obliqueness = {self.obliqueness}: the weight is 0 for none, and at most {MAX_WEIGHT:g}; 30 is usual",
                 field="obliqueness",

@@ -75,6 +75,7 @@ def test_in_the_norm_of_the_gradient_and_on_fine_grids_the_error_is_that_of_inte
     assert is_projected(cells_of_grid((65, 65)))
     assert is_projected(cells_of_grid((513, 9)))
     assert not is_projected(cells_of_grid((129, 129)))
+    assert not is_projected(cells_of_grid((2, 5)))  # all nodes are on the boundary
 
 
 @pytest.mark.parametrize("closed", [(False, False), (True, False), (True, True)])
@@ -96,7 +97,7 @@ def test_a_free_descent_gains_for_a_solver_and_obliqueness_bounds_angles() -> No
     assert free.faces.non_orthogonality > moderate.faces.non_orthogonality + 5.0
 
 
-@pytest.mark.parametrize("value", [-1.0, 1e4, float("nan"), "much"])
+@pytest.mark.parametrize("value", [-1.0, 1e4, float("nan"), "much", True])
 def test_a_weight_that_is_none_is_refused(value: Any) -> None:
     with pytest.raises(em.InputError, match="30 is usual") as caught:
         em.LeastError(u=U, obliqueness=value)

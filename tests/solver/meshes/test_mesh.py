@@ -66,6 +66,17 @@ def test_coordinates_need_one_shape() -> None:
             em.Mesh(x, y)
 
 
+def test_ties_of_a_grid_are_pairs_of_its_nodes() -> None:
+    start = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
+    for ties, words in (
+        ([[20, 0]], r"ties\[0\]\[0\] = 20: the nodes have the numbers 0 to 19"),
+        ([[1, 2, 3]], "shape"),
+    ):
+        with pytest.raises(em.InputError, match=words) as caught:
+            em.Mesh(start.x, start.y, ties=np.array(ties))
+        assert caught.value.field == "ties"
+
+
 def test_a_mesh_with_its_nodes_elsewhere_has_arrays_of_its_own() -> None:
     mesh = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
     moved = mesh.moved(mesh.points + 1.0)
