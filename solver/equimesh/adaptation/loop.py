@@ -294,7 +294,8 @@ def _grid(n: Any) -> Grid:
     counts = (n, n) if isinstance(n, Integral) else n
     is_pair = isinstance(counts, tuple | list) and len(counts) == 2
     if not (is_pair and all(isinstance(one, Integral) and not isinstance(one, bool) for one in counts)):
-        raise InputError(f"n = {str(n)[:40]!r}: a number of points a direction, or a pair (n_xi, n_eta)", field="n")
+        pair = "give a number of points a direction, or a pair (n_xi, n_eta)"
+        raise InputError(f"n = {n!r:.40}: {pair}; points=4000 finds the grid of at most so many in all", field="n")
     return Grid(n_xi=int(counts[0]), n_eta=int(counts[1]))
 
 

@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from numbers import Integral
 from typing import Any, TypeAlias, cast
 
+import numpy as np
 import numpy.typing as npt
 
 from equimesh.blocks.blocks import Blocks
@@ -16,11 +17,12 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.expression import Expression, Field
 from equimesh.meshes.mesh import Grid
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, Probe
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.solving.solution import AnySolution
 from equimesh.solving.solve import solve
+from equimesh.solving.target import Target
 from equimesh.specs.monitors import MAKERS, build_field, no_samples
 from equimesh_coupling import progress_bar
 from equimesh_coupling.errors import BadValues
@@ -36,6 +38,8 @@ KINDS: Mapping[str, Callable[..., Monitor]] = {
     if document in MAKERS and kind not in ("weight", "tensor", "intersection", "nodal_solution")
 }
 """The monitors of one function u, by their kinds."""
+PROBED_CELLS = 32
+"""Cells a side of the grid at whose nodes a formula needs values."""
 
 
 def mesh(
@@ -65,7 +69,10 @@ def mesh(
     """
     make = KINDS.get(monitor) if isinstance(monitor, str) else None
     if make is None:
-        rest = "" if isinstance(monitor, str) else "; solve(Problem(monitor=...)) takes monitors as objects"
+        rest = "; solve(Problem(monitor=...)) takes monitors as objects"
+        if isinstance(monitor, str):
+            near = get_close_matches(monitor, KINDS, n=1)
+            rest = f"; perhaps {near[0]} is meant" if near else ""
         raise InputError(f"monitor = {monitor!r:.40}: choose one of {', '.join(KINDS)}{rest}", field="monitor")
     formula = {name: settings.pop(name) for name in ("parameters", "t") if name in settings}
     _require_known(make, monitor, settings)
@@ -89,7 +96,9 @@ def field_of(
     Raises :class:`equimesh.InputError`, or its kin for faults in formulas and samples.
     """
     if isinstance(u, str):
-        return Expression(u, parameters=parameters or {}, t=t)
+        formula = Expression(u, parameters=parameters or {}, t=t)
+        _require_values(formula, domain)
+        return formula
     if parameters or t != 0.0:
         raise InputError("parameters and t belong to a formula: u is not a text here", field="parameters")
     if callable(getattr(u, "evaluate", None)) and not isinstance(u, type):
@@ -101,10 +110,19 @@ def field_of(
     return build_field({kind_of(pieces): pieces}, domain, no_samples, "u")
 
 
+def _require_values(formula: Expression, domain: Domain | Blocks) -> None:
+    """Refuse a formula that is infinite or not defined somewhere; its slope may be infinite, as that of sqrt(x)."""
+    points = Probe.of_closure(domain, PROBED_CELLS)
+    if not np.isfinite(formula.evaluate(points.x, points.y)[0]).all():
+        formula.check_finite(PROBED_CELLS + 1, domain)
+
+
 def _grid(given: int | tuple[int, int] | Grid | None) -> Grid:
     """The grid of one number of points a side, of two, or the usual one."""
     if isinstance(given, Grid):
         return given
+    if isinstance(given, Target):
+        raise InputError("grid is a Target: solve_to(Target(...), monitor=Auto(u)) finds the grid of one", field="grid")
     numbers: Any = (33,) if given is None else given if isinstance(given, tuple | list) else (given,)
     if not (1 <= len(numbers) <= 2 and all(isinstance(number, Integral) for number in numbers)):
         raise InputError(f"grid = {given!r:.40}: give a number of points a side, such as 33, or (33, 17)", field="grid")
@@ -118,4 +136,8 @@ def _require_known(make: Callable[..., Monitor], kind: str, settings: Mapping[st
         if name not in known:
             near = get_close_matches(name, known, n=1)
             perhaps = f"; perhaps {near[0]} is meant" if near else ""
-            raise InputError(f"the monitor {kind} has no setting {name!r}{perhaps}: {', '.join(known)}", field=name)
+            others = [other for other, maker in KINDS.items() if name in {one.name for one in fields(maker)}]  # type: ignore[arg-type]
+            elsewhere = f"; {' and '.join(others)} have it" if others else ""
+            raise InputError(
+                f"the monitor {kind} has no setting {name!r}{perhaps}{elsewhere}; it has {', '.join(known)}", field=name
+            )
