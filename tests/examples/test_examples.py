@@ -219,6 +219,7 @@ def test_the_pictures_of_the_docs_are_those_of_the_scripts(
     others = [
         "adapt-problems.png",
         "adapt.png",
+        "against-refinement.png",
         "allen-cahn.png",
         "burgers-shock.png",
         "cylinder-wake.png",

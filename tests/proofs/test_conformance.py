@@ -701,6 +701,7 @@ def test_every_public_name_of_the_twins_works(
     assert sequence.id in {record.id for record in client.sequences.list(limit=5)}
     client.sequences.get(sequence.id).delete()
     assert client.compute("x*y", 9).x.shape == (9, 9)
+    assert client.compute_file(tmp_path / "kept_here.vtu", "x*y", 9) is not None
     assert client.adapt(lambda mesh: mesh.x * mesh.y**2, 9, rounds=1).values.shape == (9, 9)
     client.close()
 

@@ -173,7 +173,7 @@ def test_samples_of_a_mesh_that_outlasts_its_wait_are_counted(
     http: httpx.Client, watch: Watch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Intake, "_wait_for", lambda *_: asyncio.sleep(0.01))
-    schwarz = {**SLOW["schwarz"], "max_iterations": 6}
+    schwarz = {**SLOW["schwarz"], "max_iterations": 60}
     spec = {**SLOW, "monitor": {"kind": "arc_length", "u": {"samples": "upload"}}, "schwarz": schwarz}
     parts = {"spec": (None, json.dumps(spec)), "samples": ("a.csv", "x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,5\n")}
     posted = http.post("/v1/meshes", files=parts, headers={"Prefer": "wait=1"})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
+from block_cases import changed
 from equimesh.blocks.blocks import Blocks
 from equimesh.least_error.paved import is_paved
 from equimesh.testing.geometries import disc, l_shape
@@ -14,9 +15,8 @@ def paved() -> Blocks:
     """A disc whose blocks are single cells, as those of a mesh without any structure."""
     source = disc(700).mesh
     mesh = Blocks.of_mesh(source.points, source.cells, {}, corner_angle=80)
-    object.__setattr__(mesh.mesh, "blocks", tuple(cell[[[0, 3], [1, 2]]] for cell in source.cells))
-    object.__setattr__(mesh.mesh, "block_names", tuple(f"block{k}" for k in range(len(source.cells))))
-    vars(mesh.mesh).pop("block_cells", None)
+    cells = tuple(cell[[[0, 3], [1, 2]]] for cell in source.cells)
+    object.__setattr__(mesh, "mesh", changed(mesh.mesh, blocks=cells, block_names=()))
     return mesh
 
 
