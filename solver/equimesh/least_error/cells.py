@@ -109,10 +109,17 @@ class Cells:
             direction[:, copies] = direction[:, originals]
 
 
+MAX_SHARED = 62
+"""Groups of several spans: each is a bit of a number of 64 bits."""
+
+
 @compiled
 def _groups_of_spans(corners: IntArray, size: int, nodes: int) -> IntArray:
-    """For each span of ``size`` cells the first group none of whose spans has a node of it, shape ``(spans,)``."""
-    count = corners.shape[0]
+    """For each span of ``size`` cells the first group none of whose spans has a node of it, shape ``(spans,)``.
+
+    Where cells are in no order, every span meets all others: beyond ``MAX_SHARED`` groups each has one of its own.
+    """
+    count, own = corners.shape[0], MAX_SHARED
     out, taken = np.zeros((count + size - 1) // size, dtype=np.int64), np.zeros(nodes, dtype=np.int64)
     for span in range(out.size):
         first, last, seen = span * size, min((span + 1) * size, count), 0
@@ -120,8 +127,12 @@ def _groups_of_spans(corners: IntArray, size: int, nodes: int) -> IntArray:
             for k in range(4):
                 seen |= taken[corners[cell, k]]
         group = 0
-        while seen & (1 << group):
+        while group < MAX_SHARED and seen & (1 << group):
             group += 1
+        if group == MAX_SHARED:
+            out[span] = own
+            own += 1
+            continue
         out[span] = group
         for cell in range(first, last):
             for k in range(4):

@@ -43,6 +43,13 @@ def test_spans_of_a_group_have_no_common_node(size: int) -> None:
         assert len(np.unique(np.concatenate(nodes))) == sum(map(len, nodes))
 
 
+def test_spans_that_all_have_one_node_in_common_are_groups_of_their_own() -> None:
+    around = np.arange(1, 241).reshape(80, 3)
+    star = np.column_stack([np.zeros(80, dtype=np.int64), around])  # as of a file whose cells are in no order
+    cells = cells_of_mesh(star, np.ones((2, 241)), np.empty((0, 2), dtype=np.int64))
+    assert cells.apart(1) == [[(k, k + 1)] for k in range(80)]
+
+
 @pytest.mark.parametrize("grid", GRIDS, ids=str)
 def test_nodes_of_sides_stay_on_them_and_corners_stay(grid: em.Grid) -> None:
     s, t = uniform(grid)
