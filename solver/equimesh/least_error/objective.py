@@ -334,22 +334,20 @@ class Objective:
         values = self._u.evaluate(x, y, order=2 if rule.norm == "h1" else 1)
         at = [part[split:end].reshape(points, count) for part in values]
         inside = [part[end:].reshape(-1, count) for part in values[:3]] if rule.degree > 1 else None
+        # Sums to which other spans add cannot begin anew.
+        if nodal is not None and not self._has_inner_slopes(nodes, inside, elements):
+            return math.inf
         known = NodalValues(*values[:3]) if nodal is None else nodal
         square, check = self._integrated(nodes, elements, span, known, inside, at)
         if math.isfinite(check):
             return square
         # Slopes are infinite somewhere: at nodes and inside cells they become those nearby.
-        if not math.isfinite(sum(float(part.sum()) for part in at)):
+        if nodal is not None or not math.isfinite(sum(float(part.sum()) for part in at)):
             return math.inf
-        if nodal is None:
-            self._sums.fill(0.0)
-            nodal = NodalValues(*(part[:split].copy() for part in values[:3]))
-            if not self._has_slopes(nodes, nodal):
-                return math.inf
-        if inside is not None:
-            if not math.isfinite(float(inside[0].sum())):
-                return math.inf
-            self._mend_slopes(nodes, NodalValues(*inside), elements)
+        self._sums.fill(0.0)
+        nodal = NodalValues(*(part[:split].copy() for part in values[:3]))
+        if not (self._has_slopes(nodes, nodal) and self._has_inner_slopes(nodes, inside, elements)):
+            return math.inf
         return self._integrated(nodes, elements, span, nodal, inside, at)[0]
 
     def _integrated(
@@ -374,6 +372,16 @@ class Objective:
         if rule.cells == "quad":
             return kernels.quad_value_errors(nodes, span, element, nodal, NodalValues(*at), sums)
         return kernels.value_errors(nodes, elements, element, nodal, NodalValues(*at), sums)
+
+    def _has_inner_slopes(self, nodes: Nodes, inside: list[Array] | None, elements: IntArray) -> bool:
+        """Whether u is finite at the nodes inside elements, if there are some; infinite slopes are mended."""
+        if inside is None:
+            return True
+        if not math.isfinite(float(inside[0].sum())):
+            return False
+        if not math.isfinite(float(inside[1].sum() + inside[2].sum())):
+            self._mend_slopes(nodes, NodalValues(*inside), elements)
+        return True
 
     def _mend_slopes(self, nodes: Nodes, inside: NodalValues, elements: IntArray) -> None:
         """Slopes that are infinite at nodes inside elements, or on edges of these, become those nearby."""

@@ -9,6 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error import kernels, lagrange
+from equimesh.least_error import objective as module
 from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Norm, Rule, Values
 from equimesh.quality.elements import CellKind, basis
 from solver.bent import RING, bent, objective_on, remainders, uniform
@@ -51,7 +52,11 @@ def test_polynomials_of_the_degree_have_no_error_on_any_mesh(norm: Norm, degree:
     assert more.error(bent(GRID, 2)) > 1e-6
 
 
-def test_slopes_that_are_infinite_at_nodes_of_an_element_become_those_nearby() -> None:
+@pytest.mark.parametrize("points", [200, 10_000])
+def test_slopes_that_are_infinite_at_nodes_of_an_element_become_those_nearby(
+    points: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MAX_BLOCK_POINTS", points)  # several spans of cells, or one
     # Along x = 0 the slope is infinite at all nodes, those in the middles of edges too.
     rule = Rule(degree=2, points=4)
     objective, mesh = objective_on(GRID, em.Expression("sqrt(x)*(1 + y)"), rule=rule), bent(GRID, 3)
