@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,18 @@ MIN_STEP = 1e-8
 """The next step after a smaller one would be lost in rounding."""
 FEW_STEPS, STEPS_ACROSS = 64, 8
 """Steps from cell to cell, at most: so many, and so many times the cells across a square mesh."""
+NEAR_EDGE = 1e-9
+"""A point this near to an edge, as a share of its length, may count as one of several cells."""
+ON_SIDE = -0.5 * ROUNDING
+"""The same for an edge of the boundary, which has no other cell beyond it."""
+MOVED_STEPS = 6
+"""Steps, at most, from the cell that the point of the same number had in the call before."""
+MAX_LOST, LOST_SHARE = 8, 4
+"""Points that may be farther away than that: so many, and one of so many; then those cells are not tried."""
+UNCLEAR, FAR = -1, -2
+"""No cell surely holds a point: it is near to an edge or outside, or too many steps away."""
+MAX_KEPT, MAX_SIZES = 65_536, 16
+"""The cells of at most so many points are kept for the next call with as many, for at most so many numbers."""
 MAX_BOXES = 4_000_000
 """Boxes, at most, into which cells are sorted."""
 
@@ -51,7 +63,9 @@ class QuadSearch:
     """Finds points in a valid mesh of quadrilaterals.
 
     The search goes from cell to neighbouring cell, from the cell of the point before. Where it meets the boundary, as
-    at a hole, the cells nearby are tried, and at last the nearest edge of the boundary.
+    at a hole, the cells nearby are tried, and at last the nearest edge of the boundary. A point well inside a cell is
+    in no other one, so for such a point the search may begin anywhere: it begins in the cell that the point of the same
+    number had in the last call with as many points, since a descent moves its points little from call to call.
     """
 
     nodes: Pair
@@ -60,13 +74,18 @@ class QuadSearch:
     boxes: Boxes
     edges: IntArray
     """The edges of the boundary, as ``4 cell + edge``."""
+    corners: Array
+    """x and y of the corners of every cell, shape ``(m, 4, 2)``."""
+    before: dict[int, IntArray] = field(default_factory=dict, repr=False)
+    """The cells of the last call with so many points. No result depends on them."""
 
     @classmethod
     def of(cls, points: Array, cells: IntArray) -> QuadSearch:
         """From ``points`` of shape ``(n, 2)`` and ``cells`` of shape ``(m, 4)``, counter-clockwise."""
         links = links_of(cells, len(points))
         nodes = np.array(points[:, 0], dtype=float), np.array(points[:, 1], dtype=float)
-        return cls(nodes=nodes, links=links, boxes=boxes_of(nodes, links.cells), edges=links.boundary())
+        boxes, corners = boxes_of(nodes, links.cells), np.stack(nodes, axis=1)[links.cells]
+        return cls(nodes=nodes, links=links, boxes=boxes, edges=links.boundary(), corners=corners)
 
     def find(self, x: Array, y: Array, beyond: float = 0.0) -> QuadPlaces:
         """The places of points, flat. A point outside of the mesh has that of the nearest point of the boundary.
@@ -76,9 +95,20 @@ class QuadSearch:
         """
         points = tuple(np.array(q, dtype=float).reshape(-1) for q in (x, y))
         size = points[0].size
-        places = QuadPlaces(np.empty(size, dtype=np.int64), np.empty(size), np.empty(size))
-        find_points((points[0], points[1]), self.nodes, self.links, self.boxes, self.edges, beyond, places)
+        before = self.before.get(size)
+        cells = np.full(size, -1) if before is None else before.copy()
+        places = QuadPlaces(cells, np.empty(size), np.empty(size))
+        of_mesh = self.nodes, self.links, self.boxes, self.edges, self.corners
+        find_points((points[0], points[1]), *of_mesh, beyond, places)
+        self._keep(cells)
         return places
+
+    def _keep(self, cells: IntArray) -> None:
+        """Let the next call with as many points begin in these cells."""
+        if 1 < cells.size <= MAX_KEPT:
+            if cells.size not in self.before and len(self.before) >= MAX_SIZES:
+                self.before.clear()
+            self.before[cells.size] = cells.copy()
 
 
 def boxes_of(nodes: Pair, cells: IntArray) -> Boxes:
@@ -131,17 +161,57 @@ def box_of(px: float, py: float, boxes: Boxes) -> tuple[int, int]:
 
 @compiled
 def find_points(
-    points: Pair, nodes: Pair, links: QuadLinks, boxes: Boxes, edges: IntArray, beyond: float, places: QuadPlaces
+    points: Pair,
+    nodes: Pair,
+    links: QuadLinks,
+    boxes: Boxes,
+    edges: IntArray,
+    corners: Array,
+    beyond: float,
+    places: QuadPlaces,
 ) -> None:
-    """Fill in the places of points. It is fast where each point is near the one before it."""
-    (px, py), cell = points, 0
+    """Fill in the places of points, whose cells are those where the search begins, or -1.
+
+    It is fast where each point is near such a cell, or near the point before it. What it begins with changes no place.
+    """
+    (px, py), cell, lost = points, 0, 0
     for p in range(px.size):
         if not (np.isfinite(px[p]) and np.isfinite(py[p])):
             places.cell[p], places.s[p], places.t[p] = -1, 0.0, 0.0
             continue
-        cell = find_cell(px[p], py[p], nodes, links, boxes, edges, cell)
+        found = FAR
+        if places.cell[p] >= 0 and lost <= MAX_LOST + p // LOST_SHARE:
+            found = walk_clear(px[p], py[p], corners, links.neighbours, places.cell[p], MOVED_STEPS)
+            lost += found == FAR
+        if found == FAR:
+            found = walk_clear(px[p], py[p], corners, links.neighbours, cell, FEW_STEPS)
+        if found < 0:
+            found = find_cell(px[p], py[p], nodes, links, boxes, edges, cell)
+        cell = found
         places.cell[p] = cell
-        places.s[p], places.t[p] = place_in(px[p], py[p], nodes, links.cells[cell], beyond)
+        places.s[p], places.t[p] = place_in(px[p], py[p], corners[cell], beyond)
+
+
+@compiled
+def walk_clear(px: float, py: float, corners: Array, neighbours: IntArray, cell: int, steps: int) -> int:
+    """The only cell that holds a point, found by at most so many steps from ``cell``; else ``UNCLEAR`` or ``FAR``."""
+    for _ in range(steps):
+        least, to, is_clear = 0.0, UNCLEAR, True
+        for edge in range(4):
+            after = (edge + 1) % 4
+            ex, ey = corners[cell, after, 0] - corners[cell, edge, 0], corners[cell, after, 1] - corners[cell, edge, 1]
+            inside = ex * (py - corners[cell, edge, 1]) - ey * (px - corners[cell, edge, 0])
+            is_outer = neighbours[cell, edge] < 0
+            if not inside > (ON_SIDE if is_outer else NEAR_EDGE) * (ex * ex + ey * ey):
+                is_clear = False
+                if inside < least and not is_outer:
+                    least, to = inside, neighbours[cell, edge]
+        if is_clear:
+            return cell
+        if to < 0:
+            return UNCLEAR
+        cell = to
+    return FAR
 
 
 @compiled
@@ -214,11 +284,10 @@ def nearest_edge(px: float, py: float, nodes: Pair, cells: IntArray, edges: IntA
 
 
 @compiled
-def place_in(px: float, py: float, nodes: Pair, corners: IntArray, beyond: float) -> tuple[float, float]:
+def place_in(px: float, py: float, corners: Array, beyond: float) -> tuple[float, float]:
     """The place of a point in the unit square of a cell by its bilinear map; at most so far ``beyond`` the square."""
-    x, y = nodes
-    x0, x1, x2, x3 = x[corners[0]], x[corners[1]], x[corners[2]], x[corners[3]]
-    y0, y1, y2, y3 = y[corners[0]], y[corners[1]], y[corners[2]], y[corners[3]]
+    x0, x1, x2, x3 = corners[0, 0], corners[1, 0], corners[2, 0], corners[3, 0]
+    y0, y1, y2, y3 = corners[0, 1], corners[1, 1], corners[2, 1], corners[3, 1]
     s = t = 0.5
     for _ in range(MAX_STEPS):
         lower_x, upper_x = x0 + s * (x1 - x0), x3 + s * (x2 - x3)

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.quad_search import QuadSearch, box_of, nearest_edge, search_box, walk_cells
+from equimesh.meshes.quad_search import (
+    FAR,
+    FEW_STEPS,
+    MAX_SIZES,
+    UNCLEAR,
+    QuadSearch,
+    box_of,
+    nearest_edge,
+    search_box,
+    walk_cells,
+    walk_clear,
+)
 from solver.meshes.quad_cases import bent, corner, disc, inner_points, ring
 
 
@@ -69,3 +80,35 @@ def test_each_box_has_all_cells_that_meet_it() -> None:
         i, j = box_of(*corners.mean(axis=0), boxes)
         box = i * boxes.counts[1] + j
         assert cell in boxes.entries[boxes.starts[box] : boxes.starts[box + 1]]
+
+
+@pytest.mark.parametrize("mesh", [corner(9), bent(disc(8), 0.02), ring(6)])
+def test_places_do_not_depend_on_the_points_before(mesh: Mesh) -> None:
+    points = np.concatenate([mesh.points, inner_points(mesh), 1.2 * mesh.points, 0.5 * mesh.points])
+    wanted = QuadSearch.of(mesh.points, mesh.cells).find(*points.T)
+    for others in (points, points[::-1], points + 0.03, np.full_like(points, np.nan)):
+        search = QuadSearch.of(mesh.points, mesh.cells)
+        search.find(*others.T)
+        for one, other in zip(search.find(*points.T), wanted, strict=True):
+            assert one.tobytes() == other.tobytes()
+
+
+def test_a_cell_is_sure_where_no_other_one_holds_the_point() -> None:
+    mesh = corner(4)
+    search = QuadSearch.of(mesh.points, mesh.cells)
+    x, y = mesh.points[mesh.cells].mean(axis=1).T
+    first, last = int(np.argmin(x + y)), int(np.argmax(x))
+    assert walk_clear(x[last], y[last], search.corners, search.links.neighbours, first, FEW_STEPS) == last
+    assert walk_clear(x[last], y[last], search.corners, search.links.neighbours, first, 2) == FAR
+    assert walk_clear(x[first], 0.0, search.corners, search.links.neighbours, first, FEW_STEPS) == first
+    for point in ((0.25, 0.1), (0.25, 0.25), (0.1, -0.01), (1.3, 1.4)):  # an edge, a node, and outside
+        assert walk_clear(*point, search.corners, search.links.neighbours, first, FEW_STEPS) == UNCLEAR
+
+
+def test_the_cells_of_few_calls_are_kept() -> None:
+    mesh = disc(3)
+    search = QuadSearch.of(mesh.points, mesh.cells)
+    for size in range(1, 40):
+        search.find(np.linspace(-0.5, 0.5, size), np.zeros(size))
+        assert len(search.before) <= MAX_SIZES
+    assert (search.before[39] == search.find(np.linspace(-0.5, 0.5, 39), np.zeros(39)).cell).all()
