@@ -202,11 +202,14 @@ def _about_gain(certificate: Mapping[str, Any], norm: str, before: str) -> Itera
     if not gain:
         return  # a warning or the failure says why it is not known
     one = "the initial" if before == "initial" else "a uniform"
+    name, degree = names[norm], certificate.get("degree", 1)
+    if degree > 1:
+        name = f"{name} of elements of degree {degree}"
     here, word = compared(gain)
     if word == "as":
-        yield {"tone": "note", "text": f"{names[norm]} is that of the {before} mesh."}
+        yield {"tone": "note", "text": f"{name} is that of the {before} mesh."}
     else:
-        yield {"tone": "good" if gain > 1.0 else "bad", "text": f"{names[norm]} is {here} than on {one} mesh."}
+        yield {"tone": "good" if gain > 1.0 else "bad", "text": f"{name} is {here} than on {one} mesh."}
 
 
 def _about_request(certificate: Mapping[str, Any]) -> Iterator[Sentence]:

@@ -45,6 +45,12 @@ def test_the_error_is_that_of_the_norm_of_the_monitor() -> None:
     assert said(norm="h1") == [("good", "The error of the gradient is 1.5 times smaller than on a uniform mesh.")]
 
 
+def test_the_degree_of_the_elements_is_said_where_it_is_not_1() -> None:
+    assert said(degree=1) == said()
+    known = "The error of elements of degree 2 is 5.4 times smaller than on a uniform mesh."
+    assert said(degree=2) == [("good", known)]
+
+
 def test_what_a_solver_gets_is_said_where_it_is_known() -> None:
     gains = {"l2": 3.2, "h1": 0.5, "points": 81}
     assert said(solver_gain=gains) == [("good", "A solver's error is 3.2 times smaller than on a uniform mesh.")]
