@@ -72,3 +72,10 @@ def test_blocks_adapt_to_quadratic_elements() -> None:
     found = em.adapt(exact(u), domain=domain, degree=2, rounds=1)
     assert found.rounds[1].estimate < 0.8 * found.rounds[0].estimate
     assert not found.mesh.is_folded
+
+
+def test_cells_thinner_than_the_bend_of_their_side_are_refused_with_the_remedy() -> None:
+    u = em.Expression("x*x + y")
+    with pytest.raises(em.InputError, match="take more cells along this side, or elements of degree 1") as error:
+        em.adapt(exact(u), 5, domain=em.AnnulusSector(closed=True), degree=2)
+    assert error.value.field == "mesh"
