@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -228,7 +229,19 @@ def json_bytes(value: object) -> bytes:
     try:
         return json.dumps(value, allow_nan=False, default=_plain).encode()
     except (TypeError, ValueError) as error:
-        raise BadArgument(f"the request cannot be written as JSON: {error}") from error
+        place = None if "Circular" in str(error) else _not_finite(value, "")
+        reason = f"{place} is NaN or infinite, as from a solver that diverged" if place else error
+        raise BadArgument(f"the request cannot be written as JSON: {reason}") from error
+
+
+def _not_finite(value: Any, place: str) -> str | None:
+    """The place of the first number that is not finite, as /a/0/1; None where there is none."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, float):
+        return None if math.isfinite(value) else place
+    parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list | tuple) else ()
+    return next((found for name, part in parts if (found := _not_finite(part, f"{place}/{name}")) is not None), None)
 
 
 def _plain(value: Any) -> Any:

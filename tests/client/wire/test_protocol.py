@@ -56,6 +56,8 @@ def reply(status: int, body: Any, **headers: str) -> Reply:
 def test_json_cannot_carry_nan() -> None:
     with pytest.raises(BadArgument, match="JSON"):
         json_bytes({"b": float("nan")})
+    with pytest.raises(BadArgument, match=r"/u/values/1/0 is NaN or infinite, as from a solver"):
+        json_bytes({"a": 0.5, "u": {"values": [[1.0, 2.0], np.array([np.inf, 1.0])]}})
     with pytest.raises(BadArgument, match="JSON"):
         json_bytes({"b": object()})
     sent = {"b": np.float64(0.5), "n": np.int64(3), "x": np.ones(2)}
