@@ -518,7 +518,9 @@ def _check_tables(points: Array, tables: Mapping[str, tuple[IntArray, int]], sid
 
 
 def _check_table(table: IntArray, name: str, columns: int, count: int) -> None:
-    """Refuse another number of columns, and numbers that are no nodes."""
+    """Refuse another number of columns, and what is no number of a node."""
+    if table.size and table.dtype.kind not in "iu":
+        raise InputError(f"{name} has values of the type {table.dtype}: give the numbers of nodes", field=name)
     if table.ndim != 2 or table.shape[1] != columns:
         raise InputError(f"{name} has shape {table.shape}: it must be (k, {columns})", field=name)
     _check_numbers(table, name, count)

@@ -67,11 +67,8 @@ def test_coordinates_need_one_shape() -> None:
 
 
 def test_ties_of_a_grid_are_pairs_of_its_nodes() -> None:
-    start = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
-    for ties, words in (
-        ([[20, 0]], r"ties\[0\]\[0\] = 20: the nodes have the numbers 0 to 19"),
-        ([[1, 2, 3]], "shape"),
-    ):
+    start, far = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4)), r"ties\[0\]\[0\] = 20: the nodes have the numbers 0 to 19"
+    for ties, words in (([[20, 0]], far), ([[1, 2, 3]], "shape"), ([[1.5, 2.0]], "float64"), ([["a", "b"]], "<U1")):
         with pytest.raises(em.InputError, match=words) as caught:
             em.Mesh(start.x, start.y, ties=np.array(ties))
         assert caught.value.field == "ties"
