@@ -29,8 +29,8 @@ MAX_LOST, LOST_SHARE = 8, 4
 """Points that may be farther away than that: so many, and one of so many; then those cells are not tried."""
 UNCLEAR, FAR = -1, -2
 """No cell surely holds a point: it is near to an edge or outside, or too many steps away."""
-MAX_KEPT, MAX_SIZES = 65_536, 16
-"""The cells of at most so many points are kept for the next call with as many, for at most so many numbers."""
+MAX_KEPT, MAX_CALLS = 32_768, 64
+"""The cells of at most so many points are kept for the next such call, for at most so many different calls."""
 MAX_BOXES = 4_000_000
 """Boxes, at most, into which cells are sorted."""
 
@@ -65,7 +65,8 @@ class QuadSearch:
     The search goes from cell to neighbouring cell, from the cell of the point before. Where it meets the boundary, as
     at a hole, the cells nearby are tried, and at last the nearest edge of the boundary. A point well inside a cell is
     in no other one, so for such a point the search may begin anywhere: it begins in the cell that the point of the same
-    number had in the last call with as many points, since a descent moves its points little from call to call.
+    number had in the last call with as many points around the same place. A descent moves its points little from call
+    to call.
     """
 
     nodes: Pair
@@ -76,8 +77,8 @@ class QuadSearch:
     """The edges of the boundary, as ``4 cell + edge``."""
     corners: Array
     """x and y of the corners of every cell, shape ``(m, 4, 2)``."""
-    before: dict[int, IntArray] = field(default_factory=dict, repr=False)
-    """The cells of the last call with so many points. No result depends on them."""
+    before: dict[tuple[int, int, int], IntArray] = field(default_factory=dict, repr=False)
+    """The cells of the last call with so many points whose middle one was in this box. No result depends on them."""
 
     @classmethod
     def of(cls, points: Array, cells: IntArray) -> QuadSearch:
@@ -95,20 +96,17 @@ class QuadSearch:
         """
         points = tuple(np.array(q, dtype=float).reshape(-1) for q in (x, y))
         size = points[0].size
-        before = self.before.get(size)
+        call = (size, *box_of(points[0][size // 2], points[1][size // 2], self.boxes)) if size else (0, 0, 0)
+        before = self.before.get(call)
         cells = np.full(size, -1) if before is None else before.copy()
         places = QuadPlaces(cells, np.empty(size), np.empty(size))
         of_mesh = self.nodes, self.links, self.boxes, self.edges, self.corners
         find_points((points[0], points[1]), *of_mesh, beyond, places)
-        self._keep(cells)
-        return places
-
-    def _keep(self, cells: IntArray) -> None:
-        """Let the next call with as many points begin in these cells."""
-        if 1 < cells.size <= MAX_KEPT:
-            if cells.size not in self.before and len(self.before) >= MAX_SIZES:
+        if size <= MAX_KEPT:
+            if before is None and len(self.before) >= MAX_CALLS:
                 self.before.clear()
-            self.before[cells.size] = cells.copy()
+            self.before[call] = cells.copy()
+        return places
 
 
 def boxes_of(nodes: Pair, cells: IntArray) -> Boxes:
