@@ -392,9 +392,14 @@ int equimesh_generate(equimesh *service, const char *spec, equimesh_mesh *mesh)
 /* A number as JSON; where it is not finite, by the name that the service knows, which then says where it is. */
 static void print_number(buffer *to, double value)
 {
-    if (value - value == 0.0)
-        print(to, "%.17g", value);
-    else
+    if (value - value == 0.0) {
+        char text[32];
+        snprintf(text, sizeof text, "%.17g", value);
+        char *comma = strchr(text, ','); /* of a locale with decimal commas */
+        if (comma != NULL)
+            *comma = '.';
+        print(to, "%s", text);
+    } else
         print(to, "%s", value > 0.0 ? "Infinity" : value < 0.0 ? "-Infinity" : "NaN");
 }
 
@@ -442,8 +447,13 @@ int equimesh_round(equimesh *service, const double *u, const char *norm, const c
         print(&spec, "}}},\"grid\":{\"n_xi\":%lld,\"n_eta\":%lld}", (long long)mesh->n_xi, (long long)mesh->n_eta);
     } else {
         print(&spec, "{\"block_nodes\":{\"points\":");
-        for (int64_t k = 0; k < mesh->points; k++)
-            print(&spec, "%s[%.17g,%.17g]", k == 0 ? "[" : ",", mesh->x[k], mesh->y[k]);
+        for (int64_t k = 0; k < mesh->points; k++) {
+            print(&spec, "%s[", k == 0 ? "[" : ",");
+            print_number(&spec, mesh->x[k]);
+            print(&spec, ",");
+            print_number(&spec, mesh->y[k]);
+            print(&spec, "]");
+        }
         print(&spec, "],\"values\":");
         print_list(&spec, u, mesh->points, "", "");
         print(&spec, "}}}");

@@ -96,9 +96,14 @@ function [file, place] = send_until_done (url, path, body)
   count = count + 1;
   once = sprintf ('m-%.0f-%d-%.0f', 1e6 * now (), count, 1e9 * rand ());
   status = 202;
+  began = tic ();
   while status == 202
     [status, file, place] = send_once (url, 'POST', path, body, once);
     if status == 202, pause (0.5); end
+    if status == 202 && toc (began) > 600
+      remove (file);
+      error ('equimesh:late', 'the mesh was not finished within 600 s: the service at %s goes on with it', url);
+    end
   end
 end
 
