@@ -152,7 +152,7 @@ def _descent_table(records: Sequence[Mapping[str, Any]]) -> str:
 
 
 # The names of errors by their norms.
-ERRORS = {"l2": "The error", "h1": "The error of the gradient"}
+ERRORS = {"l2": "The error of interpolating u", "h1": "The error of the gradient"}
 SOLVER_ERRORS = {"l2": "A solver's error", "h1": "A solver's error of the gradient"}
 
 
@@ -204,7 +204,7 @@ def _about_gain(certificate: Mapping[str, Any], norm: str, before: str) -> Itera
     one = "the initial" if before == "initial" else "a uniform"
     name, degree = names[norm], certificate.get("degree", 1)
     if degree > 1:
-        name = f"{name} of elements of degree {degree}"
+        name = f"{name} by elements of degree {degree}"
     here, word = compared(gain)
     if word == "as":
         yield {"tone": "note", "text": f"{name} is that of the {before} mesh."}

@@ -37,7 +37,7 @@ def said(**changes: Any) -> list[tuple[str, str]]:
 def test_the_gain_is_said_in_words(gain: float, tone: str, words: str) -> None:
     ((found, text),) = said(interpolation_gain={"l2": gain, "h1": 7.0})
     assert found == tone
-    assert text.startswith("The error is ")
+    assert text.startswith("The error of interpolating u is ")
     assert words in text
 
 
@@ -47,7 +47,7 @@ def test_the_error_is_that_of_the_norm_of_the_monitor() -> None:
 
 def test_the_degree_of_the_elements_is_said_where_it_is_not_1() -> None:
     assert said(degree=1) == said()
-    known = "The error of elements of degree 2 is 5.4 times smaller than on a uniform mesh."
+    known = "The error of interpolating u by elements of degree 2 is 5.4 times smaller than on a uniform mesh."
     assert said(degree=2) == [("good", known)]
 
 
