@@ -106,6 +106,11 @@ class Auto(MonitorDocument):
     orthogonality: Orthogonality = None
     degree: Degree = 1
 
+    @classmethod
+    def completed(cls, given: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Null for what the mesh is for is interpolation, as in specs that services have stored."""
+        return {**given, "for": "interpolation"} if "for" in given and given["for"] is None else given
+
 
 @dataclass(frozen=True, kw_only=True)
 class LeastError(MonitorDocument):

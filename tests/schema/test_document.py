@@ -167,6 +167,12 @@ DOCUMENTS: dict[str, dict[str, Any]] = {
 }
 
 
+def test_a_stored_spec_may_have_null_for_what_its_mesh_is_for() -> None:
+    was, said = ({"monitor": {"u": U, "for": purpose}} for purpose in (None, "interpolation"))
+    assert read_spec(was).canonical == read_spec(said).canonical
+    assert build(was) == build(said)
+
+
 def find(_: str, settings: Any) -> em.Blocks:
     assert not settings
     return em.Blocks.of(SQUARE)

@@ -40,7 +40,7 @@ class Reading:
 
     def record(self, document: type[Document], given: object, path: str = "") -> Any:
         """The object of a document without its ``kind``."""
-        members = mapping(given, path)
+        members = document.completed(mapping(given, path))
         names = {key_of(document, name): name for name in types_of(document) if name != "kind"}
         for key in members:
             if key in document.REFUSED:
