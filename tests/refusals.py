@@ -464,6 +464,7 @@ OF_A_SERVICE: dict[str, Refusal] = {
         "/target/max_points",
         "at most",
     ),
+    "many points of a shape": ({**AIMED, "grid": {"points": 10**9}}, "/grid/points", "at most 20000 points"),
     "out of reach": (
         {**AIMED, "target": {"error": 1e-9, "max_points": 900}},
         "/target/error",

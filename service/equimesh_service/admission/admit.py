@@ -278,7 +278,8 @@ class Admission:
 
     @property
     def _limits(self) -> SpecLimits:
-        return SpecLimits(max_points=self.settings.max_points, max_samples=self.settings.max_samples)
+        limits = self.settings
+        return SpecLimits(max_points=limits.max_points, max_samples=limits.max_samples, product=self._product)
 
     @property
     def _file_limits(self) -> Limits:
@@ -397,20 +398,13 @@ class Admission:
 
     def _check_limits(self, checked: CheckedSpec) -> None:
         spec = checked.spec
-        if spec.target is not None:
-            self._check_target(checked)
-        elif spec.grid is not None:
+        if spec.grid is not None:
             self._check_grid(spec.grid, whole=checked.canonical["parts"] is None)
-        self._limits.check(checked.sources)
+        self._limits.check(checked)
         if spec.schwarz is not None and spec.grid is not None and not checked.has_blocks:
             self._check_schwarz(spec.schwarz, spec.grid)
         if spec.schwarz is not None and (spec.schwarz.max_exchanges or 0) > self._most_iterations:
             raise problem_at("/schwarz/max_exchanges", f"too many: this service runs at most {self._most_iterations}")
-
-    def _check_target(self, checked: CheckedSpec) -> None:
-        most, asked = self.settings.max_points, checked.canonical["target"]["max_points"]
-        if asked > most:
-            raise problem_at("/target/max_points", f"{self._product} has at most {most} points")
 
     def _check_grid(self, grid: Grid, *, whole: bool) -> None:
         most = self.settings.max_points if whole else self.settings.max_cluster_points

@@ -24,7 +24,6 @@ from equimesh.specs.spec import BuiltSpec
 from equimesh.transfers.mesh_values import MAX_COMPONENTS, MeshValues
 from equimesh_schema.sequences import FieldSettings, FieldSource, FieldSpec, Location, NodesSource, StepSpec, Transfer
 from equimesh_schema.sources import (
-    AnySource,
     ExpressionSource,
     SamplesSource,
 )
@@ -87,19 +86,23 @@ _VALUES_OF_SAMPLE = 4
 
 @dataclass(frozen=True, kw_only=True)
 class SpecLimits:
-    """The limits of the service that are checked before samples are read."""
+    """The limits of the service that are checked before samples are read. ``product`` is what is limited, in words."""
 
     max_points: int
     max_samples: int
+    product: str = "a mesh of this service"
 
     @property
     def most_values(self) -> int:
         """The most values of the JSON of a spec."""
         return MAX_PLAIN_VALUES + _VALUES_OF_SAMPLE * self.max_samples
 
-    def check(self, sources: Mapping[str, AnySource]) -> None:
-        """Raise a 422 problem for more samples than the service takes."""
-        for pointer, source in sources.items():
+    def check(self, spec: CheckedSpec) -> None:
+        """Raise a 422 problem for a target of more points than the service takes, and for more samples."""
+        target = spec.canonical["target"]
+        if target is not None and (target["max_points"] or 0) > self.max_points:
+            raise problem_at("/target/max_points", f"{self.product} has at most {self.max_points} points")
+        for pointer, source in spec.sources.items():
             if isinstance(source, SamplesSource):
                 self.check_number(source.count, f"{pointer}/{source.key}/{source.COUNTED}")
 
@@ -141,7 +144,7 @@ def shorten(text: Path, folder: Path, limits: SpecLimits) -> ShortSpec:
 
 
 def _shorten(spec: CheckedSpec, folder: Path, limits: SpecLimits) -> ShortSpec:
-    limits.check(spec.sources)
+    limits.check(spec)
     built = None if spec.stored else check(spec.canonical, {})
     document, summaries = {**spec.canonical}, {}
     for pointer, source in spec.sources.items():

@@ -207,8 +207,15 @@ def escape_token(part: object) -> str:
 
 
 def sent_pointer(document: Any, pointer: str) -> str:
-    """The part of ``pointer`` that exists in ``document``: it ends at a text that stands for an expression."""
+    """The part of ``pointer`` that exists in ``document``: it ends at a text that stands for an expression.
+
+    A target that was sent as a number of points of the grid is there.
+    """
     place, kept = document, ""
+    if f"{pointer}/".startswith("/target/") and isinstance(document, dict) and document.get("target") is None:
+        grid = document.get("grid")
+        if isinstance(grid, dict) and grid.get("points") is not None:
+            return "/grid/points"
     for token in pointer.split("/")[1:]:
         if isinstance(place, str) and token == "expression":
             break

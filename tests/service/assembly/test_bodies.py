@@ -62,6 +62,16 @@ def test_a_target_gets_the_limit_of_the_service(tmp_path: Path) -> None:
     assert short.spec.canonical["target"]["max_points"] == LIMITS.max_points
 
 
+def test_too_many_points_are_refused_where_they_were_sent(tmp_path: Path) -> None:
+    for more, pointer in (
+        ({"grid": {"points": 1001}}, "/grid/points"),
+        ({"target": {"max_points": 1001}}, "/target/max_points"),
+    ):
+        with pytest.raises(Problem, match="at most 1000") as refused:
+            shortened(tmp_path, {"monitor": {"u": GRID}, **more})
+        assert [fault.pointer for fault in refused.value.errors] == [pointer]
+
+
 def test_with_stored_samples_the_service_has_to_check_it(tmp_path: Path) -> None:
     monitor = {"kind": "tensor", "m11": GRID, "m12": "0", "m22": STORED}
     short = shortened(tmp_path, small(monitor=monitor))
