@@ -187,7 +187,8 @@ def answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
     """Admit a request and compute its mesh; None when the attempt was lost meanwhile.
 
     :class:`~equimesh_service.store.rows.NoMesh` has the reason of a refusal. It has the admitted spec where an earlier
-    mesh may be the answer, and where a cluster computes the mesh in parts.
+    mesh may be the answer, where a cluster computes the mesh in parts, and where there may be no room for it: the
+    service knows which meshes are still in flight.
     """
     claim = request.claim
     with log_context.enter(log_context_of(claim)), attempt(claim):
@@ -224,8 +225,8 @@ def _answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
     may_reuse = request.reuse and request.settings.reuse and store.meshes.has_equal(new)
     if may_reuse or admitted.is_in_parts or store.meshes.has_key(caller.key_id, request.key):
         return NoMesh(admitted=replace(admitted, built=None))
-    if request.quota is not None:
-        store.quotas.check(caller.key_id, new.points, request.quota)
+    if request.quota is not None and not store.quotas.fits(caller.key_id, new.points, request.quota):
+        return NoMesh(admitted=replace(admitted, built=None))
     _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
     entry = NewEntry(
         new=new, samples=admitted.upload, key=request.key, fingerprint=admitted.fingerprint(request.format)

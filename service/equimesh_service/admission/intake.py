@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
@@ -236,7 +237,7 @@ class Intake:
         step, new = request.step, entry.new
         if lease is None and await run_in_threadpool(self.store.queue.count_waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
-        quota = self._quota(new.key_id)
+        quota, in_flight = self.quotas.mesh_quota(new.key_id), partial(self.dispatcher.in_flight, new.key_id)
 
         def add() -> str:
             if entry.samples is not None:
@@ -246,8 +247,8 @@ class Intake:
                 self.problems.put(new.id, packed)  # before another thread may give the mesh to a worker
             mesh_id, key, fingerprint = "", entry.key, entry.fingerprint
             try:
-                if quota is not None and quota.in_flight:
-                    self.store.quotas.check(new.key_id, new.points, quota)
+                if quota is not None and in_flight():
+                    self.store.quotas.check(new.key_id, new.points, quota, in_flight)
                 mesh_id = self.store.meshes.add(
                     new, key=key, fingerprint=fingerprint, quota=quota, lease=lease, step=step
                 )

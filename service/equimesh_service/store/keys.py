@@ -7,7 +7,7 @@ import re
 import secrets
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import Any
 
@@ -147,8 +147,8 @@ def _key(row: Row[Any]) -> KeyRow:
 class Quota:
     """The most unfinished meshes of a key and the most points of them; 0: no limit.
 
-    ``in_flight`` are meshes of the key that a service computes and that may not be in the store yet. Each of them has
-    at most ``most_points``.
+    ``in_flight`` are the meshes of the key that a service computed at some time and that may not have been in the store
+    yet. Each of them has at most ``most_points``.
     """
 
     queued: int
@@ -210,26 +210,35 @@ class QuotaStore:
     def __init__(self, database: Database) -> None:
         self._read = database.read
 
-    def check(self, key_id: str, points: int, quota: Quota) -> None:
-        """Check that one more mesh fits, next to all that are in flight; raises :class:`QuotaError`.
+    def fits(self, key_id: str, points: int, quota: Quota) -> bool:
+        """Whether one more mesh is sure to fit, next to all of ``quota.in_flight``.
 
-        Where it is not known to fit, this waits until those are in the store, for :data:`MAX_FLIGHT_SECONDS` at most.
-        One that is not there after that counts as a mesh, without points, which are not known.
+        Raises :class:`QuotaError` where it does not fit next to those in the store.
         """
         if not (quota.queued or quota.points):
-            return
+            return True
+        number, used, flying = self._usage_beside(key_id, quota.in_flight)
+        _refuse(number, used, points, quota)
+        return _fits(number + flying, used + flying * quota.most_points, points, quota)
+
+    def check(self, key_id: str, points: int, quota: Quota, in_flight: Callable[[], tuple[str, ...]] = tuple) -> None:
+        """Check that one more mesh fits, next to all that are ``in_flight``; raises :class:`QuotaError`.
+
+        Where it is not known to fit, this waits until those are in the store or gone, for :data:`MAX_FLIGHT_SECONDS` at
+        most. One that is still in flight after that counts as a mesh, without points, which are not known.
+        """
         until = time.monotonic() + MAX_FLIGHT_SECONDS
-        while True:
-            with self._read() as connection:
-                number, used = _usage(connection, key_id)
-                flying = _count_unknown(connection, quota.in_flight)
-            _refuse(number, used, points, quota)
-            if _fits(number + flying, used + flying * quota.most_points, points, quota):
-                return
+        while not self.fits(key_id, points, replace(quota, in_flight=in_flight())):
             if time.monotonic() > until:
+                number, used, flying = self._usage_beside(key_id, in_flight())
                 _refuse(number + flying, used, points, quota)
                 return
             time.sleep(_LOOK_SECONDS)
+
+    def _usage_beside(self, key_id: str, names: tuple[str, ...]) -> tuple[int, int, int]:
+        """The number of a key's unfinished meshes in the store, their points, and how many of ``names`` it lacks."""
+        with self._read() as connection:
+            return *_usage(connection, key_id), _count_unknown(connection, names)
 
     def stored_bytes(self, key_id: str) -> int:
         """Bytes of the files and specs of a key's meshes, and of its samples.

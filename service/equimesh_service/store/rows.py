@@ -306,7 +306,7 @@ class NoMesh:
     """The end of a request of which a worker has made no mesh.
 
     It is refused with an ``error``, or its idempotency key belongs to the mesh ``earlier``, or its ``admitted`` spec
-    needs no worker now.
+    needs no worker now, or is for the service to refuse or to queue.
     """
 
     error: Exception | None = None

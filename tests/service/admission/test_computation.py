@@ -12,11 +12,13 @@ import pytest
 
 from equimesh_service import Settings
 from equimesh_service.admission.callers import ANYONE
-from equimesh_service.admission.computation import Computation, ComputationResult, compute
+from equimesh_service.admission.computation import Computation, ComputationResult, Request, answer, compute
 from equimesh_service.engine.port import PackedCall, open_outcome, pack_outcome
 from equimesh_service.errors import TimeLimitError
 from equimesh_service.files.address import files_address
 from equimesh_service.problems.problem import Problem
+from equimesh_service.store.keys import Quota
+from equimesh_service.store.rows import Claim, Lease, NoMesh
 from equimesh_service.store.store import Store
 from equimesh_service.worker.job import DRAWING, Storage
 from service.conftest import small
@@ -66,6 +68,17 @@ def test_a_task_crosses_to_a_cluster(tmp_path: Path) -> None:
     wrong = small(monitor={"kind": "curvature", "u": "sqrt(x - 2)", "smoothing": 0.1})
     with pytest.raises(Problem, match="not finite"):
         open_outcome(pack_outcome(PackedCall.of(compute, task(tmp_path, wrong))))
+
+
+def test_only_the_service_refuses_for_meshes_in_flight(tmp_path: Path) -> None:
+    """It knows which of them are still there."""
+    sent = task(tmp_path, small())
+    of_task = {name: getattr(sent, name) for name in ("content_type", "body", "caller", "settings", "storage")}
+    quota = Quota(queued=1, points=0, in_flight=("gone",))
+    known: dict[str, Any] = {"format": None, "key": None, "reuse": False, "quota": quota}
+    end = answer(Request(**of_task, **known, claim=Claim("m", 1), lease=Lease(owner="me", seconds=60.0)))
+    assert isinstance(end, NoMesh)
+    assert (end.error, end.admitted.spec["grid"]) == (None, small()["grid"])
 
 
 def test_a_solve_ends_itself_at_its_limit(tmp_path: Path) -> None:

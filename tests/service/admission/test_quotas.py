@@ -115,6 +115,7 @@ def test_a_key_has_so_many_unfinished_meshes_and_points(
     guarded_service: Guarded, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[Request] = []
+    flying = ("m-of-a-worker",)
     begin = Dispatcher.begin_request
     monkeypatch.setattr(Dispatcher, "begin_request", lambda *call: (begun.append(call[-1]), begin(*call))[1])
     slow = {**SLOW, "grid": {"n_xi": 17, "n_eta": 17}, "schwarz": {**SLOW["schwarz"], "subdomains": [2, 1]}}
@@ -131,14 +132,20 @@ def test_a_key_has_so_many_unfinished_meshes_and_points(
             refused = client.post("/v1/meshes", json=small(grid={"n_xi": 22, "n_eta": 22}))
             assert f"{2 * 17 * 17} points in unfinished meshes; the limit is 1000" in refused.json()["detail"]
             assert other.post("/v1/meshes", json=small()).status_code == 202
-            monkeypatch.setattr(Dispatcher, "in_flight", lambda *_: ("m-of-a-worker",))
+            monkeypatch.setattr(Dispatcher, "in_flight", lambda *_: flying)
             assert "3 unfinished meshes" in client.post("/v1/meshes", json=small()).json()["detail"]
+            looks = iter([flying, flying])
+            monkeypatch.setattr(Dispatcher, "in_flight", lambda *_: next(looks, ()))  # it is refused
+            let_in = client.post("/v1/meshes", json=small())
+            assert let_in.status_code == 202
+            made.append(let_in)
+            monkeypatch.setattr(Dispatcher, "in_flight", lambda *_: flying)
         finally:
             for answer in made:
                 client.delete(answer.headers["location"])
         while not begun:  # until a worker is free
             assert client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).status_code == 201
-    assert [request.quota.in_flight for request in begun if request.quota] == [("m-of-a-worker",)]
+    assert [request.quota.in_flight for request in begun if request.quota] == [flying]
 
 
 def test_no_two_at_once_slip_past(database_url: str) -> None:

@@ -148,21 +148,28 @@ def test_the_quota_counts_meshes_in_flight(
     store: Store, monkeypatch: pytest.MonkeyPatch, limits: Quota, limit: str
 ) -> None:
     enter(store, entry("a"))
-    quota = replace(limits, in_flight=("a", "b"))
     waits: list[float] = []
     sleep = lambda seconds: (waits.append(seconds), enter(store, entry("b")))  # noqa: E731
     monkeypatch.setattr(keys, "time", SimpleNamespace(monotonic=time.monotonic, sleep=sleep))
     with pytest.raises(QuotaError) as refused:
-        store.quotas.check("k", 100, quota)
+        store.quotas.check("k", 100, limits, lambda: ("a", "b"))
     assert (refused.value.limit, len(waits)) == (limit, 1)  # b was in flight, and then in the store
     store.queue.finish(Claim("b", 1))
-    store.quotas.check("k", 100, quota)
+    store.quotas.check("k", 100, limits, lambda: ("a", "b"))
     monkeypatch.setattr(keys, "MAX_FLIGHT_SECONDS", -1.0)
     if limit == "key_max_queued":
         with pytest.raises(QuotaError):
-            store.quotas.check("k", 100, replace(quota, in_flight=("never",)))
+            store.quotas.check("k", 100, limits, lambda: ("never",))
     else:
-        store.quotas.check("k", 100, replace(quota, in_flight=("never",)))  # its points are not known
+        store.quotas.check("k", 100, limits, lambda: ("never",))  # its points are not known
+
+
+def test_a_mesh_in_flight_that_never_enters_the_store_makes_room(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    flying = [("refused", "reused"), ("reused",)]
+    waits: list[float] = []
+    monkeypatch.setattr(keys, "time", SimpleNamespace(monotonic=lambda: 0.0, sleep=waits.append))
+    store.quotas.check("k", 100, Quota(queued=1, points=0), lambda: flying.pop(0) if flying else ())
+    assert len(waits) == 2
 
 
 def test_a_repeated_key_gets_its_mesh_also_at_the_limit(store: Store) -> None:
