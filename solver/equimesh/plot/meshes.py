@@ -80,11 +80,11 @@ def draw_comparison(comparison: UniformComparison, path: str | Path) -> None:
             bar = figure.colorbar(drawn, ax=panels, location="bottom", fraction=0.06, aspect=45, pad=0.02)
             bar.set_label("interpolation error of u in the cell", fontsize=12)
             bar.outline.set_visible(False)
-        figure.supxlabel(words(comparison), fontsize=15, weight="bold")
+        figure.supxlabel(words(comparison), fontsize=12, weight="bold")
 
 
 def words(comparison: UniformComparison) -> str:
-    """The gain in words, as below the picture: "error 13.1 times smaller, with the same 33 × 33 points"."""
+    """The gain in words, below the picture: "interpolation error 13.1 times smaller, with the same 33 × 33 points"."""
     points = "{} points".format(" × ".join(map(str, comparison.adapted.mesh.node_shape)))
     gain = comparison.gain
     if comparison.interpolation is None:
@@ -92,10 +92,10 @@ def words(comparison: UniformComparison) -> str:
     if gain is None:
         return f"The mesh is folded, and has no error ({points})"
     if max(gain, 1.0 / gain if gain > 0.0 else math.inf) <= SAME:
-        return f"the same error, with the same {points}"
+        return f"the same interpolation error, with the same {points}"
     if gain > 1.0:
-        return f"error {gain:.3g} times smaller, with the same {points}"
-    return f"error {1.0 / gain:.3g} times larger, with the same {points}"
+        return f"interpolation error {gain:.3g} times smaller, with the same {points}"
+    return f"interpolation error {1.0 / gain:.3g} times larger, with the same {points}"
 
 
 MAX_LINES = 200

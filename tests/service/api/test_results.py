@@ -132,7 +132,11 @@ def test_pictures(http: httpx.Client, finished: dict[str, Any], kind: str) -> No
     assert ET.fromstring(svg.content).tag.endswith("svg")
     assert (b"mismatch of the subdomains" in svg.content) == (kind == "convergence")
     gain = finished["certificate"]["interpolation_gain"]["l2"]
-    told = f"error {gain:.3g} times smaller" if gain > 1 else f"error {1 / gain:.3g} times larger"
+    told = (
+        f"interpolation error {gain:.3g} times smaller"
+        if gain > 1
+        else f"interpolation error {1 / gain:.3g} times larger"
+    )
     assert (told.encode() in svg.content) == (kind == "comparison")
     png = http.get(finished["links"]["plot"], params={"kind": kind}, headers={"Accept": "image/png"})
     assert (png.status_code, png.content[:4]) == (200, b"\x89PNG")

@@ -147,10 +147,10 @@ def test_pictures_are_as_wide_and_as_high_as_their_meshes(
 @pytest.mark.parametrize(
     ("gain", "told"),
     [
-        (13.125, "error 13.1 times smaller, with the same 12 × 10 points"),
-        (191.8, "error 192 times smaller, with the same 12 × 10 points"),
-        (0.4, "error 2.5 times larger, with the same 12 × 10 points"),
-        (1.001, "the same error, with the same 12 × 10 points"),
+        (13.125, "interpolation error 13.1 times smaller, with the same 12 × 10 points"),
+        (191.8, "interpolation error 192 times smaller, with the same 12 × 10 points"),
+        (0.4, "interpolation error 2.5 times larger, with the same 12 × 10 points"),
+        (1.001, "the same interpolation error, with the same 12 × 10 points"),
         (None, "No u is given, so there is no error to compare (12 × 10 points)"),
     ],
 )
