@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy import ma  # now: its import parses code, which fails now and then in a thread next to others
 
 from equimesh.errors import InputError, SamplesError
 from equimesh.numerics.types import Array
@@ -18,7 +19,7 @@ def real_array(value: object, name: str, *, ndim: int) -> Array:
     """
     if isinstance(value, (list, tuple)):
         _check_nested(value, name, ndim, field_name=name)
-    raw = np.ma.filled(value.astype(np.float64), np.nan) if isinstance(value, np.ma.MaskedArray) else value
+    raw = ma.filled(value.astype(np.float64), np.nan) if isinstance(value, ma.MaskedArray) else value
     try:
         array = np.asarray(raw) if not isinstance(raw, (list, tuple)) else np.array(raw, dtype=np.float64)
     except (OverflowError, ValueError, TypeError) as error:
