@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import importlib.util
 import inspect
 import re
 import tomllib
@@ -132,11 +133,14 @@ def resolves(name: str) -> bool:
     """Whether a dotted name is a module, or a member of one; fields and attributes of instances count."""
     parts = name.split(".")
     for length in range(len(parts), 0, -1):
+        module = ".".join(parts[:length])
         try:
-            found: object = importlib.import_module(".".join(parts[:length]))
+            spec = importlib.util.find_spec(module)
         except ModuleNotFoundError:
             continue
-        return _has(found, parts[length:])
+        # A folder that a move left without code is no module: imported, it would take the place of a public name.
+        if spec is not None and spec.origin is not None:
+            return _has(importlib.import_module(module), parts[length:])
     return False
 
 
