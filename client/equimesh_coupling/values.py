@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple, TypeVar
 
 from equimesh_coupling.adaptors import dmplex, dolfinx, fipy, mfem, ngsolve, pyvista, sfepy, skfem
 from equimesh_coupling.arrays import finite, real
@@ -22,6 +22,8 @@ __all__ = [
     "is_field",
     "node_values",
 ]
+
+Read = TypeVar("Read")
 
 # By the package and the class of a field, or of a class that it is derived from: the adaptor that reads it.
 READERS: Final[dict[tuple[str, str], Callable[[Any, HasParts], Array]]] = {
@@ -86,13 +88,7 @@ def element_values(returned: Any, mesh: HasParts, degree: int | None = None) -> 
 
 def _placed(returned: Any) -> Callable[[Any, HasParts], PlacedValues | None] | None:
     """The adaptor that reads values at their own places, found as those of the readers."""
-    if isinstance(returned, tuple) and len(returned) == 2 and _is_of("skfem", returned[0]):
-        return skfem.placed_values
-    for kind in type(returned).__mro__:
-        found = PLACES.get((kind.__module__.partition(".")[0], kind.__name__))
-        if found is not None:
-            return found
-    return None
+    return skfem.placed_values if _is_pair_of("skfem", returned) else _adaptor(PLACES, returned)
 
 
 def node_values(returned: Any, mesh: HasParts) -> Array:
@@ -138,15 +134,19 @@ def is_field(returned: Any) -> bool:
 
 def _reader(returned: Any) -> Callable[[Any, HasParts], Array] | None:
     """The adaptor for a field of another library, found by the names of its types: no library is imported."""
-    if isinstance(returned, tuple) and len(returned) == 2 and _is_of("skfem", returned[0]):
+    if _is_pair_of("skfem", returned):
         return skfem.nodal_values
-    if isinstance(returned, tuple) and len(returned) == 2 and _is_of("petsc4py", returned[0]):
-        return dmplex.nodal_values
-    for kind in type(returned).__mro__:
-        found = READERS.get((kind.__module__.partition(".")[0], kind.__name__))
-        if found is not None:
-            return found
-    return None
+    return dmplex.nodal_values if _is_pair_of("petsc4py", returned) else _adaptor(READERS, returned)
+
+
+def _adaptor(adaptors: Mapping[tuple[str, str], Read], returned: Any) -> Read | None:
+    """That one of the ``adaptors`` which reads the class of a field, or a class that it is derived from."""
+    names = ((kind.__module__.partition(".")[0], kind.__name__) for kind in type(returned).__mro__)
+    return next((adaptors[name] for name in names if name in adaptors), None)
+
+
+def _is_pair_of(package: str, returned: Any) -> bool:
+    return isinstance(returned, tuple) and len(returned) == 2 and _is_of(package, returned[0])
 
 
 def _is_of(package: str, value: Any) -> bool:
