@@ -15,9 +15,13 @@ import ast
 import importlib
 import re
 import sys
+import threading
 from functools import cache
 from importlib import metadata
 from typing import Any
+
+PARSING = threading.Lock()
+"""Held while a syntax tree is built: threads of Python 3.11 share a count of depth, and may end in a SystemError."""
 
 
 class EquimeshError(Exception):
@@ -79,7 +83,8 @@ def deferred(package: str, name: str) -> Any:
 def _homes(package: str) -> dict[str, tuple[str, str]]:
     """The module and the name there of each name that a package imports for type checkers alone."""
     loader: Any = sys.modules[package].__loader__
-    tree = ast.parse(loader.get_source(package))
+    with PARSING:
+        tree = ast.parse(loader.get_source(package))
     blocks = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
     imports = [line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom)]
     return {alias.asname or alias.name: (line.module or "", alias.name) for line in imports for alias in line.names}

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from types import MappingProxyType
-from typing import Any, NoReturn, TypeAlias
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -145,8 +145,6 @@ def decide(code: int, target: Array, one: Array, two: Array) -> None:
 #
 # The rules for derivatives are written once, for arrays. A :class:`TracedRow` takes the place of an array: each
 # operation on it gives another one, and adds a line to the list of all operations.
-
-Operand: TypeAlias = "TracedRow | float"
 
 CODES: Mapping[Callable[..., Any], int] = MappingProxyType(
     {

@@ -11,7 +11,6 @@ import difflib
 import keyword
 import math
 import re
-import threading
 import unicodedata
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from typing import NoReturn
 from equimesh.errors import ExpressionError
 from equimesh.formulas.spelling import Token, describe, refuse, shorten, skip_space, spell, written
 from equimesh.formulas.vocabulary import ARGUMENTS, FUNCTIONS, LIMITS, OTHER_NAMES, PLANE, Language
+from equimesh_coupling.errors import PARSING
 
 # The tokens of an expression, each checked in its place: typing errors are found and explained here.
 #
@@ -189,8 +189,6 @@ class _Reader:
         return f"{first}*{'*'.join(others)}{'(...)' if is_call else ' for a product'}"
 
 
-# Threads of Python 3.11 that build syntax trees at once share a count of depth, which may end in a SystemError.
-_PARSING = threading.Lock()
 _OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "+",
     ast.Sub: "-",
@@ -243,7 +241,7 @@ def parse(text: str, names: Collection[str], language: Language = PLANE) -> Pars
     if len(understood) > LIMITS.length:
         refuse(text, 0, f"the expression is longer than {LIMITS.length} characters with all its signs: simplify it")
     try:
-        with _PARSING:
+        with PARSING:
             tree = ast.parse(" ".join(token.text for token in tokens), mode="eval")
         walk = _Walk(text, tokens, names, language)
         walk.quantity(tree.body, 0)
