@@ -8,12 +8,14 @@ from equimesh_coupling.coupled import Coupled
 from equimesh_coupling.elements import element_points
 from equimesh_coupling.errors import BadValues, CouplingError, EquimeshError, MissingLibrary, OldLibrary
 from equimesh_coupling.parts import MeshParts
+from equimesh_coupling.precice import PreciceMesh
 from equimesh_coupling.values import CellAverages, ErrorIndicator, cell_values, element_values, node_values
 
 __all__ = [  # noqa: RUF022 - grouped by noun
     # Meshes that other libraries take
     "Coupled",
     "MeshParts",
+    "PreciceMesh",
     # What a solver returns
     "node_values",
     "element_values",
