@@ -14,7 +14,7 @@ from equimesh_schema.certificate import (
     Relaxed,
     SolverGain,
 )
-from equimesh_schema.domains import AnnulusSector, MeshFile, Quadrilateral, Rectangle
+from equimesh_schema.domains import AnnulusSector, FixedRectangle, MeshFile, Quadrilateral, Rectangle
 from equimesh_schema.mesh import Target
 from equimesh_schema.monitors import *  # noqa: F403
 from equimesh_schema.schwarz import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
@@ -28,6 +28,7 @@ __all__ = [
     "DegreeGain",
     "Estimate",
     "FaceAngles",
+    "FixedRectangle",
     "InterpolationGain",
     "LinearRobin",
     "MeshFile",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from equimesh_schema.document import Document, InJson, Limits, Pair, Parameters, by_key, by_kind
+from equimesh_schema.document import LATER, Document, InJson, Limits, Pair, Parameters, by_key, by_kind
 
 QUARTER_TURN = (0.0, 90.0)
 """The angles of a sector that gives none."""
@@ -132,6 +132,7 @@ _NAME = {"type": "string"}
 _PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 _ENDS = {"type": "array", "items": _NAME, "minItems": 2, "maxItems": 2}
 _COUNT = {"type": "integer", "minimum": 1}
+_CELLS = {"type": "array", "items": _COUNT, "minItems": 2, "maxItems": 2}
 _CURVE = {
     "anyOf": [
         _object({"circle": _object({"center": _PAIR, "radius": {"type": "number"}})}, ("circle",)),
@@ -206,8 +207,38 @@ class Blocks(DomainDocument):
     """The edges of each side, by its name."""
     corners: Annotated[Sequence[str], InJson(list[str])] = ()
     """Vertices that stay where they are."""
+    fixed: Annotated[Sequence[Sequence[str]], InJson(list[Annotated[list[str], Only(_ENDS)]]), LATER] = ()
+    """Edges between blocks whose nodes stay on the line or the curve of the edge."""
     refine: float = 1.0
     """Multiplies the cells of all edges."""
+
+
+_LAYERS = _object({"first": {"type": "number"}, "growth": {"type": "number"}, "count": _COUNT}, ("first",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedRectangle(DomainDocument):
+    """A rectangle inside of which nodes stay: at points, on curves from side to side, and in layers along sides."""
+
+    USE = "Sensors, loads, interfaces of materials, and cells of given heights at walls. With least_error or auto."
+    HAS_BLOCKS = True
+    kind: Literal["fixed_rectangle"] = "fixed_rectangle"
+    x: Pair = (0.0, 1.0)
+    """[x0, x1], increasing."""
+    y: Pair = (0.0, 1.0)
+    """[y0, y1], increasing."""
+    cells: Annotated[Sequence[int], InJson(Annotated[list[int], Only(_CELLS)])] = (32, 32)
+    """Cells along x and along y."""
+    points: Annotated[Sequence[Sequence[float]], InJson(list[Pair])] = ()
+    """Places at each of which a node stays."""
+    curves: Annotated[Mapping[str, Mapping[str, Any]], InJson(dict[str, Annotated[dict[str, Any], Only(_CURVE)]])] = (
+        field(default_factory=dict)
+    )
+    """Curves from a side to the opposite one, by their names, as those of blocks: nodes slide on them."""
+    layers: Annotated[Mapping[str, Mapping[str, Any]], InJson(dict[str, Annotated[dict[str, Any], Only(_LAYERS)]])] = (
+        field(default_factory=dict)
+    )
+    """Layers of cells, by the side: the height of the first, the growth (1.2), and their count (5)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,6 +256,6 @@ class MeshFile(DomainDocument):
     """Degrees by which the boundary turns at a corner, where these are not given."""
 
 
-AnyDomain: TypeAlias = Rectangle | AnnulusSector | Quadrilateral | Blocks | MeshFile
-DOMAINS = by_kind(Rectangle, AnnulusSector, Quadrilateral, Blocks, MeshFile, default="rectangle")
+AnyDomain: TypeAlias = Rectangle | AnnulusSector | Quadrilateral | Blocks | FixedRectangle | MeshFile
+DOMAINS = by_kind(Rectangle, AnnulusSector, Quadrilateral, Blocks, FixedRectangle, MeshFile, default="rectangle")
 Domain: TypeAlias = Annotated[AnyDomain, DOMAINS]

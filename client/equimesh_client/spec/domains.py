@@ -15,7 +15,16 @@ from equimesh_client.errors import BadArgument
 from equimesh_coupling.samples import Box
 from equimesh_schema import domains
 from equimesh_schema.document import Pair, keys_of, one_of, required_of, types_of
-from equimesh_schema.domains import CURVES, DOMAINS, AnnulusSector, AnyDomain, DomainDocument, MeshFile, Rectangle
+from equimesh_schema.domains import (
+    CURVES,
+    DOMAINS,
+    AnnulusSector,
+    AnyDomain,
+    DomainDocument,
+    FixedRectangle,
+    MeshFile,
+    Rectangle,
+)
 
 Json: TypeAlias = dict[str, Any]
 Domain: TypeAlias = AnyDomain
@@ -72,7 +81,7 @@ def domain_json(domain: object) -> Json:
     if isinstance(domain, Mapping):
         return dict(domain)
     if not isinstance(domain, DomainDocument):
-        kinds = "a Rectangle, AnnulusSector, Quadrilateral, Blocks or MeshFile"
+        kinds = "a Rectangle, AnnulusSector, Quadrilateral, Blocks, FixedRectangle or MeshFile"
         raise BadArgument(f"a domain is {kinds}, or its JSON; not {domain!r:.80}")
     checked = {name: _json_of(name, kind, domain) for name, kind in types_of(type(domain)).items()}
     return {**domain.to_json(), **{name: value for name, value in checked.items() if value is not None}}
@@ -89,7 +98,7 @@ def has_own_points(domain: Domain | Mapping[str, Any] | None) -> bool:
 def box_around(domain: Domain | Mapping[str, Any]) -> Box | None:
     """The smallest box around a domain; None where only the service evaluates its curves, or reads its file."""
     domain = read_domain(domain) if isinstance(domain, Mapping) else domain
-    if isinstance(domain, Rectangle):
+    if isinstance(domain, Rectangle | FixedRectangle):
         (x0, x1), (y0, y1) = _pair("x", domain.x), _pair("y", domain.y)
         return (x0, x1), (y0, y1)
     return _box_of_sector(domain) if isinstance(domain, AnnulusSector) else None

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from equimesh.io.formats import FORMATS
+from equimesh_schema.domains import DOMAINS
 from equimesh_schema.mesh import SUFFIXES
 from equimesh_service.problems.problem import Problem, did_you_mean
 from equimesh_service.worker.in_parts import HEADED, PART_FORMATS
@@ -24,8 +25,8 @@ def known_format(name: str) -> str:
 def check_format(format: str, spec: Mapping[str, Any]) -> None:
     """Raise a 406 problem for a format in which the mesh of a canonical spec is no file."""
     if spec["parts"] is None:
-        is_grid = spec.get("domain", {}).get("kind") not in ("blocks", "mesh")
-        check_whole(format, spec["cells"], is_grid=is_grid)
+        made = DOMAINS.documents[spec.get("domain", {}).get("kind", DOMAINS.default)]
+        check_whole(format, spec["cells"], is_grid=not made.HAS_BLOCKS)
     else:
         check_head(format)
 

@@ -6,7 +6,7 @@ import { compile } from "./formula.js";
 const POINTS = 65;
 
 /** Whether a domain is a mesh of blocks, which has points of its own. */
-export const hasBlocks = (domain) => domain?.kind === "blocks" || domain?.kind === "mesh";
+export const hasBlocks = (domain) => ["blocks", "fixed_rectangle", "mesh"].includes(domain?.kind);
 
 /** The sides in the order in which forms list them. */
 export const SIDES = ["bottom", "right", "top", "left"];

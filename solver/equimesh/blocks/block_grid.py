@@ -16,6 +16,7 @@ import numpy as np
 from equimesh.blocks.blocks import Blocks
 from equimesh.blocks.curves import BoundaryCurve
 from equimesh.blocks.layout import BOTTOM, LEFT, RIGHT, TOP
+from equimesh.blocks.sliding import FREE
 from equimesh.domains.curve import Curve
 from equimesh.domains.quadrilateral import Quadrilateral
 from equimesh.errors import InputError
@@ -59,8 +60,10 @@ class BlockGrid:
         """The grid of these blocks.
 
         Raises :class:`~equimesh.errors.InputError` where they are not the rows and columns of one grid: around a
-        singular node, at a re-entrant corner, and where lines are closed; the message names the block.
+        singular node, at a re-entrant corner, and where lines are closed; the message names the block. So it does where
+        nodes inside stay, since the lines of a grid move.
         """
+        _refuse_fixed(blocks)
         table, turns = _placed(blocks)
         turned = [np.rot90(nodes, turn) for nodes, turn in zip(blocks.mesh.blocks, turns, strict=True)]
         columns = [np.concatenate([turned[k][:, (row > 0) :] for row, k in enumerate(column)], 1) for column in table]
@@ -151,6 +154,16 @@ def _placed(blocks: Blocks) -> tuple[list[list[int]], list[int]]:
             field="domain.blocks",
         )
     return [[by_place[column, row] for row in rows] for column in columns], [at[k][2] for k in range(len(names))]
+
+
+def _refuse_fixed(blocks: Blocks) -> None:
+    """Refuse blocks with nodes inside that stay."""
+    sides = np.unique(np.concatenate([edge.nodes for edge in blocks.boundary_edges]))
+    inside = np.setdiff1d(np.flatnonzero(blocks.node_curve != FREE), sides)
+    if inside.size:
+        x, y = blocks.mesh.points[inside[0]]
+        message = f"the node ({x:.6g}, {y:.6g}) inside stays on its line, and the lines of a grid move: take LeastError"
+        raise InputError(message, field="domain.fixed")
 
 
 def _side(blocks: Blocks, line: IntArray) -> Curve:

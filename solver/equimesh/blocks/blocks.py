@@ -17,11 +17,12 @@ from equimesh.blocks.checks import check_connected, check_not_folded, check_not_
 from equimesh.blocks.counts import plan_of
 from equimesh.blocks.curves import BoundaryCurve, Line
 from equimesh.blocks.description import Description
+from equimesh.blocks.fixed_rectangle import fixed_rectangle
 from equimesh.blocks.initial import block_points, edge_lines, resampled
 from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
 from equimesh.blocks.recovery.boundary import Corner, with_places
 from equimesh.blocks.recovery.recovered import RecoveredBlocks, recover
-from equimesh.blocks.sides import side_edges, sides_of
+from equimesh.blocks.sides import fixed_edges, side_edges, sides_of
 from equimesh.blocks.sliding import FIXED, BoundaryEdge, slide, with_lines
 from equimesh.domains.domain import Box
 from equimesh.errors import InputError
@@ -48,6 +49,7 @@ class Blocks:
     - ``layout``: the topology: edges, vertices, counts.
     - ``curves``: the curves of the boundary; straight parts are curves, too.
     - ``boundary_edges``: the edges on the boundary, with the parameters of their nodes on their curve.
+    - ``fixed_edges``: the edges between blocks whose nodes slide on a curve, too.
     - ``node_curve``: for every node the number of its curve, -1 where it is free, -2 where it stays, shape ``(n,)``.
     - ``node_parameter``: the parameter of every node on its curve, 0 for others, shape ``(n,)``.
     """
@@ -58,6 +60,7 @@ class Blocks:
     boundary_edges: tuple[BoundaryEdge, ...]
     node_curve: IntArray
     node_parameter: Array
+    fixed_edges: tuple[BoundaryEdge, ...] = ()
     _document: Mapping[str, Any] | None = None
 
     def __repr__(self) -> str:
@@ -92,18 +95,43 @@ class Blocks:
         )
         check_not_overlapping(mesh, plan.layout, fields)
         numbers = {name: k for k, name in enumerate(description.vertices)}
+        fixed = fixed_edges(description, plan)
         return cls.assembled(
             mesh,
             plan.layout,
             curves=tuple(description.curves.values()),
             on_curves={
                 edge: (lines[edge].curve, lines[edge].parameters)
-                for edge in map(int, plan.layout.boundary)
+                for edge in (*map(int, plan.layout.boundary), *fixed)
                 if lines[edge].curve >= 0
             },
             corners=[numbers[name] for name in description.corners],
+            fixed=fixed,
             document=description.document,
         )
+
+    @classmethod
+    def rectangle(
+        cls,
+        x: tuple[float, float] = (0.0, 1.0),
+        y: tuple[float, float] = (0.0, 1.0),
+        cells: tuple[int, int] = (32, 32),
+        *,
+        points: Iterable[tuple[float, float]] = (),
+        curves: Mapping[str, Any] | None = None,
+        layers: Mapping[str, Any] | None = None,
+    ) -> Blocks:
+        """A rectangle of ``cells`` along x and y with nodes that stay.
+
+        A node stays at each of the ``points``. On each of the ``curves``, entries as those of a description by their
+        names, which run from a side to the opposite one, nodes slide. ``layers`` are cells along sides, by their names
+        ``left``, ``right``, ``bottom`` and ``top``: ``{"first": 0.001, "growth": 1.2, "count": 8}`` has 8 lines, the
+        first at the distance 0.001, and each layer 1.2 times as high as the one before.
+
+        Raises :class:`~equimesh.errors.InputError` where these do not fit into the rectangle, or need more lines than
+        it has.
+        """
+        return cls.of(fixed_rectangle(x, y, cells, tuple(points), curves, layers))
 
     @classmethod
     def of_mesh(
@@ -196,24 +224,28 @@ class Blocks:
         curves: Sequence[BoundaryCurve],
         on_curves: Mapping[int, tuple[int, Array]],
         corners: Iterable[int] = (),
+        fixed: Sequence[int] = (),
         document: Mapping[str, Any] | None = None,
     ) -> Blocks:
         """The domain of a mesh whose blocks fit to ``layout``.
 
-        ``on_curves`` has, by the number of an edge on the boundary, the number of its curve and the parameters of its
-        nodes from begin to end; all other edges on the boundary are straight. ``corners`` are vertices that stay.
+        ``on_curves`` has, by the number of an edge, the number of its curve and the parameters of its nodes from begin
+        to end; all other edges on the boundary, and those that are ``fixed`` between blocks, are straight. ``corners``
+        are vertices that stay.
         """
         edge_nodes = layout.edge_nodes(mesh.blocks)
         used = sorted({number for number, _ in on_curves.values()})
         place = {number: k for k, number in enumerate(used)}
         placed = {edge: (place[number], t) for edge, (number, t) in on_curves.items()}
-        found, edges = with_lines(layout, mesh.points, edge_nodes, [curves[k] for k in used], placed)
+        sliding = [*map(int, layout.boundary), *fixed]
+        found, edges = with_lines(layout, sliding, mesh.points, edge_nodes, [curves[k] for k in used], placed)
         node_curve, parameter = slide(layout, len(mesh.points), edges, found, edge_nodes, mesh.ties, set(corners))
         return cls(
             mesh=mesh,
             layout=layout,
             curves=found,
-            boundary_edges=edges,
+            boundary_edges=edges[: len(layout.boundary)],
+            fixed_edges=edges[len(layout.boundary) :],
             node_curve=node_curve,
             node_parameter=parameter,
             _document=document,

@@ -32,7 +32,7 @@ MAX_CELLS = 100_000
 # Blocks of one domain.
 MAX_BLOCKS = 10_000
 # The members of a description.
-MEMBERS = ("kind", "vertices", "curves", "edges", "blocks", "joins", "sides", "corners", "refine")
+MEMBERS = ("kind", "vertices", "curves", "edges", "blocks", "joins", "sides", "corners", "fixed", "refine")
 
 Ends: TypeAlias = tuple[str, str]
 """The names of the vertices at which an edge begins and ends."""
@@ -77,6 +77,7 @@ class Description:
     joins: tuple[tuple[Ends, Ends], ...]
     sides: Mapping[str, tuple[Ends, ...]]
     corners: tuple[str, ...]
+    fixed: tuple[Ends, ...]
     refine: float
 
     @classmethod
@@ -102,7 +103,8 @@ class Description:
             for name, value in mapping(given.get("curves", {}), "domain.curves").items()
         }
         listed = {
-            name: entries(given.get(name, ()), f"domain.{name}") for name in ("edges", "blocks", "joins", "corners")
+            name: entries(given.get(name, ()), f"domain.{name}")
+            for name in ("edges", "blocks", "joins", "corners", "fixed")
         }
         if not 1 <= len(listed["blocks"]) <= MAX_BLOCKS:
             message = f"blocks has {len(listed['blocks'])} entries: 1 to {MAX_BLOCKS} are possible"
@@ -118,6 +120,7 @@ class Description:
             corners=tuple(
                 name_among(name, f"domain.corners[{k}]", vertices, "vertex") for k, name in enumerate(listed["corners"])
             ),
+            fixed=tuple(_ends(ends, f"domain.fixed[{k}]", vertices) for k, ends in enumerate(listed["fixed"])),
             refine=refine,
             document=copy.deepcopy(given),  # the last: entries that are read are not nested deeply
         )

@@ -49,6 +49,24 @@ def sides_of(description: Description, plan: Plan) -> dict[str, tuple[int, ...]]
     return found
 
 
+def fixed_edges(description: Description, plan: Plan) -> tuple[int, ...]:
+    """The edges between blocks on whose lines the nodes stay.
+
+    Raises :class:`~equimesh.errors.InputError` for an edge of the boundary, a joined one, and one that is named twice.
+    """
+    found: list[int] = []
+    for k, ends in enumerate(description.fixed):
+        field = f"domain.fixed[{k}]"
+        edge = plan.find(ends, field)
+        if plan.layout.edge_uses[edge] == 1:
+            message = f"{ends[0]}-{ends[1]} is no edge between two blocks: nodes of the boundary stay on it anyway"
+            raise InputError(message, field=field)
+        if edge in found:
+            raise InputError(f"{ends[0]}-{ends[1]} is named twice", field=field)
+        found.append(edge)
+    return tuple(found)
+
+
 def side_edges(
     layout: Layout, edge_nodes: Sequence[IntArray], sides: Mapping[str, Iterable[int]]
 ) -> dict[str, IntArray]:

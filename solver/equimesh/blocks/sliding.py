@@ -1,4 +1,4 @@
-"""Which nodes slide on which curve: from the edges on the boundary to a curve and a parameter of each node."""
+"""Which nodes slide on which curve: from edges of blocks to a curve and a parameter of each node."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ AT_CORNER = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryEdge:
-    """An edge on the boundary: its ``nodes`` from begin to end, and their ``parameters`` on the curve ``curve``.
+    """An edge whose nodes slide: its ``nodes`` from begin to end, and their ``parameters`` on the curve ``curve``.
 
     Both have the shape ``(n,)``. Parameters rise or fall; on a closed curve they may leave its ends.
     """
@@ -35,17 +35,18 @@ class BoundaryEdge:
 
 def with_lines(
     layout: Layout,
+    sliding: Sequence[int],
     points: Array,
     edge_nodes: Sequence[IntArray],
     curves: Sequence[BoundaryCurve],
     on_curves: Mapping[int, tuple[int, Array]],
 ) -> tuple[tuple[BoundaryCurve, ...], tuple[BoundaryEdge, ...]]:
-    """The given curves and one line for each straight part of the boundary, and all edges on the boundary.
+    """The given curves and one line for each straight part of the edges ``sliding``, and these edges.
 
     ``on_curves`` has, by the number of an edge, the curve that it lies on and the parameters of its nodes. All other
-    edges on the boundary are straight; those that go on in one direction at a vertex are one line.
+    edges are straight; those that go on in one direction at a vertex are one line.
     """
-    straight = [int(edge) for edge in layout.boundary if int(edge) not in on_curves]
+    straight = [edge for edge in sliding if edge not in on_curves]
     ends = {edge: points[edge_nodes[edge][[0, -1]]] for edge in straight}
     chains = _chains(layout, straight, ends)
     found = list(curves)
@@ -58,7 +59,7 @@ def with_lines(
         found.append(line)
     edges = tuple(
         BoundaryEdge(edge=edge, curve=placed[edge][0], nodes=edge_nodes[edge], parameters=placed[edge][1])
-        for edge in map(int, layout.boundary)
+        for edge in sliding
     )
     return tuple(found), edges
 

@@ -333,9 +333,9 @@ class BlockNest:
 
     @cached_property
     def _parameters(self) -> dict[tuple[int, ...], Array]:
-        """The parameters of the nodes of each edge on the boundary, by the first two nodes from either end."""
+        """The parameters of the nodes of each edge on a curve, by the first two nodes from either end."""
         found = {}
-        for edge in self.domain.boundary_edges:
+        for edge in (*self.domain.boundary_edges, *self.domain.fixed_edges):
             found[tuple(edge.nodes[:2].tolist())] = edge.parameters
             found[tuple(edge.nodes[:-3:-1].tolist())] = edge.parameters[::-1]
         return found

@@ -12,6 +12,7 @@ from typing import Any, Final, Literal, TypeAlias, Unpack
 from equimesh.blocks.blocks import Blocks
 from equimesh.blocks.counts import plan_of
 from equimesh.blocks.description import Description
+from equimesh.blocks.fixed_rectangle import fixed_rectangle
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import UNIT_SQUARE, AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
@@ -63,7 +64,9 @@ def count_points(document: Mapping[str, Any]) -> int:
 
     Raises :class:`~equimesh.errors.InputError`, whose field begins with ``domain``.
     """
-    return plan_of(Description.of(document)).layout.node_count
+    given = {name: value for name, value in document.items() if name != "kind"}
+    is_rectangle = document.get("kind") == domains_schema.FixedRectangle.kind
+    return plan_of(Description.of(fixed_rectangle(**given) if is_rectangle else document)).layout.node_count
 
 
 def domain_makers(find_mesh: FindMesh, folder: Path | None = None) -> Makers:
@@ -84,6 +87,7 @@ def domain_makers(find_mesh: FindMesh, folder: Path | None = None) -> Makers:
         domains_schema.FormulaCurve: Curve.of_expressions,
         domains_schema.PointCurve: Curve.through,
         domains_schema.Blocks: blocks,
+        domains_schema.FixedRectangle: lambda **given: Blocks.of(fixed_rectangle(**given), folder),
         domains_schema.MeshFile: mesh,
     }
 

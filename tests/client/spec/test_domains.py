@@ -130,6 +130,7 @@ def test_blocks_are_read_from_json_and_from_arrays() -> None:
         "joins": [],
         "sides": {},
         "corners": [],
+        "fixed": [],
         "refine": 1,
     }
     assert json.loads(json.dumps(domain.to_json())) == domain.to_json()

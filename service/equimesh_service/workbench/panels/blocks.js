@@ -3,23 +3,37 @@
 import { follow, numberField } from "../bound.js";
 import { element, field, freshId } from "../dom.js";
 
-/** The description that a change to blocks begins with: a square with a round hole. */
+/** The descriptions that a change of the kind begins with: a square with a round hole, one with an interface and a layer. */
 export const FIRST = {
-  vertices: { a: [-1, -1], b: [1, -1], c: [1, 1], d: [-1, 1], e: [-0.25, -0.25], f: [0.25, -0.25], g: [0.25, 0.25], h: [-0.25, 0.25] },
-  curves: { hole: { circle: { center: [0, 0], radius: 0.3535533905932738 } } },
-  edges: [
-    { from: "e", to: "f", on: "hole" },
-    { from: "f", to: "g", on: "hole" },
-    { from: "g", to: "h", on: "hole" },
-    { from: "h", to: "e", on: "hole" },
-  ],
-  blocks: [
-    { corners: ["a", "b", "f", "e"], cells: [16, 16] },
-    { corners: ["b", "c", "g", "f"], cells: [16, 16] },
-    { corners: ["c", "d", "h", "g"], cells: [16, 16] },
-    { corners: ["d", "a", "e", "h"], cells: [16, 16] },
-  ],
-  sides: { hole: [["e", "f"], ["f", "g"], ["g", "h"], ["h", "e"]] },
+  blocks: {
+    vertices: { a: [-1, -1], b: [1, -1], c: [1, 1], d: [-1, 1], e: [-0.25, -0.25], f: [0.25, -0.25], g: [0.25, 0.25], h: [-0.25, 0.25] },
+    curves: { hole: { circle: { center: [0, 0], radius: 0.3535533905932738 } } },
+    edges: [
+      { from: "e", to: "f", on: "hole" },
+      { from: "f", to: "g", on: "hole" },
+      { from: "g", to: "h", on: "hole" },
+      { from: "h", to: "e", on: "hole" },
+    ],
+    blocks: [
+      { corners: ["a", "b", "f", "e"], cells: [16, 16] },
+      { corners: ["b", "c", "g", "f"], cells: [16, 16] },
+      { corners: ["c", "d", "h", "g"], cells: [16, 16] },
+      { corners: ["d", "a", "e", "h"], cells: [16, 16] },
+    ],
+    sides: { hole: [["e", "f"], ["f", "g"], ["g", "h"], ["h", "e"]] },
+  },
+  fixed_rectangle: {
+    cells: [32, 32],
+    points: [[0.25, 0.3]],
+    curves: { interface: { x: "t", y: "0.6 + 0.05*sin(2*pi*t)" } },
+    layers: { bottom: { first: 0.005, growth: 1.3, count: 5 } },
+  },
+};
+
+// What is said above the text.
+const HINTS = {
+  blocks: "Vertices, curves, blocks and sides by their names. The mesh slides along the curves and through the blocks.",
+  fixed_rectangle: "Nodes stay at the points, and slide on the curves from side to side. Layers give cells along a side their heights.",
 };
 
 /**
@@ -27,15 +41,16 @@ export const FIRST = {
  *
  * @param {object} app
  * @param {(domain: object) => void} put
+ * @param {string} kind of the domain
  */
-export function blocksForm(app, put) {
-  const input = element("textarea", { rows: 14, class: "code", spellcheck: "false", id: freshId("blocks") });
+export function descriptionForm(app, put, kind) {
+  const input = element("textarea", { rows: 14, class: "code", spellcheck: "false", id: freshId(kind) });
   const box = field("Description, as JSON", input);
   const fault = box.querySelector(".fault");
   const take = (text) => {
     const read = descriptionIn(text);
     fault.textContent = read.fault ?? "";
-    if (read.description) put({ kind: "blocks", ...read.description });
+    if (read.description) put({ kind, ...read.description });
   };
   const file = element("input", { type: "file", accept: ".json,application/json" });
   file.addEventListener("change", async () => {
@@ -46,7 +61,7 @@ export function blocksForm(app, put) {
   });
   input.addEventListener("input", () => take(input.value));
   follow(app, ["domain"], (domain) => {
-    if (domain?.kind !== "blocks") return;
+    if (domain?.kind !== kind) return;
     const { kind: _, refine: __, ...description } = domain;
     const shown = descriptionIn(input.value).description;
     if (shown && JSON.stringify(withoutRefine(shown)) === JSON.stringify(description)) return;
@@ -54,8 +69,8 @@ export function blocksForm(app, put) {
     fault.textContent = "";
   });
   return element("div", {},
-    element("p", { class: "hint" }, "Vertices, curves, blocks and sides by their names. The mesh slides along the curves and through the blocks."),
-    numberField(app, "Cells, times", ["domain", "refine"], { fallback: 1, min: 0.1 }),
+    element("p", { class: "hint" }, HINTS[kind]),
+    kind === "blocks" ? numberField(app, "Cells, times", ["domain", "refine"], { fallback: 1, min: 0.1 }) : "",
     box,
     field("Or open a description", file));
 }

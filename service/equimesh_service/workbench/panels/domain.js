@@ -8,9 +8,9 @@ import { offerToFit } from "../fit.js";
 import { createOutline } from "../outline.js";
 import { SIDES, curvesOf, hasBlocks, pointsOf } from "../sides.js";
 import { replaced } from "../store.js";
-import { FIRST, blocksForm, meshForm } from "./blocks.js";
+import { FIRST, descriptionForm, meshForm } from "./blocks.js";
 
-const KINDS = [["rectangle", "Rectangle"], ["annulus_sector", "Part of a ring"], ["quadrilateral", "Four curves"], ["blocks", "Blocks"], ["mesh", "A mesh file"]];
+const KINDS = [["rectangle", "Rectangle"], ["annulus_sector", "Part of a ring"], ["quadrilateral", "Four curves"], ["blocks", "Blocks"], ["fixed_rectangle", "Rectangle with fixed nodes"], ["mesh", "A mesh file"]];
 // The monitors that blocks take.
 const OF_BLOCKS = ["auto", "least_error"];
 // What goes with a grid alone.
@@ -65,7 +65,8 @@ export function create(section, app) {
       element("p", { class: "hint" }, "Bottom and top run from left to right, left and right from bottom to top. They meet at the corners. Points can be dragged, or moved with arrow keys."),
       flagField(app, "Closed: mesh lines run around", ["domain", "closed"], { help: "For an O-grid. Left and right are then one curve, or bottom and top, and mesh lines go on across it." }),
       SIDES.map((side) => curveForm(app, side, put))),
-    blocks: blocksForm(app, put),
+    blocks: descriptionForm(app, put, "blocks"),
+    fixed_rectangle: descriptionForm(app, put, "fixed_rectangle"),
     mesh: meshForm(app, put),
   };
   section.append(kinds, outline.element, faultLine(app, (pointer) => /^\/domain(\/\w+)?$/.test(pointer) || (hasBlocks(domain()) && pointer.startsWith("/domain/"))), ...Object.values(forms));
@@ -80,7 +81,7 @@ export function create(section, app) {
 function asKind(domain, kind) {
   if (kind === "rectangle") return {};
   if (kind === "annulus_sector" || kind === "mesh") return { kind };
-  if (kind === "blocks") return { kind, ...FIRST };
+  if (FIRST[kind]) return { kind, ...FIRST[kind] };
   const curves = curvesOf(domain);
   return { kind, ...Object.fromEntries(SIDES.map((side) => [side, curves[side]])) };
 }
