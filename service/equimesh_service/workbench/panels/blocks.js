@@ -45,7 +45,7 @@ const HINTS = {
  */
 export function descriptionForm(app, put, kind) {
   const input = element("textarea", { rows: 14, class: "code", spellcheck: "false", id: freshId(kind) });
-  const box = field("Description, as JSON", input);
+  const box = field(kind === "blocks" ? "Description, as JSON" : "Rectangle, as JSON", input);
   const fault = box.querySelector(".fault");
   const take = (text) => {
     const read = descriptionIn(text);
@@ -72,7 +72,7 @@ export function descriptionForm(app, put, kind) {
     element("p", { class: "hint" }, HINTS[kind]),
     kind === "blocks" ? numberField(app, "Cells, times", ["domain", "refine"], { fallback: 1, min: 0.1 }) : "",
     box,
-    field("Or open a description", file));
+    field(kind === "blocks" ? "Or open a description" : "Or open a file of it", file));
 }
 
 /**
