@@ -111,15 +111,20 @@ function [status, file, place] = send_once (url, method, path, body, once)
   file = tempname (); head = tempname (); sent = tempname ();
   handle = fopen (sent, 'w'); fwrite (handle, body); fclose (handle);
   tidy = onCleanup (@() remove (sent, head));
-  key = getenv ('EQUIMESH_KEY'); granted = '';
-  if ~isempty (key), granted = sprintf ('-H "Authorization: Bearer %s"', key); end
+  granted = ''; given = '';
+  if ~isempty (getenv ('EQUIMESH_KEY')) && isunix ()  % the shell reads the key, so that no list of processes shows it
+    granted = '-K -';
+    given = sprintf (' <<END\nheader = "Authorization: Bearer $EQUIMESH_KEY"\nEND\n');
+  elseif ~isempty (getenv ('EQUIMESH_KEY'))
+    granted = sprintf ('-H "Authorization: Bearer %s"', getenv ('EQUIMESH_KEY'));
+  end
   while ~isempty (url) && url(end) == '/', url(end) = ''; end
   if ~isempty (regexp ([url path], '[^\w:/?&=.~@+,\[\]-]', 'once'))  % a shell would read it
     error ('equimesh:input', 'the address %s has characters that are none of an address of a service', [url path]);
   end
   command = ['curl -sS -X %s -o "%s" -D "%s" -w "%%{http_code}" -H "Content-Type: application/json" -H "Expect:" ' ...
-             '-H "Prefer: wait=30" -H "Idempotency-Key: %s" %s --max-time 600 --data-binary "@%s" "%s%s" 2>&1'];
-  [failed, said] = system (sprintf (command, method, file, head, once, granted, sent, url, path));
+             '-H "Prefer: wait=30" -H "Idempotency-Key: %s" %s --max-time 600 --data-binary "@%s" "%s%s" 2>&1%s'];
+  [failed, said] = system (sprintf (command, method, file, head, once, granted, sent, url, path, given));
   if failed ~= 0
     error ('equimesh:unreachable', ['the service at %s does not answer (%s): start it with equimesh serve, or give its' ...
            ' address'], url, strtok (said, sprintf ('\n')));
