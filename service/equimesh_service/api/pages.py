@@ -217,6 +217,7 @@ def workbench_files() -> Mapping[str, WorkbenchFile]:
     choices = f"{head}\nexport const CHOICES = {json.dumps(schema_choices())};\n"
     return {
         **dict(_walk(files("equimesh_service").joinpath("workbench"), "")),
+        **dict(_walk(files("equimesh_schema").joinpath("browser"), "browser/")),
         "choices.js": _file(choices.encode(), _TYPES[".js"]),
     }
 

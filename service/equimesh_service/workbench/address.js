@@ -1,6 +1,6 @@
 // The state as the part of an address after "#", so that a link shows what was seen.
 
-import { COLOURS } from "./drawing/colours.js";
+import { COLOURS } from "./browser/colours.js";
 import { MOST_MESHES } from "./film.js";
 import { sourcesOf } from "./sources.js";
 import { START } from "./store.js";

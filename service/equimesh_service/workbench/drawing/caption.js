@@ -1,7 +1,7 @@
 // What stands around a saved picture: headline, captions of the panes, and the colour bar with its scale.
 
 import { amount } from "../words.js";
-import { COLOURS, colourAt, legendOf } from "./colours.js";
+import { COLOURS, colourAt, legendOf } from "../browser/colours.js";
 
 // Pixels above and below the panes, and around everything.
 const HEAD = 34;

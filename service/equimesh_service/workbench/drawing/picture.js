@@ -1,7 +1,7 @@
 // Pictures of what is seen: SVG with a path for each colour, and PNG of the canvas.
 
 import { frameOf } from "./caption.js";
-import { colourAt } from "./colours.js";
+import { colourAt } from "../browser/colours.js";
 import { blended, eachCell, linesOf } from "./nodes.js";
 import { placesOf } from "./values.js";
 

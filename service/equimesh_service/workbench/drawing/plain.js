@@ -1,6 +1,6 @@
 // The renderer without WebGL: paths on a canvas, one for each of the colours.
 
-import { colourAt } from "./colours.js";
+import { colourAt } from "../browser/colours.js";
 import { blended, cellCount, eachCell, linesOf } from "./nodes.js";
 
 // Colours that are told apart; cells of one colour are one path.

@@ -3,7 +3,7 @@
 import { element } from "../dom.js";
 import { amount } from "../words.js";
 import { boxOf, createCamera } from "./camera.js";
-import { tableOf } from "./colours.js";
+import { tableOf } from "../browser/colours.js";
 import { followGestures } from "./gestures.js";
 import { followCells } from "./hover.js";
 import { meshOf } from "./nodes.js";

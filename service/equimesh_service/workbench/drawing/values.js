@@ -1,6 +1,6 @@
 // What the cells of a drawing are coloured by: values of both meshes on one scale, and their places on the colours.
 
-import { COLOURS, placeOfClass, scaleOf } from "./colours.js";
+import { COLOURS, placeOfClass, scaleOf } from "../browser/colours.js";
 import { areasOf, cellCount, eachCell, meshOf } from "./nodes.js";
 
 /**

@@ -1,6 +1,6 @@
 // The gallery: problems that people know, each a click away.
 
-import { colourAt, tableOf } from "../drawing/colours.js";
+import { colourAt, tableOf } from "../browser/colours.js";
 import { element } from "../dom.js";
 
 const FILES = { problems: "workbench/gallery.json", pictures: "workbench/gallery_pictures.json" };

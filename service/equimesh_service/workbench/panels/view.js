@@ -1,6 +1,6 @@
 // How the mesh is looked at: colours with their legend, uniform or adapted, zoom, and pictures of what is seen.
 
-import { COLOURS, legendOf } from "../drawing/colours.js";
+import { COLOURS, legendOf } from "../browser/colours.js";
 import { isThere } from "../drawing/values.js";
 import { element, freshId, select } from "../dom.js";
 import { hasBlocks } from "../sides.js";

@@ -1,0 +1,1 @@
+"""Meshes that a browser computes: the kernel of pages, and the figure that moves under the reader's hand."""
