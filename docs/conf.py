@@ -20,6 +20,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "generator.mathml",
     "generator.names",
+    "generator.figures",
     "generator.inline",
 ]
 nitpicky = True

@@ -23,6 +23,7 @@ ROOT = Path(__file__).parents[2]
 PART = (
     "index.md",
     "404.md",
+    "gallery.md",
     "tutorials/index.md",
     "tutorials/first-mesh.md",
     "background/index.md",
@@ -142,6 +143,55 @@ def test_links_lead_from_the_front_page_to_a_name_and_its_signature(page: Page, 
     page.locator("article").get_by_role("link", name="equimesh.testing").click()
     entry = page.locator('[id="equimesh.testing.check_domain"]')
     assert "domain: Domain" in " ".join(entry.inner_text().split())
+
+
+FIGURE = ".mesh-figure"
+SETTLED = f"{FIGURE}[data-state=settled]"
+
+
+def gain(page: Page) -> float:
+    """The gain that the figure of a page shows, once it moves no more."""
+    page.locator(SETTLED).wait_for()
+    return float(page.locator(FIGURE).get_attribute("data-gain") or "nan")
+
+
+@pytest.mark.needs("chromium")
+def test_the_picture_of_the_front_page_moves_under_the_hand(page: Page) -> None:
+    first = gain(page)
+    assert first > 10
+    assert f"{first:.3g} times smaller" in page.locator(".mesh-figure-answer").inner_text()
+    slider, text = page.get_by_role("slider", name="k"), page.get_by_label("u(x, y) =")
+    slider.press("ArrowRight")
+    assert gain(page) > first  # of a steeper front
+    text.fill("exp(-q*(x² + y²))")
+    fault = page.get_by_role("alert")
+    assert "'q' is not a known name" in fault.inner_text()
+    fault.get_by_role("button", name="Make q a slider").click()
+    assert 1 < gain(page) < first
+    assert page.get_by_role("slider", name="q").is_visible()
+    page.get_by_role("button", name="arc length").click()
+    page.locator("figcaption", has_text="arc length, error").wait_for()
+
+
+@pytest.mark.needs("chromium")
+def test_pictures_of_the_gallery_move_where_the_page_knows_their_domain(page: Page, url: str) -> None:
+    page.goto(f"{url}gallery.html")
+    buttons = page.get_by_role("button", name="Move it: ")
+    assert buttons.count() == 12
+    page.get_by_role("button", name="Move it: Bow shock").click()
+    assert gain(page) > 10
+    assert buttons.count() == 11
+
+
+@pytest.mark.needs("chromium")
+@pytest.mark.parametrize("scripts", [True, False])
+def test_the_front_page_works_from_a_folder_and_without_scripts(chromium: Browser, built: Path, scripts: bool) -> None:
+    opened = chromium.new_page(java_script_enabled=scripts)
+    opened.goto((built / "index.html").as_uri())
+    if scripts:
+        assert gain(opened) > 10
+    assert opened.locator("article img").first.is_visible() is not scripts
+    opened.close()
 
 
 @pytest.mark.needs("chromium")

@@ -28,11 +28,14 @@ const MOST_DIGITS = 40;
 // Integer powers up to this one are products.
 const MOST_MULTIPLIED = 16;
 
-/** A text that is no formula of the language: `message` is a sentence, `offset` its place in the text. */
+/**
+ * A text that is no formula of the language: `message` is a sentence, `offset` its place in the text, and `unknown` the
+ * name that could be a parameter, if that is what is wrong.
+ */
 export class FormulaError extends Error {
-  constructor(message, offset = 0) {
+  constructor(message, offset = 0, unknown = "") {
     super(message);
-    this.offset = offset;
+    Object.assign(this, { offset, unknown });
   }
 }
 
@@ -257,7 +260,8 @@ function parse(text, names) {
 
   function name(token) {
     if (!names.has(token.text)) {
-      refuse(`'${token.text}' is not a known name: known are ${[...names].join(", ")} and the functions; declare others as parameters`);
+      const sentence = `'${token.text}' is not a known name: known are ${[...names].join(", ")} and the functions; declare others as parameters`;
+      throw new FormulaError(sentence, token.start, token.text);
     }
     at += 1;
     return add("name", token.text);

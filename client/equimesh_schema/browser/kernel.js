@@ -25,35 +25,37 @@ export function domainOf(description) {
   return known[kind](description ?? {});
 }
 
-function pointwise(at) {
-  return (s, t) => {
-    const out = Array.from({ length: 6 }, () => new Float64Array(s.length));
-    for (let k = 0; k < s.length; k += 1) at(s[k], t[k], out, k);
-    return out;
-  };
-}
+const arraysFor = (count) => Array.from({ length: 6 }, () => new Float64Array(count));
 
 function rectangle({ x: [x0, x1] = [0, 1], y: [y0, y1] = [0, 1] }) {
   const isIdentity = x0 === 0 && x1 === 1 && y0 === 0 && y1 === 1;
-  const map = pointwise((s, t, [x, y, x_s, , , y_t], k) => {
-    x[k] = x0 * (1 - s) + x1 * s;
-    y[k] = y0 * (1 - t) + y1 * t;
-    x_s[k] = x1 - x0;
-    y_t[k] = y1 - y0;
-  });
+  const map = (s, t) => {
+    const [x, y, x_s, x_t, y_s, y_t] = arraysFor(s.length);
+    for (let k = 0; k < s.length; k += 1) {
+      x[k] = x0 * (1 - s[k]) + x1 * s[k];
+      y[k] = y0 * (1 - t[k]) + y1 * t[k];
+    }
+    return [x, y, x_s.fill(x1 - x0), x_t, y_s, y_t.fill(y1 - y0)];
+  };
   return { map, isIdentity, isStraight: true, area: (x1 - x0) * (y1 - y0) };
 }
 
 function sector({ center: [a, b] = [0, 0], radii: [inner, outer] = [1, 2], angles: [first, last] = [0, 90] }) {
   const turn = ((last - first) * Math.PI) / 180;
-  const map = pointwise((s, t, [x, y, x_s, x_t, y_s, y_t], k) => {
-    const radius = inner + (outer - inner) * s;
-    const angle = (first * Math.PI) / 180 + turn * t;
-    const [cosine, sine] = [Math.cos(angle), Math.sin(angle)];
-    [x[k], y[k]] = [a + radius * cosine, b + radius * sine];
-    [x_s[k], y_s[k]] = [(outer - inner) * cosine, (outer - inner) * sine];
-    [x_t[k], y_t[k]] = [-radius * turn * sine, radius * turn * cosine];
-  });
+  const map = (s, t) => {
+    const [x, y, x_s, x_t, y_s, y_t] = arraysFor(s.length);
+    for (let k = 0; k < s.length; k += 1) {
+      const radius = inner + (outer - inner) * s[k], angle = (first * Math.PI) / 180 + turn * t[k];
+      const cosine = Math.cos(angle), sine = Math.sin(angle);
+      x[k] = a + radius * cosine;
+      y[k] = b + radius * sine;
+      x_s[k] = (outer - inner) * cosine;
+      y_s[k] = (outer - inner) * sine;
+      x_t[k] = -radius * turn * sine;
+      y_t[k] = radius * turn * cosine;
+    }
+    return [x, y, x_s, x_t, y_s, y_t];
+  };
   return { map, isIdentity: false, isStraight: false, area: 0.5 * (outer - inner) * (outer + inner) * turn };
 }
 
@@ -61,19 +63,19 @@ function sector({ center: [a, b] = [0, 0], radii: [inner, outer] = [1, 2], angle
 function quadrilateral(description) {
   const [bottom, right, top, left] = ["bottom", "right", "top", "left"].map((side) => curveOf(description[side], side));
   const ends = (curve) => curve(Float64Array.of(0, 1)).map((part) => [...part]);
-  const [low, high] = [ends(bottom), ends(top)];
+  const low = ends(bottom), high = ends(top);
   const map = (s, t) => {
-    const [b, u, l, r] = [bottom(s), top(s), left(t), right(t)];
-    const out = Array.from({ length: 6 }, () => new Float64Array(s.length));
-    for (let k = 0; k < s.length; k += 1) {
-      for (const c of [0, 1]) {
-        const [c00, c10] = low[c];
-        const [c01, c11] = high[c];
-        const fromLeft = l[c][k] - (1 - t[k]) * c00 - t[k] * c01;
-        const fromRight = r[c][k] - (1 - t[k]) * c10 - t[k] * c11;
-        out[c][k] = (1 - t[k]) * b[c][k] + t[k] * u[c][k] + (1 - s[k]) * fromLeft + s[k] * fromRight;
-        out[2 + 2 * c][k] = (1 - t[k]) * b[c + 2][k] + t[k] * u[c + 2][k] + fromRight - fromLeft;
-        out[3 + 2 * c][k] = u[c][k] - b[c][k] + (1 - s[k]) * (l[c + 2][k] - (c01 - c00)) + s[k] * (r[c + 2][k] - (c11 - c10));
+    const b = bottom(s), u = top(s), l = left(t), r = right(t), out = arraysFor(s.length);
+    for (let c = 0; c < 2; c += 1) {
+      const [c00, c10] = low[c], [c01, c11] = high[c];
+      const value = out[c], along = out[2 + 2 * c], across = out[3 + 2 * c];
+      const bq = b[c], uq = u[c], lq = l[c], rq = r[c], bs = b[c + 2], us = u[c + 2], lt = l[c + 2], rt = r[c + 2];
+      for (let k = 0; k < s.length; k += 1) {
+        const p = s[k], q = t[k];
+        const fromLeft = lq[k] - (1 - q) * c00 - q * c01, fromRight = rq[k] - (1 - q) * c10 - q * c11;
+        value[k] = (1 - q) * bq[k] + q * uq[k] + (1 - p) * fromLeft + p * fromRight;
+        along[k] = (1 - q) * bs[k] + q * us[k] + fromRight - fromLeft;
+        across[k] = uq[k] - bq[k] + (1 - p) * (lt[k] - (c01 - c00)) + p * (rt[k] - (c11 - c10));
       }
     }
     return out;
@@ -118,7 +120,7 @@ const placesOf = (domain, { s, t }) => (domain.isIdentity ? [s, t] : domain.map(
 
 // Nodal values on another grid, by cubic or linear interpolation.
 function interpolated(values, [n, m], [fineN, fineM], isCubic) {
-  const [along, across] = [ruleOf(n, fineN, isCubic), ruleOf(m, fineM, isCubic)];
+  const along = ruleOf(n, fineN, isCubic), across = ruleOf(m, fineM, isCubic);
   const half = new Float64Array(n * fineM);
   for (let i = 0; i < n; i += 1) {
     for (let j = 0; j < fineM; j += 1) {
@@ -128,7 +130,7 @@ function interpolated(values, [n, m], [fineN, fineM], isCubic) {
   const out = new Float64Array(fineN * fineM);
   for (let i = 0; i < fineN; i += 1) {
     for (let w = 0; w < 4; w += 1) {
-      const [weight, row] = [along.weights[4 * i + w], (along.first[i] + w) * fineM];
+      const weight = along.weights[4 * i + w], row = (along.first[i] + w) * fineM;
       for (let j = 0; j < fineM; j += 1) out[i * fineM + j] += weight * half[row + j];
     }
   }
@@ -136,7 +138,7 @@ function interpolated(values, [n, m], [fineN, fineM], isCubic) {
 }
 
 function ruleOf(coarse, fine, isCubic) {
-  const [first, weights] = [new Int32Array(fine), new Float64Array(4 * fine)];
+  const first = new Int32Array(fine), weights = new Float64Array(4 * fine);
   for (let k = 0; k < fine; k += 1) {
     const place = (k * (coarse - 1)) / (fine - 1);
     const cell = Math.min(Math.floor(place), coarse - 2);
@@ -163,7 +165,7 @@ function cellsOf(n, m) {
 }
 
 function cornerAt(x, y, cells, c, k) {
-  const [p, a, b] = [cells[c + k], cells[c + ((k + 1) & 3)], cells[c + ((k + 3) & 3)]];
+  const p = cells[c + k], a = cells[c + ((k + 1) & 3)], b = cells[c + ((k + 3) & 3)];
   return (x[a] - x[p]) * (y[b] - y[p]) - (y[a] - y[p]) * (x[b] - x[p]);
 }
 
@@ -203,7 +205,7 @@ function quadrature(x, y, cells, element, at) {
   const count = cells.length / 4;
   element.forEach(({ shape: [n0, n1, n2, n3] }, q) => {
     for (let c = 0; c < count; c += 1) {
-      const [a, b, d, e] = [cells[4 * c], cells[4 * c + 1], cells[4 * c + 2], cells[4 * c + 3]];
+      const a = cells[4 * c], b = cells[4 * c + 1], d = cells[4 * c + 2], e = cells[4 * c + 3];
       at.x[q * count + c] = n0 * x[a] + n1 * x[b] + n2 * x[d] + n3 * x[e];
       at.y[q * count + c] = n0 * y[a] + n1 * y[b] + n2 * y[d] + n3 * y[e];
     }
@@ -233,7 +235,7 @@ export function errorOf(u, domain, mesh, [n, m]) {
   const squares = new Float64Array(count);
   element.forEach(({ weight, shape, alongS, alongT }, q) => {
     for (let c = 0; c < count; c += 1) {
-      let [e, x_s, x_t, y_s, y_t] = [-exact[q * count + c], 0, 0, 0, 0];
+      let e = -exact[q * count + c], x_s = 0, x_t = 0, y_s = 0, y_t = 0;
       for (let k = 0; k < 4; k += 1) {
         const node = cells[4 * c + k];
         e += shape[k] * nodal[node];
@@ -267,23 +269,24 @@ export function levelsOf([n, m]) {
  * The steps of the arc-length mesh with these points: each yields `{mesh, shape, isLast, isConverged}`.
  *
  * The equations are the solver's: Haynes and Howse (5), with the trace condition on the sides.  Points are moved along
- * the lines, family after family, to equal metric lengths; a move that would fold a cell is shortened.
+ * the lines, family after family, to equal metric lengths; a move that would fold a cell is shortened.  `start` and
+ * `steps` are those of `leastError`.
  *
  * @param {object} u of `compile`
  * @param {number[]} shape
  * @param {object} domain of `domainOf`
- * @param {{a?: number, b?: number, scaled?: boolean}} [settings]
+ * @param {{a?: number, b?: number, scaled?: boolean, start?: object, steps?: number}} [settings]
  */
-export function* arcLength(u, shape, domain, { a = STRENGTH.a, b = STRENGTH.b, scaled = true } = {}) {
-  const factor = scaled ? scaleOf(u, domain) : 1;
-  const levels = levelsOf(shape);
-  let mesh = uniform(...levels[0]);
+export function* arcLength(u, shape, domain, { a = STRENGTH.a, b = STRENGTH.b, scaled = true, start = null, steps = Infinity } = {}) {
+  const factor = scaled ? rangeFactor(u, domain) : 1;
+  const levels = start ? [shape] : levelsOf(shape);
+  let mesh = start ?? uniform(...levels[0]);
   for (const [number, [n, m]] of levels.entries()) {
     if (number > 0) mesh = liftedMesh(mesh, levels[number - 1], [n, m], uniform);
     const isFinest = number === levels.length - 1;
     const sweep = sweeper(u, domain, [n, m], { a, b, factor });
     let isConverged = false;
-    for (let k = 0; k < MOST_SWEEPS[+!isFinest] && !isConverged; k += 1) {
+    for (let k = 0; k < Math.min(steps, MOST_SWEEPS[+!isFinest]) && !isConverged; k += 1) {
       const moved = sweep(mesh);
       if (!moved) break;
       mesh = moved.mesh;
@@ -295,10 +298,10 @@ export function* arcLength(u, shape, domain, { a = STRENGTH.a, b = STRENGTH.b, s
 }
 
 // The size of the domain over the range of u.
-function scaleOf(u, domain) {
+function rangeFactor(u, domain) {
   const [x, y] = placesOf(domain, uniform(RANGE_POINTS, RANGE_POINTS));
   const known = u.evaluate(x, y)[0].filter(Number.isFinite);
-  const [low, high] = [known.reduce((p, q) => Math.min(p, q), Infinity), known.reduce((p, q) => Math.max(p, q), -Infinity)];
+  const low = known.reduce((p, q) => Math.min(p, q), Infinity), high = known.reduce((p, q) => Math.max(p, q), -Infinity);
   if (!(high - low > 1e-12 * Math.max(Math.abs(low), Math.abs(high)))) return 0;
   return Math.sqrt(domain.area) / (high - low);
 }
@@ -314,7 +317,7 @@ function sweeper(u, domain, [n, m], { a, b, factor }) {
     { lines: n, points: m, step: 1, next: m, own: "t", other: "s" },
   ];
   return (mesh) => {
-    let [now, largest] = [mesh, 0];
+    let now = mesh, largest = 0;
     for (const family of families) {
       const wanted = placed(now, metric, family, u, domain, { a2: a * a, b, factor });
       let share = 1;
@@ -336,7 +339,7 @@ const between = (from, to, share) => from.map((one, k) => one + share * (to[k] -
 // The metric of every cell, [m11, m12, m22], with the gradient of u by differences on the mesh.
 function metricOn(u, domain, [n, m], { a2, b, factor }) {
   const count = (n - 1) * (m - 1);
-  const [s, t] = [new Float64Array(count), new Float64Array(count)];
+  const s = new Float64Array(count), t = new Float64Array(count);
   const out = [new Float64Array(count), new Float64Array(count), new Float64Array(count)];
   return (mesh) => {
     const [x, y] = placesOf(domain, mesh);
@@ -348,12 +351,12 @@ function metricOn(u, domain, [n, m], { a2, b, factor }) {
     }
     const map = domain.isIdentity ? null : domain.map(s, t);
     for (let i = 0, c = 0; i < n - 1; i += 1) for (let j = 0; j < m - 1; j += 1, c += 1) {
-      const [p, q, r, o] = [i * m + j, (i + 1) * m + j, (i + 1) * m + j + 1, i * m + j + 1];
-      const [dx, dy, du] = [mesh.s[r] - mesh.s[p], mesh.t[r] - mesh.t[p], factor * (nodal[r] - nodal[p])];
-      const [ox, oy, ou] = [mesh.s[q] - mesh.s[o], mesh.t[q] - mesh.t[o], factor * (nodal[q] - nodal[o])];
+      const p = i * m + j, q = (i + 1) * m + j, r = (i + 1) * m + j + 1, o = i * m + j + 1;
+      const dx = mesh.s[r] - mesh.s[p], dy = mesh.t[r] - mesh.t[p], du = factor * (nodal[r] - nodal[p]);
+      const ox = mesh.s[q] - mesh.s[o], oy = mesh.t[q] - mesh.t[o], ou = factor * (nodal[q] - nodal[o]);
       const inverse = 1 / (ox * dy - dx * oy);
-      const [gx, gy] = [(ou * dy - du * oy) * inverse, (ox * du - dx * ou) * inverse];
-      const [b11, b12, b22] = map ? pulledBack(map, c) : [1, 0, 1];
+      const gx = (ou * dy - du * oy) * inverse, gy = (ox * du - dx * ou) * inverse;
+      const [b11, b12, b22] = map ? pulledBack(map, c) : FLAT;
       const k = a2 / (1 + (b * (b22 * gx * gx - 2 * b12 * gx * gy + b11 * gy * gy)) / (b11 * b22 - b12 * b12));
       out[0][c] = b11 + k * gx * gx;
       out[1][c] = b12 + k * gx * gy;
@@ -363,6 +366,7 @@ function metricOn(u, domain, [n, m], { a2, b, factor }) {
   };
 }
 
+const FLAT = [1, 0, 1];
 const pulledBack = ([, , x_s, x_t, y_s, y_t], k) => [x_s[k] ** 2 + y_s[k] ** 2, x_s[k] * x_t[k] + y_s[k] * y_t[k], x_t[k] ** 2 + y_t[k] ** 2];
 
 // The mesh with the points of one family of lines at equal metric lengths along these.
@@ -380,8 +384,8 @@ function placed(mesh, metric, { lines, points, step, next, own, other }, u, doma
       let flux = side?.[e];
       if (!isSide) {
         const k = first + e * step;
-        const [d, h] = [mesh.s[k + step] - mesh.s[k], mesh.t[k + step] - mesh.t[k]];
-        const [below, above] = [cellAt(e, line - 1), cellAt(e, line)];
+        const d = mesh.s[k + step] - mesh.s[k], h = mesh.t[k + step] - mesh.t[k];
+        const below = cellAt(e, line - 1), above = cellAt(e, line);
         flux = 0.5 * ((m11[below] + m11[above]) * d * d + 2 * (m12[below] + m12[above]) * d * h + (m22[below] + m22[above]) * h * h);
       }
       lengths[e + 1] = lengths[e] + Math.sqrt(flux);
@@ -391,7 +395,7 @@ function placed(mesh, metric, { lines, points, step, next, own, other }, u, doma
       const at = (lengths[points - 1] * e) / (points - 1);
       while (lengths[edge + 1] < at) edge += 1;
       const share = (at - lengths[edge]) / (lengths[edge + 1] - lengths[edge]);
-      const [from, to] = [first + edge * step, first + (edge + 1) * step];
+      const from = first + edge * step, to = first + (edge + 1) * step;
       wanted[own][first + e * step] = mesh[own][from] + share * (mesh[own][to] - mesh[own][from]);
       if (!isSide) wanted[other][first + e * step] = mesh[other][from] + share * (mesh[other][to] - mesh[other][from]);
     }
@@ -415,10 +419,10 @@ function sideFluxes(mesh, { first, points, step, own, end }, u, domain, { a2, b,
   const nodal = value.slice();
   const map = domain.isIdentity ? null : domain.map(...Object.values(place(along.slice(1).map((one, k) => (one + along[k]) / 2))));
   return Array.from({ length: points - 1 }, (_, e) => {
-    const [d, du] = [along[e + 1] - along[e], factor * (nodal[e + 1] - nodal[e])];
-    const base = map ? pulledBack(map, e) : [1, 0, 1];
+    const d = along[e + 1] - along[e], du = factor * (nodal[e + 1] - nodal[e]);
+    const base = map ? pulledBack(map, e) : FLAT;
     const [b11, b12, b22] = own === "s" ? base : [base[2], base[1], base[0]];
-    const [g, h] = [du / d, 0.5 * (normal[e] + normal[e + 1])];
+    const g = du / d, h = 0.5 * (normal[e] + normal[e + 1]);
     const square = (b22 * g * g - 2 * b12 * g * h + b11 * h * h) / (b11 * b22 - b12 * b12);
     return b11 * d * d + (a2 / (1 + b * square)) * du * du;
   });
@@ -446,7 +450,7 @@ const upTo = (table, points, beyond) => (table.find(([most]) => points <= most) 
 
 // A mesh on another grid: displacements from the first mesh there by cubic, else linear interpolation, else positions.
 function liftedMesh(mesh, coarse, fine, firstMesh) {
-  const [start, first] = [firstMesh(...fine), firstMesh(...coarse)];
+  const start = firstMesh(...fine), first = firstMesh(...coarse);
   const cells = cellsOf(...fine);
   for (const [origin, isCubic] of [[first, true], [first, false], [null, false]]) {
     const lifted = {};
@@ -470,8 +474,8 @@ function heldToSides({ s, t }, [n, m]) {
 // of the displacement from it.
 function createObjective(u, domain, [n, m], start, initial, points, finestCells) {
   const cells = cellsOf(n, m);
-  const [count, size] = [cells.length / 4, n * m];
-  const [element, weight] = [ELEMENTS[points], { distortion: 0.5 * DISTORTION, smoothness: SMOOTHNESS * count }];
+  const count = cells.length / 4, size = n * m;
+  const element = ELEMENTS[points], weight = { distortion: 0.5 * DISTORTION, smoothness: SMOOTHNESS * count };
   const at = pointsFor(count, element);
   const first = placesOf(domain, start).slice(0, 2).map((one) => one.slice());
   const sums = new Float64Array(5 * size);
@@ -488,9 +492,9 @@ function createObjective(u, domain, [n, m], start, initial, points, finestCells)
     let total = 0;
     element.forEach(({ weight: share, shape, alongS, alongT }, q) => {
       const [n0, n1, n2, n3] = shape;
-      const [s0, s2, t0, t2] = [alongS[0], alongS[2], alongT[0], alongT[2]];
+      const s0 = alongS[0], s2 = alongS[2], t0 = alongT[0], t2 = alongT[2];
       for (let c = 0; c < count; c += 1) {
-        const [a, b, d, o, p] = [cells[4 * c], cells[4 * c + 1], cells[4 * c + 2], cells[4 * c + 3], q * count + c];
+        const a = cells[4 * c], b = cells[4 * c + 1], d = cells[4 * c + 2], o = cells[4 * c + 3], p = q * count + c;
         const x_s = s2 * (x[d] - x[o]) - s0 * (x[b] - x[a]);
         const y_s = s2 * (y[d] - y[o]) - s0 * (y[b] - y[a]);
         const x_t = t2 * (x[d] - x[b]) - t0 * (x[o] - x[a]);
@@ -500,8 +504,8 @@ function createObjective(u, domain, [n, m], start, initial, points, finestCells)
         const square = share * e * e;
         total += area * e * e;
         for (let k = 0; k < 4; k += 1) {
-          const [node, part] = [cells[4 * c + k], shape[k]];
-          const [d_x, d_y, factor] = [nodal_x[node] - value_x[p], nodal_y[node] - value_y[p], 2 * area * part];
+          const node = cells[4 * c + k], part = shape[k];
+          const d_x = nodal_x[node] - value_x[p], d_y = nodal_y[node] - value_y[p], factor = 2 * area * part;
           sums[5 * node] += factor * e * d_x + square * (alongS[k] * y_t - alongT[k] * y_s);
           sums[5 * node + 1] += factor * e * d_y + square * (alongT[k] * x_s - alongS[k] * x_t);
           sums[5 * node + 2] += factor * part * d_x * d_x;
@@ -519,17 +523,17 @@ function createObjective(u, domain, [n, m], start, initial, points, finestCells)
     let total = 0;
     for (let c = 0; c < cells.length; c += 4) {
       for (let k = 0; k < 4; k += 1) {
-        const [p, f, g] = [cells[c + k], cells[c + ((k + 1) & 3)], cells[c + ((k + 3) & 3)]];
-        const [ax, ay, bx, by] = [x[f] - x[p], y[f] - y[p], x[g] - x[p], y[g] - y[p]];
-        const [cx, cy, dx, dy] = [x0[f] - x0[p], y0[f] - y0[p], x0[g] - x0[p], y0[g] - y0[p]];
-        const [det0, det] = [cx * dy - cy * dx, ax * by - ay * bx];
-        const [k00, k01, k10, k11] = [dy / det0, -dx / det0, -cy / det0, cx / det0];
-        const [a00, a01, a10, a11] = [ax * k00 + bx * k10, ax * k01 + bx * k11, ay * k00 + by * k10, ay * k01 + by * k11];
+        const p = cells[c + k], f = cells[c + ((k + 1) & 3)], g = cells[c + ((k + 3) & 3)];
+        const ax = x[f] - x[p], ay = y[f] - y[p], bx = x[g] - x[p], by = y[g] - y[p];
+        const cx = x0[f] - x0[p], cy = y0[f] - y0[p], dx = x0[g] - x0[p], dy = y0[g] - y0[p];
+        const det0 = cx * dy - cy * dx, det = ax * by - ay * bx;
+        const k00 = dy / det0, k01 = -dx / det0, k10 = -cy / det0, k11 = cx / det0;
+        const a00 = ax * k00 + bx * k10, a01 = ax * k01 + bx * k11, a10 = ay * k00 + by * k10, a11 = ay * k01 + by * k11;
         const inverse = det0 / det;
         const r = 0.5 * (a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11) * inverse;
-        const [na, ma, nb, mb] = [by / det, -bx / det, -ay / det, ax / det];
-        const [ga, ha] = [(a00 * k00 + a01 * k01) * inverse - r * na, (a10 * k00 + a11 * k01) * inverse - r * ma];
-        const [gb, hb] = [(a00 * k10 + a01 * k11) * inverse - r * nb, (a10 * k10 + a11 * k11) * inverse - r * mb];
+        const na = by / det, ma = -bx / det, nb = -ay / det, mb = ax / det;
+        const ga = (a00 * k00 + a01 * k01) * inverse - r * na, ha = (a10 * k00 + a11 * k01) * inverse - r * ma;
+        const gb = (a00 * k10 + a01 * k11) * inverse - r * nb, hb = (a10 * k10 + a11 * k11) * inverse - r * mb;
         addCorner(f, scale, r, ga, ha, na, ma, (k00 * k00 + k01 * k01) * inverse);
         addCorner(g, scale, r, gb, hb, nb, mb, (k10 * k10 + k11 * k11) * inverse);
         addCorner(p, scale, r, -ga - gb, -ha - hb, -na - nb, -ma - mb, ((k00 + k10) ** 2 + (k01 + k11) ** 2) * inverse);
@@ -574,10 +578,10 @@ function createObjective(u, domain, [n, m], start, initial, points, finestCells)
 // The derivatives by s and t, `{gradient, blocks}`, flat arrays of two and three per node, from the sums by x and y.
 function pulledDerivatives(sums, factor, map) {
   const size = sums.length / 5;
-  const [gradient, blocks] = [new Float64Array(2 * size), new Float64Array(3 * size)];
+  const gradient = new Float64Array(2 * size), blocks = new Float64Array(3 * size);
   for (let k = 0; k < size; k += 1) {
-    const [g, h, a, b, d] = [sums[5 * k], sums[5 * k + 1], sums[5 * k + 2], sums[5 * k + 3], sums[5 * k + 4]];
-    const [x_s, x_t, y_s, y_t] = map ? [map[2][k], map[3][k], map[4][k], map[5][k]] : [1, 0, 0, 1];
+    const g = sums[5 * k], h = sums[5 * k + 1], a = sums[5 * k + 2], b = sums[5 * k + 3], d = sums[5 * k + 4];
+    const x_s = map ? map[2][k] : 1, x_t = map ? map[3][k] : 0, y_s = map ? map[4][k] : 0, y_t = map ? map[5][k] : 1;
     gradient[k] = factor * (g * x_s + h * y_s);
     gradient[size + k] = factor * (g * x_t + h * y_t);
     blocks[3 * k] = factor * (a * x_s * x_s + 2 * b * x_s * y_s + d * y_s * y_s);
@@ -600,7 +604,7 @@ function addBends({ s, t }, start, [n, m], weight, stiffness, { gradient, blocks
     });
   });
   for (let i = 0, k = 0; i < n; i += 1) for (let j = 0; j < m; j += 1, k += 1) {
-    const [isEnd, isSide] = [i === 0 || i === n - 1, j === 0 || j === m - 1];
+    const isEnd = i === 0 || i === n - 1, isSide = j === 0 || j === m - 1;
     if (isEnd) gradient[k] = 0;
     if (isSide) gradient[n * m + k] = 0;
     if (isEnd || isSide) blocks[3 * k + 1] = 0;
@@ -638,7 +642,7 @@ function cutOff(domain, mesh, [n, m]) {
   const [x, y] = domain.map(at(mesh.s), at(mesh.t));
   let total = 0;
   for (let k = 0; k < places.length; k += 5) {
-    const [dx, dy] = [x[k + 4] - x[k], y[k + 4] - y[k]];
+    const dx = x[k + 4] - x[k], dy = y[k + 4] - y[k];
     const height = (q) => Math.abs((x[k + q] - x[k]) * dy - (y[k + q] - y[k]) * dx);
     total += height(1) / 3 + height(2) / 6 + height(3) / 3;
   }
@@ -660,7 +664,7 @@ function createHistory() {
     const size = right.length / 2;
     const out = new Float64Array(right.length);
     for (let k = 0; k < size; k += 1) {
-      const [a, b, d, one, other] = [blocks[3 * k], blocks[3 * k + 1], blocks[3 * k + 2], right[k], right[size + k]];
+      const a = blocks[3 * k], b = blocks[3 * k + 1], d = blocks[3 * k + 2], one = right[k], other = right[size + k];
       const det = a * d - b * b;
       out[k] = (d * one - b * other) / det;
       out[size + k] = (a * other - b * one) / det;
@@ -815,7 +819,7 @@ export function* leastError(u, shape, domain, { start = null, steps = Infinity }
 function* startsOf(u, domain, level, shape, objectiveOf) {
   yield uniform;
   const objective = objectiveOf(level, uniform);
-  let [best, least] = [null, objective.error(uniform(...level))];
+  let best = null, least = objective.error(uniform(...level));
   if (!(least > 0)) return;
   for (const floor of [1, 0.1, 0.01]) {
     const firstMesh = straightLines(u, domain, shape.map((points) => Math.min(points, 17)), floor);
@@ -873,7 +877,7 @@ function slopesAlong(axis, u, domain, line, crossings) {
 }
 
 function equidistributed(line, slopes, shares, floor) {
-  const [cells, crossings] = [line.length - 1, shares.length];
+  const cells = line.length - 1, crossings = shares.length;
   const largest = slopes.reduce((most, one) => Math.max(most, Math.abs(one)), 0);
   const bends = new Float64Array(cells * crossings);
   for (let k = 0; k < bends.length; k += 1) {

@@ -26,8 +26,6 @@ for await (const line of createInterface({ input: process.stdin })) {
   console.log(JSON.stringify(answer, flat));
 }
 """
-NAMES = "compile, domainOf, uniform, arcLength, leastError, comparison, errorOf, levelsOf"
-
 Run = Callable[..., Any]
 
 
@@ -36,7 +34,7 @@ def kernel() -> Iterator[Run]:
     """Runs the body of a function of ``kernel`` and ``given``; raises ValueError with the sentence where it throws."""
     driver = pytest.importorskip("playwright._impl._driver")
     node, *_ = driver.compute_driver_executable()
-    program = f"{script(KERNEL)}\nconst kernel = {{ {NAMES} }};\n{LOOP}"
+    program = f"{script(KERNEL)}\nconst kernel = $kernel;\n{LOOP}"
     command = [node, "--input-type=module", "-e", program]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as started:
         into, out = started.stdin, started.stdout

@@ -12,6 +12,7 @@ import pytest
 
 from equimesh import specs
 from equimesh.meshes.mesh import smallest_jacobian
+from equimesh_schema.browser.scripts import KERNEL, script
 
 Run = Callable[..., Any]
 ROOT = Path(__file__).parents[3]
@@ -76,6 +77,10 @@ def test_the_least_error_of_a_page_has_the_gain_of_the_solver(kernel: Run, name:
     assert shown["gain"] == pytest.approx(gain.l2, rel=LIKE)
     assert shown["gain"] == pytest.approx(shown["l2Uniform"] / shown["l2"])
     assert smallest_jacobian(shown["x"], shown["y"]) > 0
+
+
+def test_the_kernel_loads_at_once() -> None:
+    assert len(script(KERNEL).encode()) < 60_000
 
 
 def test_no_mesh_of_a_page_is_worse_than_the_uniform_one_or_folded(kernel: Run) -> None:
