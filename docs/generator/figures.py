@@ -1,6 +1,6 @@
 """A Sphinx extension that makes pictures move: the problems of the gallery, computed in the reader's browser.
 
-Pages without JavaScript keep their pictures. The script is one file that is no module, so that pages work from a folder.
+Pages without JavaScript keep their pictures. The script is a file and no module, so that pages work from a folder.
 """
 
 from __future__ import annotations
