@@ -197,12 +197,15 @@ class Quotas:
             raise Problem("rate-limited", detail, headers={**_rate(most, 0, wait), "Retry-After": str(wait)})
         return _rate(most, most - minute.total, minute.seconds_to_drop(now))
 
-    def mesh_quota(self, key_id: str) -> Quota | None:
-        """The limits of a key for :meth:`MeshesStore.add`; None without a key."""
-        if not key_id:
-            return None
+    def mesh_quota(self, in_flight: tuple[str, ...] = ()) -> Quota:
+        """The limits of a key for :meth:`MeshesStore.add`, which has meshes ``in_flight``."""
         limits = self._settings
-        return Quota(queued=limits.key_max_queued, points=limits.key_max_points, most_points=limits.max_points)
+        return Quota(
+            queued=limits.key_max_queued,
+            points=limits.key_max_points,
+            in_flight=in_flight,
+            most_points=limits.max_points,
+        )
 
     @contextmanager
     def count_wait(self, caller: Caller, seconds: float) -> Iterator[None]:

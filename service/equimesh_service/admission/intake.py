@@ -124,7 +124,7 @@ class Intake:
             claim=claim,
             key=request.key,
             reuse=request.reuse,
-            quota=self._quota(caller.key_id),
+            quota=self._quota(caller.key_id) if caller.key_id else None,
             lease=self.dispatcher.lease,
         )
         try:
@@ -159,10 +159,9 @@ class Intake:
             await self._wait_for(ended, mesh_id, self.settings.poll)
         return False
 
-    def _quota(self, key_id: str) -> Quota | None:
+    def _quota(self, key_id: str) -> Quota:
         """The limits of a key, with the meshes that workers of this service have and the store may not."""
-        quota = self.quotas.mesh_quota(key_id)
-        return None if quota is None else replace(quota, in_flight=self.dispatcher.in_flight(key_id))
+        return self.quotas.mesh_quota(self.dispatcher.in_flight(key_id))
 
     async def _conclude(self, end: NoMesh, caller: Caller, request: MeshRequest) -> AcceptedMesh:
         """The mesh of a request of which its worker has made none; raises the problem of a refusal."""
@@ -237,7 +236,7 @@ class Intake:
         step, new = request.step, entry.new
         if lease is None and await run_in_threadpool(self.store.queue.count_waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
-        quota, in_flight = self.quotas.mesh_quota(new.key_id), partial(self.dispatcher.in_flight, new.key_id)
+        quota = self._quota(new.key_id) if new.key_id else None
 
         def add() -> str:
             if entry.samples is not None:
@@ -247,8 +246,8 @@ class Intake:
                 self.problems.put(new.id, packed)  # before another thread may give the mesh to a worker
             mesh_id, key, fingerprint = "", entry.key, entry.fingerprint
             try:
-                if quota is not None and in_flight():
-                    self.store.quotas.check(new.key_id, new.points, quota, in_flight)
+                if quota is not None and quota.in_flight:
+                    self.store.quotas.check(new.key_id, new.points, partial(self._quota, new.key_id))
                 mesh_id = self.store.meshes.add(
                     new, key=key, fingerprint=fingerprint, quota=quota, lease=lease, step=step
                 )

@@ -7,7 +7,7 @@ import re
 import secrets
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any
 
@@ -221,16 +221,16 @@ class QuotaStore:
         _refuse(number, used, points, quota)
         return _fits(number + flying, used + flying * quota.most_points, points, quota)
 
-    def check(self, key_id: str, points: int, quota: Quota, in_flight: Callable[[], tuple[str, ...]] = tuple) -> None:
-        """Check that one more mesh fits, next to all that are ``in_flight``; raises :class:`QuotaError`.
+    def check(self, key_id: str, points: int, current: Callable[[], Quota]) -> None:
+        """Check that one more mesh fits next to those in flight, by the ``current`` quota; raises :class:`QuotaError`.
 
         Where it is not known to fit, this waits until those are in the store or gone, for :data:`MAX_FLIGHT_SECONDS` at
         most. One that is still in flight after that counts as a mesh, without points, which are not known.
         """
         until = time.monotonic() + MAX_FLIGHT_SECONDS
-        while not self.fits(key_id, points, replace(quota, in_flight=in_flight())):
+        while not self.fits(key_id, points, quota := current()):
             if time.monotonic() > until:
-                number, used, flying = self._usage_beside(key_id, in_flight())
+                number, used, flying = self._usage_beside(key_id, quota.in_flight)
                 _refuse(number + flying, used, points, quota)
                 return
             time.sleep(_LOOK_SECONDS)

@@ -10,6 +10,7 @@ import numpy as np
 
 from equimesh.blocks.curves import BoundaryCurve, Line
 from equimesh.blocks.layout import Layout
+from equimesh.meshes.cell_edges import originals_of
 from equimesh.numerics.types import Array, IntArray
 
 # In place of the number of a curve: a node that is free to move, and one that stays.
@@ -82,8 +83,7 @@ def slide(
     node_of = np.empty(layout.vertex_count, dtype=np.int64)
     for k in np.flatnonzero(np.isin(layout.edges, list(corners)).any(axis=1)).tolist():
         node_of[layout.edges[k]] = edge_nodes[k][[0, -1]]
-    original = np.arange(count)
-    original[ties[:, 0]] = ties[:, 1]
+    original = originals_of(count, ties)
     meeting: dict[int, list[tuple[int, int, float]]] = {}  # by the original of a vertex: node, curve, parameter
     for edge in edges:
         node_curve[edge.nodes[1:-1]] = edge.curve

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.least_error.nest import Level
+from equimesh.meshes.cell_edges import originals_of
 from equimesh.meshes.mesh import Mesh, quads_of_block
 from equimesh.numerics.types import Array, IntArray
 
@@ -182,13 +183,6 @@ class Families:
 def edges_of(mesh: Mesh) -> Edges:
     """The edges of the blocks of a mesh; those of a periodic join are one, too."""
     return Edges(mesh.blocks, originals_of(len(mesh.points), mesh.ties))
-
-
-def originals_of(nodes: int, ties: IntArray) -> IntArray:
-    """For each node its original, shape ``(nodes,)``."""
-    originals = np.arange(nodes)
-    originals[ties[:, 0]] = ties[:, 1]
-    return originals
 
 
 def _level(mesh: Mesh, families: Families, number: int, count: int, counts: Sequence[int]) -> BlockLevel:

@@ -19,7 +19,6 @@ from equimesh.least_error.block_levels import (
     Families,
     block_levels,
     only_level,
-    originals_of,
 )
 from equimesh.least_error.cells import Cells, cells_of_mesh
 from equimesh.least_error.charts import CurveChart
@@ -29,6 +28,7 @@ from equimesh.least_error.objective import Objective
 from equimesh.least_error.paved import is_paved
 from equimesh.least_error.starts import Patch, equidistributed, resampled
 from equimesh.least_error.subdomains import owners
+from equimesh.meshes.cell_edges import originals_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz

@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from equimesh.meshes.cell_edges import places_of
+from equimesh.meshes.cell_edges import originals_of, places_of
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.parts import corner_cuts, cuts_at_corners
@@ -219,10 +219,8 @@ def cells_of_mesh(corners: IntArray, free: Array, ties: IntArray, *, are_cut: bo
     nodes = free.shape[1]
     corners = np.ascontiguousarray(corners)
     starts, places = places_of(corners, nodes)
-    originals = np.arange(nodes)
-    originals[ties[:, 0]] = ties[:, 1]
     if ties.size:
-        own = originals[corners]
+        own = originals_of(nodes, ties)[corners]
         triples = _triples_of_blocks(own, *places_of(own, nodes))
     else:
         triples = _triples_of_blocks(corners, starts, places)
@@ -319,7 +317,7 @@ class _Cutter:
 
     def __init__(self, cells: Cells, owner: IntArray) -> None:
         self._cells, self._owner = cells, owner
-        self._original = originals(cells)
+        self._original = originals_of(cells.nodes, cells.ties)
         corners = self._original[cells.corners]
         used = np.bincount(corners.ravel(), minlength=cells.nodes)
         self._corners, self._starts = corners, np.concatenate([[0], np.cumsum(used)])
@@ -389,14 +387,3 @@ class _Cutter:
         )
         number[nodes] = -1
         return local, self._node_owner[nodes] == k, int(is_own.sum())
-
-
-def originals(cells: Cells) -> IntArray:
-    """The node whose moves each node makes: itself, or the original of a copy, shape ``(nodes,)``."""
-    found: IntArray = np.arange(cells.nodes)
-    if cells.ties.size:
-        copies, there = cells.ties.T
-        found[copies] = there
-        while not np.array_equal(found, found[found]):
-            found = found[found]
-    return found

@@ -18,7 +18,17 @@ import numpy as np
 
 from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.elements import Basis, CellKind, Element, basis, quadrilateral, triangle
+from equimesh.quality.elements import (
+    Basis,
+    CellKind,
+    Element,
+    at_point,
+    basis,
+    determinant,
+    gradient,
+    quadrilateral,
+    triangle,
+)
 from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
 
 SUMS = 5
@@ -98,6 +108,14 @@ def gather(nodes: Nodes, nodal: NodalValues, element: IntArray, corner: Array) -
         corner[2, k], corner[3, k], corner[4, k] = nodal.u[node], nodal.u_x[node], nodal.u_y[node]
 
 
+@inlined
+def add_own(nodes: Nodes, element: IntArray, own: Array, sums: Array) -> None:
+    """Add the sums of the corners of an element to those of its nodes."""
+    for k in range(element.size):
+        for entry in range(SUMS):
+            sums[nodes.corners[element[k]], entry] += own[entry, k]
+
+
 @vectorised
 def value_errors(
     nodes: Nodes, elements: IntArray, element: Element, nodal: NodalValues, at: NodalValues, sums: Array
@@ -119,27 +137,20 @@ def value_errors(
             for entry in range(SUMS):
                 own[entry, k] = 0.0
         for q in range(weights.size):
-            x_s, x_t, y_s, y_t, e = 0.0, 0.0, 0.0, 0.0, -at.u[q, c]
-            for k in range(count):
-                x_s += along_s[q, k] * corner[0, k]
-                x_t += along_t[q, k] * corner[0, k]
-                y_s += along_s[q, k] * corner[1, k]
-                y_t += along_t[q, k] * corner[1, k]
-                e += shape[q, k] * corner[2, k]
+            by, _, e = at_point(element, q, count, corner, 2, -at.u[q, c])
             check += at.u[q, c] + at.u_x[q, c] + at.u_y[q, c]
-            area, square = weights[q] * (x_s * y_t - x_t * y_s), weights[q] * e * e
+            area, square = weights[q] * determinant(by), weights[q] * e * e
             total += area * e * e
             for k in range(count):
                 part, factor = shape[q, k], 2.0 * area * shape[q, k]
                 d_x, d_y = corner[3, k] - at.u_x[q, c], corner[4, k] - at.u_y[q, c]
-                own[0, k] += factor * e * d_x + square * (along_s[q, k] * y_t - along_t[q, k] * y_s)
-                own[1, k] += factor * e * d_y + square * (along_t[q, k] * x_s - along_s[q, k] * x_t)
+                n_x, n_y = gradient(along_s[q, k], along_t[q, k], by, square)
+                own[0, k] += factor * e * d_x + n_x
+                own[1, k] += factor * e * d_y + n_y
                 own[2, k] += factor * part * d_x * d_x
                 own[3, k] += factor * part * d_x * d_y
                 own[4, k] += factor * part * d_y * d_y
-        for k in range(count):
-            for entry in range(SUMS):
-                sums[nodes.corners[elements[c, k]], entry] += own[entry, k]
+        add_own(nodes, elements[c], own, sums)
     return total, check
 
 
@@ -162,17 +173,10 @@ def slope_errors(
             for entry in range(SUMS):
                 own[entry, k] = 0.0
         for q in range(weights.size):
-            x_s, x_t, y_s, y_t, v_s, v_t = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(count):
-                x_s += along_s[q, k] * corner[0, k]
-                x_t += along_t[q, k] * corner[0, k]
-                y_s += along_s[q, k] * corner[1, k]
-                y_t += along_t[q, k] * corner[1, k]
-                v_s += along_s[q, k] * corner[2, k]
-                v_t += along_t[q, k] * corner[2, k]
-            det = x_s * y_t - x_t * y_s
+            by, (v_s, v_t), _ = at_point(element, q, count, corner, 2, 0.0)
+            det = determinant(by)
             per_det, area = 1.0 / det, weights[q] * det
-            v_x, v_y = (v_s * y_t - v_t * y_s) * per_det, (v_t * x_s - v_s * x_t) * per_det
+            v_x, v_y = gradient(v_s, v_t, by, per_det)
             e_x, e_y = v_x - at.u_x[q, c], v_y - at.u_y[q, c]
             xx, xy, yy = at.u_xx[q, c], at.u_xy[q, c], at.u_yy[q, c]
             check += at.u[q, c] + at.u_x[q, c] + at.u_y[q, c] + xx + xy + yy
@@ -180,8 +184,7 @@ def slope_errors(
             total += area * square
             for k in range(count):
                 part = shape[q, k]
-                n_x = (along_s[q, k] * y_t - along_t[q, k] * y_s) * per_det
-                n_y = (along_t[q, k] * x_s - along_s[q, k] * x_t) * per_det
+                n_x, n_y = gradient(along_s[q, k], along_t[q, k], by, per_det)
                 d_x, d_y, along = corner[3, k] - v_x, corner[4, k] - v_y, e_x * n_x + e_y * n_y
                 own[0, k] += area * (2.0 * (along * d_x - part * bent_x) + square * n_x)
                 own[1, k] += area * (2.0 * (along * d_y - part * bent_y) + square * n_y)
@@ -191,9 +194,7 @@ def slope_errors(
                 own[2, k] += 2.0 * area * (a * a + f * f)
                 own[3, k] += 2.0 * area * (a * b + f * g)
                 own[4, k] += 2.0 * area * (b * b + g * g)
-        for k in range(count):
-            for entry in range(SUMS):
-                sums[nodes.corners[elements[c, k]], entry] += own[entry, k]
+        add_own(nodes, elements[c], own, sums)
     return total, check
 
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Values
+from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Values, add_own
 from equimesh.numerics.compiled import inlined, vectorised
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.elements import Basis, Element
+from equimesh.quality.elements import Basis, Element, at_point, determinant, gradient
 
 
 @inlined
@@ -97,26 +97,21 @@ def value_errors(
             interpolate_moves(values[1:], basis.places, k, basis.value, moved[k])
         own[:] = 0.0
         for q in range(points):
-            x_s, x_t, y_s, y_t, e = 0.0, 0.0, 0.0, 0.0, error[q] - at.u[q, c]
-            for k in range(count):
-                x_s += along_s[q, k] * corner[0, k]
-                x_t += along_t[q, k] * corner[0, k]
-                y_s += along_s[q, k] * corner[1, k]
-                y_t += along_t[q, k] * corner[1, k]
+            by, _, _ = at_point(element, q, count, corner, 0, 0.0)
+            e = error[q] - at.u[q, c]
             check += at.u[q, c] + at.u_x[q, c] + at.u_y[q, c]
-            area, square = weights[q] * (x_s * y_t - x_t * y_s), weights[q] * e * e
+            area, square = weights[q] * determinant(by), weights[q] * e * e
             total += area * e * e
             for k in range(count):
                 part, factor = shape[q, k], 2.0 * area
                 d_x, d_y = moved[k, 0, q] - part * at.u_x[q, c], moved[k, 1, q] - part * at.u_y[q, c]
-                own[0, k] += factor * e * d_x + square * (along_s[q, k] * y_t - along_t[q, k] * y_s)
-                own[1, k] += factor * e * d_y + square * (along_t[q, k] * x_s - along_s[q, k] * x_t)
+                n_x, n_y = gradient(along_s[q, k], along_t[q, k], by, square)
+                own[0, k] += factor * e * d_x + n_x
+                own[1, k] += factor * e * d_y + n_y
                 own[2, k] += factor * d_x * d_x
                 own[3, k] += factor * d_x * d_y
                 own[4, k] += factor * d_y * d_y
-        for k in range(count):
-            for entry in range(SUMS):
-                sums[nodes.corners[elements[c, k]], entry] += own[entry, k]
+        add_own(nodes, elements[c], own, sums)
     return total, check
 
 
@@ -151,15 +146,10 @@ def slope_errors(
             interpolate_moves(values[1:], basis.places, k, basis.along_t, moved_t[k])
         own[:] = 0.0
         for q in range(points):
-            x_s, x_t, y_s, y_t = 0.0, 0.0, 0.0, 0.0
-            for k in range(count):
-                x_s += along_s[q, k] * corner[0, k]
-                x_t += along_t[q, k] * corner[0, k]
-                y_s += along_s[q, k] * corner[1, k]
-                y_t += along_t[q, k] * corner[1, k]
-            det, v_s, v_t = x_s * y_t - x_t * y_s, slopes[0, q], slopes[1, q]
+            by, _, _ = at_point(element, q, count, corner, 0, 0.0)
+            det, v_s, v_t = determinant(by), slopes[0, q], slopes[1, q]
             per_det, area = 1.0 / det, weights[q] * det
-            v_x, v_y = (v_s * y_t - v_t * y_s) * per_det, (v_t * x_s - v_s * x_t) * per_det
+            v_x, v_y = gradient(v_s, v_t, by, per_det)
             e_x, e_y = v_x - at.u_x[q, c], v_y - at.u_y[q, c]
             xx, xy, yy = at.u_xx[q, c], at.u_xy[q, c], at.u_yy[q, c]
             check += at.u[q, c] + at.u_x[q, c] + at.u_y[q, c] + xx + xy + yy
@@ -167,19 +157,15 @@ def slope_errors(
             total += area * square
             for k in range(count):
                 part = shape[q, k]
-                n_x = (along_s[q, k] * y_t - along_t[q, k] * y_s) * per_det
-                n_y = (along_t[q, k] * x_s - along_s[q, k] * x_t) * per_det
-                s_x, s_y, t_x, t_y = moved_s[k, 0, q], moved_s[k, 1, q], moved_t[k, 0, q], moved_t[k, 1, q]
-                a = (s_x * y_t - t_x * y_s) * per_det - n_x * v_x - part * xx
-                b = (s_y * y_t - t_y * y_s) * per_det - n_x * v_y - part * xy
-                f = (t_x * x_s - s_x * x_t) * per_det - n_y * v_x - part * xy
-                g = (t_y * x_s - s_y * x_t) * per_det - n_y * v_y - part * yy
+                n_x, n_y = gradient(along_s[q, k], along_t[q, k], by, per_det)
+                m_x, p_x = gradient(moved_s[k, 0, q], moved_t[k, 0, q], by, per_det)
+                m_y, p_y = gradient(moved_s[k, 1, q], moved_t[k, 1, q], by, per_det)
+                a, b = m_x - n_x * v_x - part * xx, m_y - n_x * v_y - part * xy
+                f, g = p_x - n_y * v_x - part * xy, p_y - n_y * v_y - part * yy
                 own[0, k] += area * (2.0 * (e_x * a + e_y * f) + square * n_x)
                 own[1, k] += area * (2.0 * (e_x * b + e_y * g) + square * n_y)
                 own[2, k] += 2.0 * area * (a * a + f * f)
                 own[3, k] += 2.0 * area * (a * b + f * g)
                 own[4, k] += 2.0 * area * (b * b + g * g)
-        for k in range(count):
-            for entry in range(SUMS):
-                sums[nodes.corners[elements[c, k]], entry] += own[entry, k]
+        add_own(nodes, elements[c], own, sums)
     return total, check

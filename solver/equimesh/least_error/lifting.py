@@ -9,9 +9,10 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from equimesh.least_error.block_levels import BlockLevel
-from equimesh.least_error.cells import Cells, originals
+from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.kernels import Nodes
+from equimesh.meshes.cell_edges import originals_of
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
@@ -247,7 +248,7 @@ def _with_ties(nodes: IntArray, cells: Cells) -> IntArray:
     """The nodes, and those that move with them."""
     if not cells.ties.size or not nodes.size:
         return nodes
-    own = originals(cells)
+    own = originals_of(cells.nodes, cells.ties)
     return np.flatnonzero(np.isin(own, own[nodes]))
 
 

@@ -17,12 +17,13 @@ import numpy as np
 import scipy
 
 from equimesh.least_error import kernels
-from equimesh.least_error.cells import Cells, originals
-from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Values, gather
+from equimesh.least_error.cells import Cells
+from equimesh.least_error.kernels import NODE_ROWS, SUMS, NodalValues, Nodes, Values, add_own, gather
 from equimesh.least_error.objective import Objective
 from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.elements import Element
+from equimesh.quality.elements import Element, at_point, determinant, gradient
+from equimesh.quality.ritz import add_system, unknowns
 
 MAX_CACHED = 16
 """Meshes whose unknowns are kept: the levels of one or two solves."""
@@ -46,32 +47,22 @@ class Unknowns(NamedTuple):
 @lru_cache(maxsize=MAX_CACHED)
 def unknowns_of(cells: Cells) -> Unknowns:
     """The unknowns of a mesh, in an order in which neighbours have near numbers."""
-    original = originals(cells)
-    corners = original[cells.corners]
-    edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-    _, first, counts = np.unique(edges[:, 0] * cells.nodes + edges[:, 1], return_index=True, return_counts=True)
-    free = original == np.arange(cells.nodes)
-    free[edges[first[counts == 1]]] = False
-    if not (counts == 1).any():  # without a boundary the solution is unique up to a constant
-        free[np.flatnonzero(free)[0]] = False
-    inside = np.flatnonzero(free)
-    number = np.full(cells.nodes, -1)
-    number[inside] = np.arange(inside.size)
-    number = number[original]
-    if not inside.size:
+    number = unknowns(cells.corners, cells.nodes, cells.ties)
+    size = int(number.max(initial=-1)) + 1
+    if not size:
         return Unknowns(number, 0, 0)
     widths = [_width(number[cells.corners])]
     at = number[cells.corners]
     one, two = (corner.ravel() for corner in np.broadcast_arrays(at[:, :, None], at[:, None]))
     known = (one >= 0) & (two >= 0)
-    graph = scipy.sparse.csr_matrix((np.ones(known.sum()), (one[known], two[known])), shape=(inside.size, inside.size))
-    order = np.empty(inside.size + 1, dtype=np.int64)
-    order[scipy.sparse.csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(inside.size)
+    graph = scipy.sparse.csr_matrix((np.ones(known.sum()), (one[known], two[known])), shape=(size, size))
+    order = np.empty(size + 1, dtype=np.int64)
+    order[scipy.sparse.csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(size)
     order[-1] = -1
     other = order[number]
     widths.append(_width(other[cells.corners]))
     best = number if widths[0] <= widths[1] else other
-    return Unknowns(np.ascontiguousarray(best), inside.size, min(widths))
+    return Unknowns(np.ascontiguousarray(best), size, min(widths))
 
 
 def _width(numbers: IntArray) -> int:
@@ -130,34 +121,15 @@ def assemble(
     Row j of ``matrix``, of shape ``(unknowns, width + 1)``, has the entries of column j from the diagonal downwards.
     False where an element is folded.
     """
-    _, along_s, along_t, weights = element
     count = elements.shape[1]
-    corner, slopes = np.empty((5, count)), np.empty((2, count))
+    corner, parts = np.empty((NODE_ROWS, count)), np.empty((2, count))
     local, right = np.empty((count, count)), np.empty(count)
     for c in range(elements.shape[0]):
         gather(nodes, nodal, elements[c], corner)
         local[:] = 0.0
         right[:] = 0.0
-        for q in range(weights.size):
-            x_s, x_t, y_s, y_t = 0.0, 0.0, 0.0, 0.0
-            for k in range(count):
-                x_s += along_s[q, k] * corner[0, k]
-                x_t += along_t[q, k] * corner[0, k]
-                y_s += along_s[q, k] * corner[1, k]
-                y_t += along_t[q, k] * corner[1, k]
-            det = x_s * y_t - x_t * y_s
-            if det <= 0.0:
-                return False
-            share, e_x, e_y = weights[q] / det, weights[q] * at.u_x[q, c], weights[q] * at.u_y[q, c]
-            for k in range(count):
-                slopes[0, k] = along_s[q, k] * y_t - along_t[q, k] * y_s
-                slopes[1, k] = along_t[q, k] * x_s - along_s[q, k] * x_t
-                e_x -= share * slopes[0, k] * corner[2, k]
-                e_y -= share * slopes[1, k] * corner[2, k]
-            for k in range(count):
-                right[k] += e_x * slopes[0, k] + e_y * slopes[1, k]
-                for j in range(k + 1):
-                    local[k, j] += share * (slopes[0, k] * slopes[0, j] + slopes[1, k] * slopes[1, j])
+        if not add_system(element, c, corner, (at.u_x, at.u_y), parts, local, right):
+            return False
         for k in range(count):
             row = number[nodes.corners[elements[c, k]]]
             if row < 0:
@@ -225,7 +197,7 @@ def load_of_errors(
     load: Array,
 ) -> None:
     """Add the integrals of ``2 (u_h - u)`` times the shape function of each unknown."""
-    shape, along_s, along_t, weights = element
+    shape, weights = element.shape, element.weights
     count = elements.shape[1]
     corner, right = np.empty((3, count)), np.empty(count)
     for c in range(elements.shape[0]):
@@ -234,14 +206,8 @@ def load_of_errors(
             corner[0, k], corner[1, k], corner[2, k] = nodes.x[node], nodes.y[node], nodal.u[node] + added[node]
         right[:] = 0.0
         for q in range(weights.size):
-            x_s, x_t, y_s, y_t, e = 0.0, 0.0, 0.0, 0.0, -at.u[q, c]
-            for k in range(count):
-                x_s += along_s[q, k] * corner[0, k]
-                x_t += along_t[q, k] * corner[0, k]
-                y_s += along_s[q, k] * corner[1, k]
-                y_t += along_t[q, k] * corner[1, k]
-                e += shape[q, k] * corner[2, k]
-            area = 2.0 * weights[q] * (x_s * y_t - x_t * y_s) * e
+            by, _, e = at_point(element, q, count, corner, 2, -at.u[q, c])
+            area = 2.0 * weights[q] * determinant(by) * e
             for k in range(count):
                 right[k] += area * shape[q, k]
         for k in range(count):
@@ -293,10 +259,11 @@ def add_errors(
                 z_t += t * corner[6, k]
                 i += shape[q, k] * corner[2, k]
                 e += shape[q, k] * corner[5, k]
-            det = x_s * y_t - x_t * y_s
+            by = x_s, x_t, y_s, y_t
+            det = determinant(by)
             per_det, area = 1.0 / det, weights[q] * det
-            v_x, v_y = (v_s * y_t - v_t * y_s) * per_det, (v_t * x_s - v_s * x_t) * per_det
-            z_x, z_y = (z_s * y_t - z_t * y_s) * per_det, (z_t * x_s - z_s * x_t) * per_det
+            v_x, v_y = gradient(v_s, v_t, by, per_det)
+            z_x, z_y = gradient(z_s, z_t, by, per_det)
             u_x, u_y = at.u_x[q, c], at.u_y[q, c]
             e_x, e_y = v_x - u_x, v_y - u_y
             bent_x = at.u_xx[q, c] * z_x + at.u_xy[q, c] * z_y
@@ -306,8 +273,7 @@ def add_errors(
             plain += area * i * i
             for k in range(count):
                 part = shape[q, k]
-                n_x = (along_s[q, k] * y_t - along_t[q, k] * y_s) * per_det
-                n_y = (along_t[q, k] * x_s - along_s[q, k] * x_t) * per_det
+                n_x, n_y = gradient(along_s[q, k], along_t[q, k], by, per_det)
                 g_x, g_y = corner[3, k], corner[4, k]
                 d_x, d_y = g_x - u_x, g_y - u_y
                 n_z, n_e = n_x * z_x + n_y * z_y, n_x * e_x + n_y * e_y
@@ -321,9 +287,7 @@ def add_errors(
                 own[2, k] += factor * d_x * d_x
                 own[3, k] += factor * d_x * d_y
                 own[4, k] += factor * d_y * d_y
-        for k in range(count):
-            for entry in range(SUMS):
-                sums[nodes.corners[elements[c, k]], entry] += own[entry, k]
+        add_own(nodes, elements[c], own, sums)
     return total, plain
 
 

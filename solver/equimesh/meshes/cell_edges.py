@@ -39,7 +39,7 @@ class CellEdges:
         :class:`~equimesh.errors.InputError` where an edge belongs to more than two cells.
         """
         originals = originals_of(count, ties)
-        corners = np.ascontiguousarray(cells if originals is None else originals[cells])
+        corners = np.ascontiguousarray(originals[cells])
         sides, places = np.full((4 * len(cells), 2), NO_CELL), np.zeros((4 * len(cells), 2), dtype=np.int64)
         of_cells = np.empty((len(cells), 4), dtype=np.int64)
         found = find_edges(corners, count, sides, places, of_cells)
@@ -64,11 +64,11 @@ class CellEdges:
         return np.where(both[..., 0] == own, both[..., 1], both[..., 0])
 
 
-def originals_of(count: int, ties: IntArray | None) -> IntArray | None:
-    """The node that each of ``count`` nodes is a copy of, or itself; ``None`` where no node is a copy."""
-    if ties is None or not len(ties):
-        return None
+def originals_of(count: int, ties: IntArray | None) -> IntArray:
+    """The node that each of ``count`` nodes is a copy of, or itself, shape ``(count,)``."""
     originals = np.arange(count)
+    if ties is None or not len(ties):
+        return originals
     originals[ties[:, 0]] = ties[:, 1]
     while not np.array_equal(further := originals[originals], originals):  # a copy of a copy
         originals = further
@@ -133,9 +133,9 @@ def joins_of(points: Array, sides: Mapping[str, IntArray], ties: IntArray) -> tu
 
     Raises :class:`~equimesh.errors.InputError` where a side is joined in part, to several sides, or to itself.
     """
-    originals = originals_of(len(points), ties)
-    if originals is None:
+    if not len(ties):
         return ()
+    originals = originals_of(len(points), ties)
     keys = {name: _keys(originals[edges]) for name, edges in sides.items()}
     copies = {name: int(np.isin(edges, ties[:, 0]).sum()) for name, edges in sides.items()}
     found, joined = [], set[str]()

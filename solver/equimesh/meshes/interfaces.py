@@ -79,7 +79,7 @@ def _lines(mesh: Mesh) -> Iterator[_Line]:
             ahead, one, two = np.roll(corners, -1, axis=1), nodes[:-1, None], nodes[1:, None]
             here = ((corners == one) & (ahead == two)) | ((corners == two) & (ahead == one))
             found = edges.of_cells[there, here.argmax(axis=1)]
-            yield _Line(block, edge, nodes if originals is None else originals[nodes], found)
+            yield _Line(block, edge, originals[nodes], found)
 
 
 def _nodes_along(block: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:

@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from equimesh.errors import InputError
+from equimesh.meshes.cell_edges import originals_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
@@ -196,9 +197,7 @@ def lattice_of(mesh: Mesh) -> Mesh:
 
 def _tied_middles(ties: IntArray, second: SecondOrderMesh) -> IntArray:
     """The middles of edges that are copies, and those of their originals, shape ``(k, 2)``."""
-    originals = np.arange(second.corners)
-    originals[ties[:, 0]] = ties[:, 1]
-    known, wanted = _keys(second.ends), _keys(originals[second.ends])
+    known, wanted = _keys(second.ends), _keys(originals_of(second.corners, ties)[second.ends])
     places = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
     copies = np.flatnonzero((known[places] == wanted) & (known != wanted))
     return second.corners + np.column_stack([copies, places[copies]])

@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from equimesh.numerics.compiled import inlined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import CellPoints
 
@@ -51,6 +52,43 @@ class Element(NamedTuple):
     along_s: Array
     along_t: Array
     weights: Array
+
+
+Jacobian: TypeAlias = tuple[float, float, float, float]
+"""x by s and by t, then y by s and by t."""
+
+
+@inlined
+def at_point(
+    element: Element, q: int, count: int, corner: Array, row: int, value: float
+) -> tuple[Jacobian, tuple[float, float], float]:
+    """At point q: the derivatives of the map of a cell, those of a function by s and t, and ``value`` plus its value.
+
+    The first two rows of ``corner`` are x and y of the corners, and ``row`` has the function. It is one loop so that
+    the compiler reads the shape functions once; what a caller does not use is not computed.
+    """
+    x_s, x_t, y_s, y_t, along_s, along_t = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(count):
+        x_s += element.along_s[q, k] * corner[0, k]
+        x_t += element.along_t[q, k] * corner[0, k]
+        y_s += element.along_s[q, k] * corner[1, k]
+        y_t += element.along_t[q, k] * corner[1, k]
+        along_s += element.along_s[q, k] * corner[row, k]
+        along_t += element.along_t[q, k] * corner[row, k]
+        value += element.shape[q, k] * corner[row, k]
+    return (x_s, x_t, y_s, y_t), (along_s, along_t), value
+
+
+@inlined
+def determinant(by: Jacobian) -> float:
+    """The determinant of a map with these derivatives."""
+    return by[0] * by[3] - by[1] * by[2]
+
+
+@inlined
+def gradient(s: float, t: float, by: Jacobian, factor: float) -> tuple[float, float]:
+    """The gradient of a function with the derivatives ``s`` and ``t``, times the determinant and a ``factor``."""
+    return (s * by[3] - t * by[2]) * factor, (t * by[0] - s * by[1]) * factor
 
 
 @cache

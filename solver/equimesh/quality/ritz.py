@@ -17,11 +17,13 @@ import numpy as np
 import scipy
 
 from equimesh.fields.expression import Field
+from equimesh.meshes.cell_edges import CellEdges, originals_of
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.compiled import compiled
+from equimesh.numerics.compiled import compiled, inlined
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import CellPoints, QuadCells
+from equimesh.quality.elements import Element, at_point, determinant, gradient, quadrilateral
 from equimesh.quality.interpolation import gain_of, noise
 from equimesh.quality.tally import add_errors
 from equimesh_coupling.parts import CUTS, better_cuts, cuts_at_corners
@@ -33,8 +35,6 @@ MAX_GRID_POINTS = 65 * 65
 """Nodes, at most, on which a grid is measured: on larger ones every second, third, ... node is taken."""
 MAX_BLOCK_POINTS = 129 * 129
 """Nodes, at most, of blocks that are measured: a direct solve takes a tenth of a second there."""
-PAIRS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3))
-"""The pairs of corners of a cell, in the order of the entries of its matrix."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,12 +111,12 @@ def ritz_errors(mesh: Mesh, u: Field, *, triangles: bool = False) -> RitzErrors:
         locate(corners, points.s, points.t, x, y)
         here, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1))
         nodal = u.evaluate(np.ascontiguousarray(mesh.x), np.ascontiguousarray(mesh.y))[0]
-        numbers = _unknowns(cells, count)
-        matrices, loads = np.zeros((len(PAIRS), nodes.shape[1])), np.zeros((4, nodes.shape[1]))
-        assemble(corners, np.ascontiguousarray(nodal[nodes]), (u_x, u_y), points, matrices, loads)
+        numbers = unknowns(mesh.cells, count, mesh.ties)
+        matrices, loads = np.zeros((nodes.shape[1], 4, 4)), np.zeros((nodes.shape[1], 4))
+        assemble(corners, np.ascontiguousarray(nodal[nodes]), (u_x, u_y), quadrilateral(GAUSS_POINTS), matrices, loads)
         if not (np.isfinite(matrices).all() and np.isfinite(loads).all()):
             return UNKNOWN
-        added = _solved(numbers[nodes], matrices, loads)
+        added = _solved(numbers[nodes.T], matrices, loads)
         values = nodal + np.where(numbers < 0, 0.0, added[numbers])
         sums, largest = np.zeros((4, nodes.shape[1])), np.zeros(nodes.shape[1])
         add_errors(corners, np.ascontiguousarray(values[nodes]), here, (u_x, u_y), points, sums, largest)
@@ -133,86 +133,76 @@ def _elements(mesh: Mesh, *, triangles: bool) -> IntArray:
     return np.ascontiguousarray(np.take_along_axis(np.repeat(mesh.cells, 2, axis=0), which, axis=1).T)
 
 
-def _unknowns(cells: QuadCells, count: int) -> IntArray:
-    """The number of the unknown at each node, -1 on the boundary; copies of tied nodes have that of their original.
+def unknowns(corners: IntArray, count: int, ties: IntArray) -> IntArray:
+    """The number of the unknown at each of ``count`` nodes, -1 on the boundary; tied nodes are one unknown.
 
-    Without a boundary, one node is fixed.
+    ``corners`` are the nodes of every cell. Without a boundary the solution is unique up to a constant, and one node is
+    fixed.
     """
-    mesh, edges = cells.mesh, cells.edges
-    outer = edges.is_outer
-    cell, place = edges.cells[outer, 0], edges.places[outer, 0]
-    original = np.arange(count)
-    original[mesh.ties[:, 0]] = mesh.ties[:, 1]
-    original = original[original]
-    fixed = np.zeros(count, dtype=bool)
+    edges = CellEdges.of(corners, count, ties)
+    cell, place = edges.cells[edges.is_outer, 0], edges.places[edges.is_outer, 0]
+    original = originals_of(count, ties)
+    is_unknown = original == np.arange(count)
     for step in (0, 1):
-        fixed[original[mesh.cells[cell, (place + step) % 4]]] = True
-    if not fixed.any():
-        fixed[original[0]] = True
-    is_unknown = ~fixed & (original == np.arange(count))
+        is_unknown[original[corners[cell, (place + step) % 4]]] = False
+    if not cell.size:
+        is_unknown[original[0]] = False
     numbers = np.where(is_unknown, np.cumsum(is_unknown) - 1, -1)
     return np.asarray(numbers[original])
 
 
 def _solved(numbers: IntArray, matrices: Array, loads: Array) -> Array:
-    """The values at the unknowns, from the matrices and loads of the elements; ``numbers`` of shape (4, elements)."""
+    """The values at the unknowns, from the matrices and loads of the elements; ``numbers`` of shape (elements, 4)."""
     count = int(numbers.max(initial=-1)) + 1
     if count == 0:
         return np.zeros(1)
-    rows = np.concatenate([numbers[a] for a, _ in PAIRS] + [numbers[b] for a, b in PAIRS if a != b])
-    columns = np.concatenate([numbers[b] for _, b in PAIRS] + [numbers[a] for a, b in PAIRS if a != b])
-    entries = np.concatenate([*matrices, *(row for row, (a, b) in zip(matrices, PAIRS, strict=True) if a != b)])
-    free = (rows >= 0) & (columns >= 0)
-    matrix = scipy.sparse.csc_matrix((entries[free], (rows[free], columns[free])), shape=(count, count))
-    known = numbers.ravel() >= 0
-    load = np.bincount(numbers.ravel()[known], loads.ravel()[known], count)
+    rows, columns = np.broadcast_arrays(numbers[:, :, None], numbers[:, None])
+    free, known = (rows >= 0) & (columns >= 0), numbers >= 0
+    matrix = scipy.sparse.csc_matrix((matrices[free], (rows[free], columns[free])), shape=(count, count))
     factors = scipy.sparse.linalg.splu(
         matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
-    return np.asarray(factors.solve(load))
+    return np.asarray(factors.solve(np.bincount(numbers[known], loads[known], count)))
 
 
 @compiled
-def assemble(corners: Array, values: Array, gradient: Pair, points: CellPoints, matrices: Array, loads: Array) -> None:
-    """Add the matrix and the load of every element, by quadrature.
+def assemble(corners: Array, values: Array, by: Pair, element: Element, matrices: Array, loads: Array) -> None:
+    """The matrix and the load of every element.
 
     ``corners`` of shape ``(8, n)`` are x and then y, ``values`` of shape ``(4, n)`` those of the interpolant there,
-    ``gradient`` that of u at the points. ``matrices`` of shape ``(10, n)`` have the entries of :data:`PAIRS`, ``loads``
-    of shape ``(4, n)`` the integrals of ``grad (u - I u) . grad`` of the shape function of each corner.
+    ``by`` the gradient of u at the points. ``matrices`` have the shape ``(n, 4, 4)``, ``loads`` ``(n, 4)``.
     """
-    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
-    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
-    v0, v1, v2, v3 = values[0], values[1], values[2], values[3]
-    m00, m01, m02, m03, m11 = matrices[0], matrices[1], matrices[2], matrices[3], matrices[4]
-    m12, m13, m22, m23, m33 = matrices[5], matrices[6], matrices[7], matrices[8], matrices[9]
-    f0, f1, f2, f3 = loads[0], loads[1], loads[2], loads[3]
-    for p in range(points.s.size):
-        s, t, weight = points.s[p], points.t[p], points.weights[p]
-        u_x, u_y = gradient[0][p], gradient[1][p]
-        for k in range(x0.size):
-            x_s = (1.0 - t) * (x1[k] - x0[k]) + t * (x2[k] - x3[k])
-            y_s = (1.0 - t) * (y1[k] - y0[k]) + t * (y2[k] - y3[k])
-            x_t = (1.0 - s) * (x3[k] - x0[k]) + s * (x2[k] - x1[k])
-            y_t = (1.0 - s) * (y3[k] - y0[k]) + s * (y2[k] - y1[k])
-            det = x_s * y_t - x_t * y_s
-            share = weight / det
-            a_x, a_y = (1.0 - s) * y_s - (1.0 - t) * y_t, (1.0 - t) * x_t - (1.0 - s) * x_s
-            b_x, b_y = (1.0 - t) * y_t + s * y_s, -s * x_s - (1.0 - t) * x_t
-            c_x, c_y = t * y_t - s * y_s, s * x_s - t * x_t
-            d_x, d_y = -t * y_t - (1.0 - s) * y_s, (1.0 - s) * x_s + t * x_t
-            e_x = weight * u_x[k] - share * (a_x * v0[k] + b_x * v1[k] + c_x * v2[k] + d_x * v3[k])
-            e_y = weight * u_y[k] - share * (a_y * v0[k] + b_y * v1[k] + c_y * v2[k] + d_y * v3[k])
-            m00[k] += share * (a_x * a_x + a_y * a_y)
-            m01[k] += share * (a_x * b_x + a_y * b_y)
-            m02[k] += share * (a_x * c_x + a_y * c_y)
-            m03[k] += share * (a_x * d_x + a_y * d_y)
-            m11[k] += share * (b_x * b_x + b_y * b_y)
-            m12[k] += share * (b_x * c_x + b_y * c_y)
-            m13[k] += share * (b_x * d_x + b_y * d_y)
-            m22[k] += share * (c_x * c_x + c_y * c_y)
-            m23[k] += share * (c_x * d_x + c_y * d_y)
-            m33[k] += share * (d_x * d_x + d_y * d_y)
-            f0[k] += e_x * a_x + e_y * a_y
-            f1[k] += e_x * b_x + e_y * b_y
-            f2[k] += e_x * c_x + e_y * c_y
-            f3[k] += e_x * d_x + e_y * d_y
+    corner, parts = np.empty((3, 4)), np.empty((2, 4))
+    for c in range(corners.shape[1]):
+        for k in range(4):
+            corner[0, k], corner[1, k], corner[2, k] = corners[k, c], corners[4 + k, c], values[k, c]
+        local = matrices[c]
+        add_system(element, c, corner, by, parts, local, loads[c])
+        for k in range(4):
+            for j in range(k):
+                local[j, k] = local[k, j]
+
+
+@inlined
+def add_system(element: Element, c: int, corner: Array, by: Pair, parts: Array, matrix: Array, load: Array) -> bool:
+    """Add the matrix of element c on and below the diagonal, and its load; False where the element is folded.
+
+    The rows of ``corner`` are x, y and the interpolant at the corners, ``by`` is the gradient of u at the points of all
+    elements, and ``parts`` is an array to work in, of shape ``(2, corners)``. Entries of the load are the integrals of
+    ``grad (u - I u) . grad`` of the shape function of each corner.
+    """
+    for q in range(element.weights.size):
+        moved, _, _ = at_point(element, q, load.size, corner, 0, 0.0)
+        det, weight = determinant(moved), element.weights[q]
+        if det <= 0.0:
+            return False
+        share, e_x, e_y = weight / det, weight * by[0][q, c], weight * by[1][q, c]
+        for k in range(load.size):
+            parts[0, k], parts[1, k] = gradient(element.along_s[q, k], element.along_t[q, k], moved, 1.0)
+            e_x -= share * parts[0, k] * corner[2, k]
+            e_y -= share * parts[1, k] * corner[2, k]
+        for k in range(load.size):
+            load[k] += e_x * parts[0, k] + e_y * parts[1, k]
+            for j in range(k + 1):
+                matrix[k, j] += share * (parts[0, k] * parts[0, j] + parts[1, k] * parts[1, j])
+    return True

@@ -353,15 +353,14 @@ def count_subdomains(problem: Problem[Any], schwarz: Schwarz) -> int:
     """
     if isinstance(problem.monitor, NodalSolution):
         raise InputError(NO_ROUNDS, field="schwarz")
-    if getattr(problem.monitor, "purpose", "interpolation") != "interpolation" and not isinstance(
-        problem.monitor, Auto
-    ):
+    descent = problem.monitor if isinstance(problem.monitor, LeastError) else None
+    if descent and descent.purpose != "interpolation":
         raise InputError(NO_SOLVERS_PARTS, field="monitor.purpose")
     if in_blocks(problem):
         schwarz.require_blocks()
         return int(owners(schwarz, problem.domain.mesh).max()) + 1
     schwarz.require_descent()
-    if getattr(problem.monitor, "rectilinear", False):
+    if descent and descent.rectilinear:
         raise InputError(NO_STRAIGHT_LINES, field="monitor.rectilinear")
     return int(schwarz.owner_of_cells(problem.grid).max()) + 1
 

@@ -130,10 +130,10 @@ def test_of_requests_with_the_same_key_there_is_one_mesh(store: Store) -> None:
 
 def test_the_quota_holds_for_meshes_that_are_entered(store: Store) -> None:
     quota = Quota(queued=1, points=0)
-    store.quotas.check("k", 64, quota)
+    store.quotas.check("k", 64, lambda: quota)
     enter(store, entry("a"), quota)
     with pytest.raises(QuotaError):
-        store.quotas.check("k", 64, quota)
+        store.quotas.check("k", 64, lambda: quota)
     with pytest.raises(QuotaError):
         enter(store, entry("b"), quota)
     assert store.meshes.get("b") is None
@@ -152,23 +152,24 @@ def test_the_quota_counts_meshes_in_flight(
     sleep = lambda seconds: (waits.append(seconds), enter(store, entry("b")))  # noqa: E731
     monkeypatch.setattr(keys, "time", SimpleNamespace(monotonic=time.monotonic, sleep=sleep))
     with pytest.raises(QuotaError) as refused:
-        store.quotas.check("k", 100, limits, lambda: ("a", "b"))
+        store.quotas.check("k", 100, lambda: replace(limits, in_flight=("a", "b")))
     assert (refused.value.limit, len(waits)) == (limit, 1)  # b was in flight, and then in the store
     store.queue.finish(Claim("b", 1))
-    store.quotas.check("k", 100, limits, lambda: ("a", "b"))
+    store.quotas.check("k", 100, lambda: replace(limits, in_flight=("a", "b")))
     monkeypatch.setattr(keys, "MAX_FLIGHT_SECONDS", -1.0)
     if limit == "key_max_queued":
         with pytest.raises(QuotaError):
-            store.quotas.check("k", 100, limits, lambda: ("never",))
+            store.quotas.check("k", 100, lambda: replace(limits, in_flight=("never",)))
     else:
-        store.quotas.check("k", 100, limits, lambda: ("never",))  # its points are not known
+        store.quotas.check("k", 100, lambda: replace(limits, in_flight=("never",)))  # its points are not known
 
 
 def test_a_mesh_in_flight_that_never_enters_the_store_makes_room(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     flying = [("refused", "reused"), ("reused",)]
     waits: list[float] = []
     monkeypatch.setattr(keys, "time", SimpleNamespace(monotonic=lambda: 0.0, sleep=waits.append))
-    store.quotas.check("k", 100, Quota(queued=1, points=0), lambda: flying.pop(0) if flying else ())
+    one = Quota(queued=1, points=0)
+    store.quotas.check("k", 100, lambda: replace(one, in_flight=flying.pop(0) if flying else ()))
     assert len(waits) == 2
 
 
