@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error.cells import Cells, Region, cells_of_grid, originals, regions_of
+from equimesh.least_error.cells import Cells, Region, cells_of_grid, regions_of
+from equimesh.meshes.cell_edges import originals_of
 from equimesh.numerics.types import IntArray
 
 SHAPE = (14, 11)
@@ -39,7 +40,8 @@ def test_every_cell_node_and_triple_has_one_owner(closed: tuple[bool, bool]) -> 
 @pytest.mark.parametrize("closed", CLOSED)
 @pytest.mark.parametrize("overlap", [1, 2, 3])
 def test_a_node_is_free_where_all_its_cells_are_within_the_overlap(closed: tuple[bool, bool], overlap: int) -> None:
-    cells, owner, stands = cells_of_grid(SHAPE, closed), owners(), originals(cells_of_grid(SHAPE, closed))
+    cells, owner = cells_of_grid(SHAPE, closed), owners()
+    stands = originals_of(cells.nodes, cells.ties)
     corners = stands[cells.corners]
     for region in regions_of(cells, owner, overlap):
         near = owner == region.number
@@ -55,7 +57,7 @@ def test_a_node_is_free_where_all_its_cells_are_within_the_overlap(closed: tuple
 @pytest.mark.parametrize("closed", CLOSED)
 def test_all_second_differences_of_free_nodes_are_in_the_region(closed: tuple[bool, bool]) -> None:
     cells = cells_of_grid(SHAPE, closed)
-    stands = originals(cells)
+    stands = originals_of(cells.nodes, cells.ties)
     for region in regions_of(cells, owners(), 2):
         there = {tuple(triple) for triple in stands[region.nodes[region.cells.triples]].tolist()}
         free = np.unique(stands[region.nodes[region.cells.free.any(axis=0)]])
@@ -65,7 +67,7 @@ def test_all_second_differences_of_free_nodes_are_in_the_region(closed: tuple[bo
 
 def test_copies_of_a_free_node_move_together() -> None:
     cells = cells_of_grid(SHAPE, (True, False))
-    stands = originals(cells)
+    stands = originals_of(cells.nodes, cells.ties)
     region = regions_of(cells, owners(), 2)[0]
     copies, first = region.nodes[region.cells.ties].T
     assert copies.size > 0
