@@ -20,7 +20,7 @@ from functools import cache
 from importlib import metadata
 from typing import Any
 
-PARSING = threading.Lock()
+PARSING = threading.RLock()
 """Held while a syntax tree is built: threads of Python 3.11 share a count of depth, and may end in a SystemError."""
 
 

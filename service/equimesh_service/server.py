@@ -13,7 +13,6 @@ from contextlib import contextmanager, suppress
 import uvicorn
 
 from equimesh.compiling import Line, announcing, is_live
-from equimesh.numerics.compiled import Compiled
 from equimesh_service.api.app import create_app
 from equimesh_service.errors import NotStartedError
 from equimesh_service.files.folder import withhold_files
@@ -97,7 +96,7 @@ class _Start:
     def _show(self, warm_up: Mapping[str, int] | None) -> None:
         if not warm_up or not warm_up["of"]:
             return
-        self._line.show(Compiled(**warm_up))
+        self._line.show(warm_up["compiled"], warm_up["of"])
         if time.monotonic() - self._logged > _LOG_SECONDS:
             _log.info("compiling the numerical loops: %(compiled)d of %(of)d", warm_up)
             self._logged = time.monotonic()

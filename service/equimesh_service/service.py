@@ -5,27 +5,29 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
+import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
+from functools import cached_property, partial
+from importlib import import_module
 from importlib.util import find_spec
 from io import TextIOWrapper
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
-from equimesh_service.admission import computation
-from equimesh_service.admission.admit import Admission, AdmittedSpec, ServiceAdmission
+from equimesh_coupling.errors import PARSING
 from equimesh_service.admission.callers import Caller, Callers, Quotas
 from equimesh_service.admission.intake import Body, Intake
+from equimesh_service.admission.tasks import AdmittedSpec, PackedProblems
 from equimesh_service.admission.unstored import UnstoredMeshes
-from equimesh_service.assembly.problem import PackedProblems
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.dispatch.wakeups import END, Checked, CheckThreads, Wakeups
 from equimesh_service.dispatch.worker_line import SideWorkers
-from equimesh_service.engine.port import Engine, PackedCall, PoolSettings, Preparation
+from equimesh_service.engine.port import Engine, NamedFunction, PackedCall, PoolSettings, Preparation
 from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import (
     ClusterMissingError,
@@ -49,12 +51,62 @@ from equimesh_service.upkeep.metrics import Metrics, Snapshot
 from equimesh_service.upkeep.readiness import OK, Readiness
 from equimesh_service.upkeep.retention import Retention
 from equimesh_service.wire.body import BodyRoom
-from equimesh_service.worker import export, solve, warmth
 from equimesh_service.worker.job import Export, Job, Storage
-from equimesh_service.worker.rare_loops import RareLoops
+from equimesh_service.worker.rare_loops import LoopCount, RareLoops
 from equimesh_service.worker.reach import Reach
 
+if TYPE_CHECKING:
+    from equimesh_service.admission.admit import Admission
+
+# The functions of workers. Their modules need the solver, which this process imports when it checks a request itself.
+_SOLVE = NamedFunction("equimesh_service.worker.solve:solve_mesh")
+_EXPORT = NamedFunction("equimesh_service.worker.export:export")
+_COUNT_LOOPS = NamedFunction("equimesh_service.worker.warmth:progress")
+WARM_UP = NamedFunction("equimesh_service.worker.warmth:warm_up_once")
+WARM_UP_BASICS = NamedFunction("equimesh_service.worker.warmth:warm_up_for_basics")
+_CHECKS = ("admission.computation", "admission.steps", "assembly.bodies")
+"""The modules with which this process checks requests."""
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Checks:
+    """The checks of requests that no worker has, in threads of this process.
+
+    They import the solver with the first of them: a service whose requests wait for workers never needs it.
+    """
+
+    settings: Settings
+    store: Store
+    files: Files
+    side_workers: SideWorkers
+    threads: CheckThreads
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    @cached_property
+    def admission(self) -> Admission:
+        """The checks against the settings; to be used in a check thread."""
+        # Modules that parse code when they are imported fail now and then next to a thread that does so, too.
+        with self.lock, PARSING:
+            for module in _CHECKS:
+                import_module(f"equimesh_service.{module}")
+            from equimesh_service.admission.admit import ServiceAdmission
+
+            waiting = self.threads.while_waiting
+            return ServiceAdmission(
+                self.settings, self.store, self.files, side_workers=self.side_workers, while_waiting=waiting
+            )
+
+    async def admit(self, body: Body) -> AdmittedSpec:
+        """The admitted spec of a request; raises its problems."""
+
+        def admit() -> AdmittedSpec:
+            admission = self.admission
+            from equimesh_service.admission.computation import admit
+
+            return admit(body.content_type, body.content, body.caller, admission)
+
+        return await self.threads.run(admit)
 
 
 @dataclass(kw_only=True)
@@ -71,7 +123,7 @@ class Service:
     retention: Retention
     rare_loops: RareLoops
     wakeups: Wakeups
-    admission: Admission
+    checks: Checks
     callers: Callers
     quotas: Quotas
     intake: Intake
@@ -140,7 +192,7 @@ class Service:
         task = Export(self.storage, mesh_id, name, here.request_id, tracing.traceparent())
         future = self.exporting.get(task)
         if future is None:
-            future = self.side_workers.submit(here.key_id, export.export, task, time_limit=self.settings.time_limit)
+            future = self.side_workers.submit(here.key_id, _EXPORT, task, time_limit=self.settings.time_limit)
             self.exporting[task] = future
             future.add_done_callback(lambda _: self.exporting.pop(task, None))
         try:
@@ -192,9 +244,6 @@ PRELOAD = (
 # More of them, where workers warm up: the last one does everything once.
 WARM_PRELOAD = (
     *PRELOAD,
-    "equimesh.plot.meshes",
-    "matplotlib.backends.backend_agg",
-    "matplotlib.backends.backend_svg",
     "equimesh_service.worker.warm_fork",
 )
 
@@ -211,7 +260,8 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     store.prepare()
     files.prepare(alone=lock is not None and not settings.files_url)
     engine, side_workers = _open_workers(settings, storage)
-    rare_loops = RareLoops(lambda: engine.health().ready)
+    loop_count = LoopCount(partial(side_workers.submit, "", _COUNT_LOOPS))
+    rare_loops = RareLoops(lambda: engine.health().ready, loop_count.now)
     if settings.warm_up == "all" and settings.engine != "dask":
         rare_loops.start()
     problems = PackedProblems()
@@ -221,7 +271,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         store,
         engine,
         lambda claim, mesh_input: (
-            solve.solve_mesh,
+            _SOLVE,
             (
                 Job(
                     storage,
@@ -245,12 +295,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     where = f"the cluster at {settings.scheduler}" if settings.engine == "dask" else f"{settings.workers} workers"
     _log.info("data folder %s, %s, threads of one worker: %d", folder, where, settings.worker_threads)
     quotas = Quotas(settings, store.quotas)
-    admission = ServiceAdmission(
-        settings, store, files, side_workers=side_workers, while_waiting=check_threads.while_waiting
-    )
-
-    async def admit(body: Body) -> AdmittedSpec:
-        return await check_threads.run(computation.admit, body.content_type, body.content, body.caller, admission)
+    checks = Checks(settings, store, files, side_workers, check_threads)
 
     return Service(
         settings=settings,
@@ -263,10 +308,10 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         retention=retention,
         rare_loops=rare_loops,
         wakeups=wakeups,
-        admission=admission,
+        checks=checks,
         callers=Callers(store.keys),
         quotas=quotas,
-        intake=Intake(settings, storage, store, dispatcher, wakeups, quotas, problems, metrics, admit),
+        intake=Intake(settings, storage, store, dispatcher, wakeups, quotas, problems, metrics, checks.admit),
         unstored=UnstoredMeshes(settings, storage, engine, dispatcher.line),
         lock=lock,
         check_threads=check_threads,
@@ -281,7 +326,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
                 "dispatcher": lambda: OK if dispatcher.is_alive() else "stopped",
             },
             warn=(store.clock_warning, lambda: _warning(engine)),
-            warm_up=lambda: _warm_up(settings, engine, rare_loops),
+            warm_up=lambda: _warm_up(settings, engine, rare_loops, loop_count),
         ),
     )
 
@@ -305,7 +350,7 @@ def _start_of_workers(settings: Settings) -> tuple[tuple[str, ...], Callable[[],
     if settings.warm_up == "none":
         return PRELOAD, None
     # Nobody compiles the rest for the workers of a cluster.
-    return WARM_PRELOAD, warmth.warm_up_once if settings.engine == "dask" else warmth.warm_up_for_basics
+    return WARM_PRELOAD, WARM_UP if settings.engine == "dask" else WARM_UP_BASICS
 
 
 def pool_settings(settings: Settings, storage: Storage) -> PoolSettings:
@@ -341,10 +386,12 @@ def _health(engine: Engine | SideWorkers) -> str:
     return OK if health.ready else health.detail
 
 
-def _warm_up(settings: Settings, engine: Engine, rare_loops: RareLoops) -> Mapping[str, int] | None:
+def _warm_up(
+    settings: Settings, engine: Engine, rare_loops: RareLoops, loop_count: LoopCount
+) -> Mapping[str, int] | None:
     """How far the loops are, until the last process that compiles them in advance has ended."""
     is_over = settings.engine == "dask" or (engine.health().ready and not rare_loops.are_compiling)
-    return None if is_over else warmth.progress()
+    return None if is_over else loop_count.latest()
 
 
 def _warning(engine: Engine) -> str | None:

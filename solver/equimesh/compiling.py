@@ -11,11 +11,10 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from numba.core import event
-
-from equimesh.numerics.compiled import Compiled, count_compiled, is_loop
+if TYPE_CHECKING:
+    from equimesh.numerics.compiled import Compiled
 
 SENTENCE = "Compiling the numerical loops, once in this environment"
 # Seconds between two counts: a count takes about 10 ms.
@@ -34,23 +33,23 @@ class Line:
         self._tenths: int | None = None
         self._shown = ""
 
-    def show(self, count: Compiled, *, are_all_needed: bool = True) -> None:
-        """Show how many loops are compiled; one solve needs some of them."""
+    def show(self, compiled: int, of: int, *, are_all_needed: bool = True) -> None:
+        """Show how many loops are compiled, ``of`` how many; one solve needs some of them."""
         if sys.stderr is None or os.environ.get("EQUIMESH_QUIET", "0") not in ("", "0"):
             return
         if is_live():
-            text = f"{SENTENCE}: {count.compiled} of {'' if are_all_needed else 'at most '}{count.of}"
+            text = f"{SENTENCE}: {compiled} of {'' if are_all_needed else 'at most '}{of}"
             text = text[: shutil.get_terminal_size().columns - 1]
             self._write("\r" + text.ljust(len(self._shown)))
             self._shown = text
         elif self._plain:
-            self._tell(count, 10 * count.compiled // max(count.of, 1) if are_all_needed else 0)
+            self._tell(compiled, of, 10 * compiled // max(of, 1) if are_all_needed else 0)
 
-    def _tell(self, count: Compiled, tenths: int) -> None:
+    def _tell(self, compiled: int, of: int, tenths: int) -> None:
         if self._tenths is None:
             self._write(f"{SENTENCE} ...\n")
         elif tenths > self._tenths:
-            self._write(f"{SENTENCE}: {count.compiled} of {count.of}\n")
+            self._write(f"{SENTENCE}: {compiled} of {of}\n")
         self._tenths = max(self._tenths or 0, tenths)
 
     def clear(self) -> None:
@@ -64,29 +63,39 @@ class Line:
         sys.stderr.flush()
 
 
-class _Listener(event.Listener):
+class _Listener:
     """Shows the current line while a loop of the project is compiled."""
 
     line: Line | None = Line()
 
     def __init__(self) -> None:
         self._depth = 0  # a loop is compiled while its caller is
-        self._count, self._counted = Compiled(0, 0), float("-inf")
+        self._count: Compiled | None = None
+        self._counted = float("-inf")
 
-    def on_start(self, found: Any) -> None:
+    def notify(self, found: Any) -> None:
+        """Take an event of Numba: the start, or the end, of the compiling of a function."""
+        from equimesh.numerics.compiled import is_loop
+
         if self.line is None or not is_loop(found.data["dispatcher"]):
             return
+        if found.is_start:
+            self._begin(self.line)
+        elif found.is_end:
+            self._end(self.line)
+
+    def _begin(self, line: Line) -> None:
+        from equimesh.numerics.compiled import count_compiled
+
         self._depth += 1
-        if time.monotonic() - self._counted > _COUNT_SECONDS:
+        if self._count is None or time.monotonic() - self._counted > _COUNT_SECONDS:
             self._count, self._counted = count_compiled(), time.monotonic()
-        self.line.show(self._count, are_all_needed=False)
+        line.show(*self._count, are_all_needed=False)
 
-    def on_end(self, found: Any) -> None:
-        if self.line is None or not is_loop(found.data["dispatcher"]):
-            return
+    def _end(self, line: Line) -> None:
         self._depth -= 1
         if self._depth == 0:
-            self.line.clear()
+            line.clear()
 
 
 _listener = _Listener()
@@ -94,6 +103,9 @@ _listener = _Listener()
 
 def watch() -> None:
     """Show a line from now on, whenever this process compiles a loop at a terminal or in a notebook."""
+    from numba.core import event
+
+    event.Listener.register(_Listener)
     event.register("numba:compile", _listener)  # type: ignore[no-untyped-call]
 
 

@@ -4,18 +4,17 @@ The names of files need ``equimesh`` alone. The others need ``pip install 'equim
 first of them. ``import equimesh`` does not import this package.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
-from equimesh_cluster.mesh_part import MeshPart, cut
-from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartData, PartedFormat
-from equimesh_cluster.part_files.parted_mesh import PartedMesh, read_parts, remove_parted, write_head, write_part
-from equimesh_coupling.errors import library
+from equimesh_coupling.errors import deferred, library
 
 if TYPE_CHECKING:
     from equimesh_cluster.connection import connect
     from equimesh_cluster.errors import ClusterError, NoSchedulerError, RunCancelledError, WorkersLostError
     from equimesh_cluster.handle import Handle, PartsError
+    from equimesh_cluster.mesh_part import MeshPart, cut
+    from equimesh_cluster.part_files.formats import PARTED_FORMATS, PartData, PartedFormat
+    from equimesh_cluster.part_files.parted_mesh import PartedMesh, read_parts, remove_parted, write_head, write_part
     from equimesh_cluster.run import PartsRun, RunOptions, run_parts
     from equimesh_cluster.schwarz import SchwarzHandle
     from equimesh_cluster.solving import Progress, solve, solve_blocks
@@ -51,22 +50,13 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "WorkersLostError",
 ]
 
-_MODULES = {
-    "connection": ("connect",),
-    "errors": ("ClusterError", "NoSchedulerError", "RunCancelledError", "WorkersLostError"),
-    "handle": ("Handle", "PartsError"),
-    "run": ("PartsRun", "RunOptions", "run_parts"),
-    "schwarz": ("SchwarzHandle",),
-    "solving": ("Progress", "solve", "solve_blocks"),
-}
-"""The modules that need Dask, and what they define."""
+_WITHOUT_DASK = __all__[__all__.index("MeshPart") : __all__.index("run_parts")]
+"""The names that need no Dask."""
 
 if not TYPE_CHECKING:
 
     def __getattr__(name):
-        """The names that need Dask, at their first use."""
-        module = next((module for module, names in _MODULES.items() if name in names), None)
-        if module is None:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        library("distributed", install="pip install 'equimesh[dask]'")
-        return getattr(import_module(f"{__name__}.{module}"), name)
+        """A name of ``__all__``, whose module is imported at its first use."""
+        if name in __all__ and name not in _WITHOUT_DASK:
+            library("distributed", install="pip install 'equimesh[dask]'")
+        return deferred(__name__, name)

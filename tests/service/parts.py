@@ -14,8 +14,9 @@ from equimesh_service.files.address import files_address
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.store.rows import Artifact, Lease, NewMesh, Outcome
 from equimesh_service.store.store import Store
-from equimesh_service.worker.in_parts import WRITTEN, PartsLayout, write_head_file, write_part_file
+from equimesh_service.worker.in_parts import PartsLayout, write_head_file, write_part_file
 from equimesh_service.worker.job import head_name, part_artifact
+from equimesh_service.worker.part_formats import WRITTEN
 
 SHAPE = (17, 9)
 CUTS = (6, 12)

@@ -92,7 +92,7 @@ def test_a_log_has_a_line_for_each_tenth_of_the_loops(monkeypatch: pytest.Monkey
     monkeypatch.delenv("EQUIMESH_QUIET", raising=False)
     line = compiling.Line(plain=True)
     for done in (0, 1, 2, 3, 4, 4, 19, 20):
-        line.show(compiled.Compiled(done, 20))
+        line.show(done, 20)
     sentence = compiling.SENTENCE
     assert sys.stderr.getvalue().splitlines() == [
         f"{sentence} ...",
@@ -108,5 +108,5 @@ def test_a_log_of_one_solve_has_one_line(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.delenv("EQUIMESH_QUIET", raising=False)
     line = compiling.Line(plain=True)
     for done in (0, 10, 20):
-        line.show(compiled.Compiled(done, 20), are_all_needed=False)
+        line.show(done, 20, are_all_needed=False)
     assert sys.stderr.getvalue() == f"{compiling.SENTENCE} ...\n"

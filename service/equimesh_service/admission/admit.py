@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
@@ -10,8 +9,6 @@ from concurrent.futures import CancelledError
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -24,10 +21,12 @@ from equimesh_schema.monitors import AnyMonitor
 from equimesh_schema.schwarz import Schwarz
 from equimesh_schema.sources import UPLOAD
 from equimesh_service.admission.callers import Caller, quota_problem
+from equimesh_service.admission.tasks import AdmittedSpec
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.bodies import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
 from equimesh_service.assembly.problem import Samples, check, check_schwarz, translate_errors
-from equimesh_service.assembly.samples import MAX_LIGHT_BYTES, MESH, Arrays, Upload, convert_mesh
+from equimesh_service.assembly.samples import MESH, Arrays, convert_mesh
+from equimesh_service.assembly.upload import MAX_LIGHT_BYTES, Upload
 from equimesh_service.dispatch.worker_line import SideWorkers
 from equimesh_service.errors import EngineError, MemoryLimitError, QuotaError, TimeLimitError
 from equimesh_service.files.port import Files
@@ -35,7 +34,7 @@ from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import MESH_PLACE, CheckedSpec, read_spec
-from equimesh_service.store.rows import Claim, NewMesh, NewSamples, SamplesRow
+from equimesh_service.store.rows import NewSamples, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 
@@ -138,66 +137,7 @@ _MAX_WORK_SECONDS = 60.0
 _FEWER_SAMPLES = "send fewer samples, or send them on a grid"
 # The most monitors that are remembered as valid on their domains.
 _MAX_REMEMBERED = 1000
-# Bytes of a point in the files of a mesh in parts: x, y, z, u, its number and its sides; corners, end, type and part of
-# a cell.
-BYTES_OF_POINT = 66
-_VERSION = version("equimesh")
 Result = TypeVar("Result")
-
-
-@dataclass(frozen=True)
-class AdmittedSpec:
-    """A canonical spec that will be solved, and the SHA-256 of the files of its samples, by the ids of these."""
-
-    spec: Mapping[str, Any]
-    samples: Mapping[str, str]
-    digest: str  # equal for specs of the same points
-    built: BuiltSpec | None = None  # its problem, in the process that has checked it
-    packed: bytes | None = None  # the same, on its way to the worker that solves it
-    upload: NewSamples | None = None  # samples that are not stored yet
-    nodes: int | None = None  # of a mesh of blocks: its points
-    uploads: int = 0  # the files that came with the request
-
-    @property
-    def problem(self) -> BuiltSpec:
-        """Its problem, in a worker, which checks every spec by building it."""
-        assert self.built is not None
-        return self.built
-
-    @property
-    def is_in_parts(self) -> bool:
-        """Whether a cluster computes the mesh, in parts."""
-        return self.spec["parts"] is not None
-
-    @property
-    def expected_bytes(self) -> int:
-        """The bytes of the files of a mesh in parts, about; 0 for others, whose files are small."""
-        grid = self.spec["grid"]
-        return BYTES_OF_POINT * grid["n_xi"] * grid["n_eta"] if self.is_in_parts else 0
-
-    @property
-    def points_fingerprint(self) -> str:
-        """Equal for meshes of the same release with the same points."""
-        return sha256(f"{self.digest} {_VERSION}".encode()).hexdigest()
-
-    def new_mesh(self, claim: Claim, format: str | None) -> NewMesh:
-        """The row of its mesh, with the id, key, request and trace of a claim."""
-        return NewMesh(
-            id=claim.mesh_id,
-            spec=self.spec,
-            samples=tuple(self.samples),
-            format=format,
-            key_id=claim.key_id,
-            request_id=claim.request_id,
-            trace=claim.trace,
-            fingerprint=self.points_fingerprint,
-            nodes=self.nodes,
-        )
-
-    def fingerprint(self, format: str | None) -> str:
-        """Equal for equal requests, also in different releases: a retry may reach a newer one."""
-        more = json.dumps([self.spec["label"], self.spec["cells"], format])
-        return sha256(f"{self.digest} {more}".encode()).hexdigest()
 
 
 @dataclass(frozen=True)

@@ -11,20 +11,21 @@ from functools import partial
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import equimesh
 from equimesh.io.write import mesh_bytes
 from equimesh.specs.spec import BuiltSpec
-from equimesh_service.admission.admit import Admission, AdmittedSpec
+from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.formats import check_format
+from equimesh_service.admission.tasks import AdmittedSpec, Computation, ComputationResult, Request
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.bodies import MAX_SHORT_BYTES, ShortSpec
 from equimesh_service.assembly.problem import check, translate_errors
-from equimesh_service.assembly.samples import Upload
+from equimesh_service.assembly.upload import Upload
 from equimesh_service.errors import (
     AttemptLostError,
     KeyReusedError,
@@ -36,16 +37,12 @@ from equimesh_service.errors import (
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.problems.storage import storage_faults
-from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec
-from equimesh_service.store.keys import Quota
 from equimesh_service.store.rows import (
     FAILED,
-    Claim,
     Ending,
     FinishedMesh,
-    Lease,
     MeshInput,
     NewEntry,
     NoMesh,
@@ -56,40 +53,14 @@ from equimesh_service.telemetry import log_context
 from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.wire.body import take_apart
 from equimesh_service.worker.drawing import Frames, document_of_solution, draw_solution
-from equimesh_service.worker.job import DRAWING, Storage, attempt, log_context_of
+from equimesh_service.worker.job import DRAWING, attempt, log_context_of
 from equimesh_service.worker.solve import Attempt, Work, solve_work
-from equimesh_service.worker.summary import AnySolution, problem_of
+from equimesh_service.worker.summary import problem_of
+
+if TYPE_CHECKING:
+    from equimesh_service.worker.summary import AnySolution
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Computation:
-    """The task of a worker: a request as it came, and the form of its answer.
-
-    ``format`` is a format of meshes, :data:`~equimesh_service.worker.job.DRAWING` for all that is needed to draw the
-    mesh, or None for its document alone. With ``frames`` a drawing has the meshes of a Schwarz iteration. ``settings``
-    have the limits. The solve ends itself after ``seconds``, since a killed worker is slow to replace.
-    """
-
-    content_type: str
-    body: bytes
-    format: str | None
-    frames: bool = False
-    caller: Caller
-    settings: Settings
-    storage: Storage
-    seconds: float
-    request_id: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComputationResult:
-    """The bytes of an answer, the JSON of the certificate, and how the solve ended."""
-
-    content: bytes
-    certificate: str
-    ending: Ending
 
 
 def compute(task: Computation) -> ComputationResult:
@@ -159,28 +130,6 @@ def _compute(task: Computation) -> ComputationResult:
             uploads=(upload is not None) + (mesh is not None),
         ),
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """The task of a worker: a request for a mesh that is kept, as it came, and the ``claim`` of the mesh to be.
-
-    ``format`` is that of the requested file. With ``reuse`` a finished mesh of the same spec may answer it. ``key`` is
-    its idempotency key, ``quota`` has the limits of its API key. A mesh that is not finished soon is entered into the
-    store under the ``lease``.
-    """
-
-    content_type: str
-    body: bytes
-    format: str | None
-    caller: Caller
-    settings: Settings
-    storage: Storage
-    claim: Claim
-    key: str | None
-    reuse: bool
-    quota: Quota | None
-    lease: Lease
 
 
 def answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:

@@ -9,7 +9,7 @@ from equimesh.io.formats import FORMATS
 from equimesh_schema.domains import DOMAINS
 from equimesh_schema.mesh import SUFFIXES
 from equimesh_service.problems.problem import Problem, did_you_mean
-from equimesh_service.worker.in_parts import HEADED, PART_FORMATS
+from equimesh_service.worker.part_formats import HEADED, PART_FORMATS
 
 
 def known_format(name: str) -> str:

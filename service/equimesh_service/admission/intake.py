@@ -14,11 +14,9 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
-from equimesh_service.admission import computation
-from equimesh_service.admission.admit import AdmittedSpec
 from equimesh_service.admission.callers import Caller, Quotas, quota_problem
 from equimesh_service.admission.formats import check_format
-from equimesh_service.assembly.problem import PackedProblems
+from equimesh_service.admission.tasks import ANSWER, AdmittedSpec, PackedProblems, Request
 from equimesh_service.dispatch.dispatcher import Dispatcher
 from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.errors import EngineError, KeyReusedError, QuotaError, SamplesGoneError, StepTakenError
@@ -114,7 +112,7 @@ class Intake:
         """Give a request to the reserved worker; None when no worker has it, and the store does not know it."""
         caller = body.caller
         claim = _new_claim(caller)
-        task = computation.Request(
+        task = Request(
             content_type=body.content_type,
             body=body.content,
             format=request.format,
@@ -129,7 +127,7 @@ class Intake:
         )
         try:
             with tracing.span("enqueue"):
-                ended = self.dispatcher.begin_request(claim, computation.answer, task)
+                ended = self.dispatcher.begin_request(claim, ANSWER, task)
         except BaseException as error:
             self.dispatcher.line.release()
             if isinstance(error, EngineError):

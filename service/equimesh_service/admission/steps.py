@@ -27,8 +27,9 @@ from equimesh_schema.sequences import (
     StepSpec,
 )
 from equimesh_schema.sources import ExpressionSource
-from equimesh_service.admission.admit import Admission, AdmittedSpec
+from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.tasks import AdmittedSpec
 from equimesh_service.assembly.bodies import (
     MAX_SHORT_BYTES,
     Array,

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.computation import Computation, ComputationResult, compute
+from equimesh_service.admission.tasks import COMPUTE, Computation, ComputationResult
 from equimesh_service.dispatch.worker_line import WorkerLine
 from equimesh_service.engine.port import Engine
 from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError
@@ -48,7 +48,7 @@ class UnstoredMeshes:
         frames: bool = False,
         leaves: Callable[[], Awaitable[None]],
     ) -> ComputationResult | None:
-        """The answer in a ``format`` of :class:`~equimesh_service.admission.computation.Computation`.
+        """The answer in a ``format`` of :class:`~equimesh_service.admission.tasks.Computation`.
 
         It takes at most ``seconds``. ``leaves`` returns when the caller has left: the work ends then, and there is no
         answer, None. Raises the problems of a request that is refused, and 409, 429 and 503 problems.
@@ -88,7 +88,7 @@ class UnstoredMeshes:
         try:
             if not left.done():
                 limit = computation.seconds + _MAX_STEP_SECONDS
-                task = self.engine.submit(compute, computation, time_limit=limit)
+                task = self.engine.submit(COMPUTE, computation, time_limit=limit)
                 self.line.occupy(task, caller.key_id)
         except EngineError as error:
             raise _lost(error) from None

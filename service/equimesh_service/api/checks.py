@@ -7,9 +7,8 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 
-from equimesh import Blocks, specs
-from equimesh.fields.expression import FUNCTIONS, LIMITS
-from equimesh.io.write import FORMATS
+from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS
+from equimesh.io.formats import FORMATS
 from equimesh_schema import schwarz
 from equimesh_schema.document import OneOf, Words
 from equimesh_schema.domains import DOMAINS
@@ -17,16 +16,16 @@ from equimesh_schema.mesh import BOUNDARIES, CELLS, INITIALS, MODES
 from equimesh_schema.monitors import MONITORS
 from equimesh_schema.sequences import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, OUTRUNS, TRANSFERS
 from equimesh_schema.settings import choices
+from equimesh_service.admission.callers import Caller
 from equimesh_service.api.resources import DomainReport, ExpressionReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
-from equimesh_service.assembly.problem import translate_errors
-from equimesh_service.assembly.samples import blocks_of
+from equimesh_service.service import Service
 from equimesh_service.spec.document import parse
 from equimesh_service.spec.mesh import MESH_PLACE, read_expression_check
 from equimesh_service.spec.strict import to_json
 from equimesh_service.wire import body as bodies
-from equimesh_service.worker.in_parts import PART_FORMATS
 from equimesh_service.worker.job import PICTURES, PLOTS
+from equimesh_service.worker.part_formats import PART_FORMATS
 
 router = APIRouter(prefix="/v1", tags=["checks"])
 
@@ -58,12 +57,7 @@ async def check(request: Request, service: ServiceDependency, caller: Reader) ->
     with service.bodies.place(caller.key_id) as place:
         data = await bodies.read_plain_json(request, service.settings.max_body, place)
 
-    def find(name: str, settings: Mapping[str, Any]) -> Blocks:
-        row = service.admission.find_stored(name, MESH_PLACE, caller)
-        with service.files.local(row.sha256) as path:
-            return blocks_of(path, settings)
-
-    return await service.check(_report, data, find)
+    return await service.check(_report, data, service, caller)
 
 
 @router.get(
@@ -124,10 +118,19 @@ def _uses(choices: OneOf | Words) -> list[dict[str, str]]:
     return [{"name": name, "when_to_use": use} for name, use in uses.items()]
 
 
-def _report(data: bytes, find_mesh: specs.FindMesh) -> ExpressionReport:
-    document = to_json(read_expression_check(parse(data)))
+def _report(data: bytes, service: Service, caller: Caller) -> ExpressionReport:
+    document, admission = to_json(read_expression_check(parse(data))), service.checks.admission
+    from equimesh import specs
+    from equimesh_service.assembly.problem import translate_errors
+    from equimesh_service.assembly.samples import blocks_of
+
+    def find(name: str, settings: Mapping[str, Any]) -> Any:
+        row = admission.find_stored(name, MESH_PLACE, caller)
+        with service.files.local(row.sha256) as path:
+            return blocks_of(path, settings)
+
     with translate_errors():
-        domain = specs.build_domain(document.pop("domain"), find_mesh)
+        domain = specs.build_domain(document.pop("domain"), find)
         expression = specs.build_expression(document, domain)
     shape = DomainReport(box=[list(ends) for ends in domain.box], area=domain.area)
     return ExpressionReport(**expression.summary(_CHECKED_POINTS, domain), domain=shape)

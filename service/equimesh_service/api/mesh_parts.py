@@ -16,8 +16,8 @@ from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import Artifact, MeshRow
 from equimesh_service.wire.sending import send_file
-from equimesh_service.worker.in_parts import PART_FORMATS, WRITTEN, PartFormat
 from equimesh_service.worker.job import head_name, part_artifact
+from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN, PartFormat
 
 router = APIRouter(prefix="/v1/meshes/{id}/parts", tags=["results"], responses=KEY_PROBLEMS)
 

@@ -4,16 +4,16 @@ from typing import Annotated, Any
 
 from fastapi import Header, Query, Request
 
-from equimesh.io.write import FORMATS
-from equimesh_service.admission.admit import AdmittedSpec
+from equimesh.io.formats import FORMATS
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import Body
+from equimesh_service.admission.tasks import AdmittedSpec
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire import body as bodies
 from equimesh_service.wire.headers import MAX_PREFER, PREFER_PATTERN
-from equimesh_service.worker.in_parts import HEADED
+from equimesh_service.worker.part_formats import HEADED
 
 # Parameters of requests that may wait for a mesh.
 Format = Annotated[

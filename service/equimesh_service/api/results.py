@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
-from equimesh.io.write import FORMATS
+from equimesh.io.formats import FORMATS
 from equimesh_service.admission.formats import check_head, check_whole, known_format
 from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.files.port import StoredFile
@@ -20,8 +20,8 @@ from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Artifact, M
 from equimesh_service.wire.body import NPZ
 from equimesh_service.wire.headers import choose_offer
 from equimesh_service.wire.sending import send_file
-from equimesh_service.worker.in_parts import HEADED, PART_FORMATS, WRITTEN
 from equimesh_service.worker.job import ARRAYS, CONVERGENCE, DRAWING, PICTURES, file_name, head_name, plot_name
+from equimesh_service.worker.part_formats import HEADED, PART_FORMATS, WRITTEN
 from equimesh_service.worker.summary import NO_ITERATIONS, ConvergenceHistory, table
 
 # The media types of the formats of whole meshes, by their names.

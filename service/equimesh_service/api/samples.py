@@ -8,10 +8,14 @@ from fastapi.responses import JSONResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from equimesh_service.admission.callers import Caller
 from equimesh_service.api.resources import SamplesResource, samples_resource
 from equimesh_service.api.routing import FILE_ANSWERS, KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
+from equimesh_service.assembly.upload import Upload
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Problem, problem_at
+from equimesh_service.service import Service
+from equimesh_service.store.rows import SamplesRow
 from equimesh_service.wire.body import read_upload
 from equimesh_service.wire.sending import send_file
 
@@ -77,17 +81,21 @@ async def create(
     """
     if column is not None and kind == "mesh":
         raise problem_at("", "a mesh has no columns: leave this out", parameter="column")
-    keep = service.admission.keep if kind == "samples" else service.admission.keep_mesh
     with service.bodies.place(caller.key_id) as place:
         upload = await read_upload(request, service.settings.max_body, filename, place)
         upload = replace(upload, column=column)
         await service.quotas.check_bytes(caller, len(upload.data))
-        row, new = await service.check(keep, upload, caller)
+        row, new = await service.check(_keep, service, upload, caller, kind)
     service.metrics.count_uploads(1)
     headers = {"Location": f"{service.settings.root}/v1/samples/{row.id}"}
     return JSONResponse(
         samples_resource(row, service.settings.root).model_dump(mode="json"), 201 if new else 200, headers
     )
+
+
+def _keep(service: Service, upload: Upload, caller: Caller, kind: str) -> tuple[SamplesRow, bool]:
+    admission = service.checks.admission
+    return (admission.keep if kind == "samples" else admission.keep_mesh)(upload, caller)
 
 
 @router.get(

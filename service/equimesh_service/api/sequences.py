@@ -1,17 +1,20 @@
 """Routes of sequences: meshes that follow a time-stepper, one round trip for each step."""
 
+import json
 import secrets
 from contextlib import ExitStack
 from functools import partial
 from hashlib import sha256
-from typing import Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from fastapi import APIRouter, Query, Request
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from equimesh_service.admission import steps
+from equimesh_schema.sequences import ANSWER
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, refusals
 from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_mesh
@@ -28,12 +31,14 @@ from equimesh_service.api.routing import (
     moment_of,
     problems,
 )
-from equimesh_service.assembly.bodies import read_velocity
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Ending, MeshRow, NewStep
 from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire import body as bodies
+
+if TYPE_CHECKING:
+    from equimesh_service.admission.steps import Move, PreparedStep
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=KEY_PROBLEMS)
 
@@ -119,7 +124,10 @@ async def create(
     """
     waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
-    admitted = steps.check_first_spec(await receive_mesh(request, service, caller))
+    admitted = await receive_mesh(request, service, caller)
+    from equimesh_service.admission.steps import check_first_spec  # which needs the solver, as that check did
+
+    admitted = check_first_spec(admitted)
     step = NewStep(
         sequence_id=f"q-{secrets.token_hex(10)}",
         number=0,
@@ -213,15 +221,11 @@ async def step(
         await service.quotas.check_bytes(caller, len(data))
         mesh = await service.mesh(sequence.mesh_id, caller)
         points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
-        if kind == bodies.NPZ:
-            move = await service.check(steps.read_arrays, data, steps.max_bytes(service.settings, points))
-        else:
-            move = await service.check(steps.read_long_json, service.admission, data, points)
+        move = await service.check(_read_step, service, kind, data, points)
         del data  # a mesh that is waited for needs it no more
     start = await _start(service, caller, sequence.id, move.step)
-    prepare = steps.StepAdmission(service.admission, service.store, service.files).prepare
     with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:
-        made = await service.check(prepare, move, start, caller, stack)
+        made = await service.check(_prepare_step, service, move, start, caller, stack)
         stopwatch.lap("check")
         mesh_artifact = await run_in_threadpool(service.store.meshes.artifact, start, "mesh")
         new = NewStep(
@@ -267,12 +271,40 @@ async def _velocity(service: Service, mesh: MeshRow) -> Any:
 
     def read() -> Any:
         with service.files.local(artifact.sha256) as path:
-            return read_velocity(path)
+            return _read_velocity(path)
 
     try:
         return await run_in_threadpool(read)
     except FileNotFoundError:  # the mesh was deleted in between
         return None
+
+
+def _read_velocity(path: Path) -> list[list[list[float]]] | None:
+    """The displacement of the nodes in the npz file of a step; None for another mesh. Blocks have rows of one node."""
+    with np.load(path, allow_pickle=False) as file:
+        name = json.loads(file[ANSWER].tobytes())["velocity"] if ANSWER in file.files else None
+        if name is None:
+            return None
+        moves = file[name]
+    found: list[list[list[float]]] = (moves if moves.ndim == 3 else moves[:, None]).tolist()
+    return found
+
+
+def _read_step(service: Service, kind: str, data: bytes, points: int) -> "Move":
+    """The step in a body; raises 400, 413 and 422 problems."""
+    admission = service.checks.admission
+    from equimesh_service.admission import steps
+
+    if kind == bodies.NPZ:
+        return steps.read_arrays(data, steps.max_bytes(service.settings, points))
+    return steps.read_long_json(admission, data, points)
+
+
+def _prepare_step(service: Service, move: "Move", start: str, caller: Caller, stack: ExitStack) -> "PreparedStep":
+    """The step after the mesh ``start``; raises 409 and 422 problems."""
+    from equimesh_service.admission.steps import StepAdmission
+
+    return StepAdmission(service.checks.admission, service.store, service.files).prepare(move, start, caller, stack)
 
 
 async def _read_body(request: Request, service: Service, place: bodies.BodyPlace) -> tuple[str, bytes]:

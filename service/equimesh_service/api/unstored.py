@@ -5,10 +5,10 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
-from equimesh.io.write import FORMATS
+from equimesh.io.formats import FORMATS
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.computation import ComputationResult
 from equimesh_service.admission.formats import check_whole
+from equimesh_service.admission.tasks import ComputationResult
 from equimesh_service.api.mesh_requests import MESH_BODY, read_raw
 from equimesh_service.api.routing import KEY_PROBLEMS, ServiceDependency, Writer, problems
 from equimesh_service.problems.problem import Problem

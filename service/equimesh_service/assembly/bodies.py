@@ -17,7 +17,6 @@ import numpy.typing as npt
 from equimesh.errors import InputError, SamplesError
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
-from equimesh.io.npz import STEP
 from equimesh.io.reading.bounds import open_zip
 from equimesh.meshes.mesh import Mesh
 from equimesh.specs.spec import BuiltSpec
@@ -28,7 +27,8 @@ from equimesh_schema.sources import (
     SamplesSource,
 )
 from equimesh_service.assembly.problem import check, translate_errors
-from equimesh_service.assembly.samples import Upload, canonical_arrays, write
+from equimesh_service.assembly.samples import canonical_arrays, write
+from equimesh_service.assembly.upload import Upload
 from equimesh_service.problems.problem import Problem, complaint_of, input_problem, problem_at, repointed
 from equimesh_service.spec.document import MAX_PLAIN_VALUES, escape_token, parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec, read_spec
@@ -297,17 +297,6 @@ def read_fields(path: Path) -> dict[str, StepField]:
         bounds = None if bounds is None else (bounds[0], bounds[1])
         fields[name] = StepField(values=values, transfer=transfer, location=location, bounds=bounds)
     return fields
-
-
-def read_velocity(path: Path) -> list[list[list[float]]] | None:
-    """The displacement of the nodes in the npz file of a step; None for another mesh. Blocks have rows of one node."""
-    with np.load(path, allow_pickle=False) as file:
-        name = json.loads(file[STEP].tobytes())["velocity"] if STEP in file.files else None
-        if name is None:
-            return None
-        moves = file[name]
-    found: list[list[list[float]]] = (moves if moves.ndim == 3 else moves[:, None]).tolist()
-    return found
 
 
 def _refuse_not_finite(values: Any, name: str) -> None:

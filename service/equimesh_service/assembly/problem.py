@@ -1,7 +1,6 @@
 """From a spec to the objects of the solver; input errors become problems with a pointer into the spec."""
 
 import re
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -22,8 +21,6 @@ Samples: TypeAlias = Path | Arrays
 """Stored samples, or those of this request."""
 SamplesOf: TypeAlias = Callable[[str], Samples]
 """The samples with an id."""
-MAX_PACKED_BYTES = 128 * 2**20
-"""The most bytes of all problems that wait for a worker in one process."""
 _NUMBER = re.compile(r"\[(\d+)\]")
 
 
@@ -49,33 +46,6 @@ def check(spec: Spec, samples: Mapping[str, Samples]) -> specs.BuiltSpec:
         with translate_errors():
             require_reachable(built.target, monitor=problem.monitor, domain=problem.domain, boundary=problem.boundary)
     return built
-
-
-class PackedProblems:
-    """The checked problems of meshes that no worker has yet, as bytes by the ids of the meshes.
-
-    The oldest are forgotten where all have more than ``max_bytes``. A worker builds a forgotten one from the store.
-    """
-
-    def __init__(self, max_bytes: int = MAX_PACKED_BYTES) -> None:
-        self._max_bytes = max_bytes
-        self._lock = threading.Lock()  # guards the next one
-        self._of_meshes: dict[str, bytes] = {}
-
-    def put(self, mesh_id: str, packed: bytes) -> None:
-        """Keep the problem of a mesh until it is taken."""
-        with self._lock:
-            self._of_meshes[mesh_id] = packed
-            left = sum(map(len, self._of_meshes.values())) - self._max_bytes
-            for oldest in [*self._of_meshes]:
-                if left <= 0:
-                    return
-                left -= len(self._of_meshes.pop(oldest))
-
-    def take(self, mesh_id: str) -> bytes | None:
-        """The problem of a mesh, which is forgotten; None for one that is not here."""
-        with self._lock:
-            return self._of_meshes.pop(mesh_id, None)
 
 
 def check_schwarz(spec: Spec) -> None:

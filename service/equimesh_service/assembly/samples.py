@@ -5,7 +5,7 @@ a worker runs on one thread, which is tens of times faster for the many small sy
 
 Samples are interpolated once for a mesh, when its request is checked, since only then the domain is known: a small grid
 in the process of the service, all others in a side worker. The result goes to the worker that solves
-(:class:`~equimesh_service.assembly.problem.PackedProblems`). An upload without a spec is checked as far as that needs
+(:class:`~equimesh_service.admission.tasks.PackedProblems`). An upload without a spec is checked as far as that needs
 no interpolation (``alone``).
 """
 
@@ -13,10 +13,7 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any, TypeAlias
@@ -40,21 +37,6 @@ from equimesh_service.spec.document import check_bounds
 from equimesh_service.store.rows import NewSamples, SamplesRow
 
 Arrays: TypeAlias = Mapping[str, Any]
-# The most bytes of samples that the service reads itself, also when they are unpacked.
-MAX_LIGHT_BYTES = 256 * 1024
-
-
-def is_light(data: bytes, filename: str) -> bool:
-    """Whether a file is read in about a millisecond: npz or npy, and small, also when it is unpacked."""
-    if filename.lower().endswith(".npy"):
-        return len(data) <= MAX_LIGHT_BYTES
-    if not filename.lower().endswith(".npz") or len(data) > MAX_LIGHT_BYTES:
-        return False
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            return sum(entry.file_size for entry in archive.infolist()) <= MAX_LIGHT_BYTES
-    except (zipfile.BadZipFile, ValueError, NotImplementedError):
-        return False  # a worker reports what is wrong
 
 
 def read(data: bytes, filename: str, limits: Limits, *, alone: bool, column: str | None = None) -> Arrays:
@@ -148,20 +130,6 @@ def canonical_arrays(arrays: dict[str, Any]) -> dict[str, Any]:
     if len(points) < MIN_CUBIC:
         raise SamplesError(f"{count_noun(len(points))}: scattered samples need at least {MIN_CUBIC}", field="points")
     return {"points": points, "values": values}
-
-
-@dataclass(frozen=True)
-class Upload:
-    """An uploaded file: its bytes, the name whose suffix gives its format, and the name of u among its columns."""
-
-    data: bytes
-    filename: str
-    column: str | None = None
-
-    @cached_property
-    def is_light(self) -> bool:
-        """Whether the file is read faster here than in a worker."""
-        return is_light(self.data, self.filename)
 
 
 # The kind of the stored samples that are a mesh.

@@ -8,6 +8,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
+from importlib import import_module
 from typing import Any, Protocol, TypeVar
 
 from equimesh_service.settings import Settings
@@ -55,6 +56,18 @@ class Engine(Protocol):
     def close(self) -> None:
         """Stop all workers; running tasks are given up."""
         ...
+
+
+@dataclass(frozen=True)
+class NamedFunction:
+    """A function of workers as ``module:name``: who sends it need not import its module."""
+
+    name: str
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The result of the function."""
+        module, _, name = self.name.partition(":")
+        return getattr(import_module(module), name)(*arguments)
 
 
 @dataclass(frozen=True)

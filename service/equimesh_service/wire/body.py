@@ -18,8 +18,7 @@ from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import ClientDisconnect, Request
 
-from equimesh_service.assembly.bodies import unpack
-from equimesh_service.assembly.samples import Upload, is_light
+from equimesh_service.assembly.upload import Upload, is_light
 from equimesh_service.problems.problem import Problem
 
 JSON = "application/json"
@@ -268,6 +267,8 @@ def take_apart(content_type: str, data: bytes) -> MeshParts:
     check_kind(content_type)
     kind = media_type_of(content_type)
     if kind == NPZ:
+        from equimesh_service.assembly.bodies import unpack  # which needs the solver
+
         return *unpack(data), None
     if kind == JSON:
         return data, None, None

@@ -22,8 +22,9 @@ from equimesh_service.store.rows import Artifact, MeshInput
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.worker.drawing import compare, draw_mesh_row
-from equimesh_service.worker.in_parts import PART_FORMATS, WRITTEN, PartsLayout, convert_part_file, write_head_file
+from equimesh_service.worker.in_parts import PartsLayout, convert_part_file, write_head_file
 from equimesh_service.worker.job import CONVERGENCE, DRAWING, MESH, Export, part_artifact
+from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN
 from equimesh_service.worker.solve import samples_of
 from equimesh_service.worker.summary import NO_ITERATIONS
 

@@ -25,7 +25,7 @@ from equimesh import Field, Grid, SolveError
 from equimesh.numerics.types import Array
 from equimesh.specs.spec import AUTOMATIC_PARTS, BuiltSpec
 from equimesh_cluster.mesh_part import MeshPart
-from equimesh_cluster.part_files.formats import PARTED_FORMATS, NodeValues, PartData, PartedFormat, part_name
+from equimesh_cluster.part_files.formats import NodeValues, PartData
 from equimesh_cluster.part_files.parted_mesh import write_head, write_part
 from equimesh_cluster.part_files.pvtu import Piece
 from equimesh_service.assembly.problem import translate_errors
@@ -36,66 +36,13 @@ from equimesh_service.store.rows import Artifact, Ending, Outcome
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import tracing
 from equimesh_service.worker.job import Job, Storage, head_name, part_artifact
+from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN
 from equimesh_service.worker.reporter import Reporter
 
 if TYPE_CHECKING:
     from equimesh.solving.solution import Solution
     from equimesh_cluster import Handle
     from equimesh_cluster.parts.part_solution import PartSolution
-
-
-@dataclass(frozen=True, kw_only=True)
-class PartFormat:
-    """A format of a mesh in parts: the suffixes and media types of its head and of its parts, and who reads it.
-
-    Without ``head_suffix`` there is no head.
-    """
-
-    name: str
-    suffix: str
-    media_type: str
-    description: str
-    head_suffix: str = ""
-    head_media_type: str = ""
-
-    def part_name(self, number: int) -> str:
-        """The name of the file of a part, without its folder."""
-        kind = PARTED_FORMATS.get(self.name)
-        return f"part-{number:04d}{self.suffix}" if kind is None else part_name(number, kind)
-
-    def path_of_part(self, mesh_id: str, number: int) -> str:
-        """The path under which the head of a mesh looks for the file of a part."""
-        return f"{mesh_id}/{self.part_name(number)}"
-
-    def head_name(self, mesh_id: str) -> str:
-        """The name of the file of the head."""
-        return f"{mesh_id}{self.head_suffix}"
-
-
-def _of(kind: PartedFormat) -> PartFormat:
-    return PartFormat(
-        name=kind.name,
-        suffix=kind.part_suffix,
-        media_type=kind.part_media_type,
-        description=kind.readers,
-        head_suffix=kind.suffix,
-        head_media_type=kind.media_type,
-    )
-
-
-# The formats whose heads and parts are files; zarr is a folder.
-HEADED = tuple(kind.name for kind in PARTED_FORMATS.values() if kind.part_suffix)
-PART_FORMATS: Mapping[str, PartFormat] = {
-    **{name: _of(PARTED_FORMATS[name]) for name in HEADED},
-    "npz": PartFormat(
-        name="npz",
-        suffix=".npz",
-        media_type="application/x-npz",
-        description="NumPy: arrays x, y and u of the rows of a part; without a head",
-    ),
-}
-# The format in which a mesh in parts is written, and from which other formats are made.
-WRITTEN = "pvtu"
 
 
 @dataclass(frozen=True, kw_only=True)

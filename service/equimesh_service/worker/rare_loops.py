@@ -5,9 +5,11 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from concurrent.futures import CancelledError, Future
+from contextlib import suppress
 
-from equimesh_service.worker import warmth
+from equimesh_service.errors import EngineError
 
 _log = logging.getLogger(__name__)
 # Seconds between two looks whether workers are ready, between two lines of the log, and for the process to end.
@@ -16,14 +18,46 @@ _LOOK_SECONDS, _LOG_SECONDS, _STOP_SECONDS = 0.2, 10.0, 10.0
 NICENESS = 10
 
 
+class LoopCount:
+    """How many loops are compiled, and how many there are, as workers count them; both 0 once all are compiled.
+
+    ``ask`` lets a worker count.
+    """
+
+    def __init__(self, ask: Callable[[], Future[Mapping[str, int]]]) -> None:
+        self._ask = ask
+        self._asked: Future[Mapping[str, int]] | None = None
+        self._latest: Mapping[str, int] = {"compiled": 0, "of": 0}
+
+    def latest(self) -> Mapping[str, int]:
+        """The last count that is known, at once; a worker begins a new one."""
+        asked = self._asked
+        if asked is None or asked.done():
+            with suppress(EngineError, CancelledError):
+                self._latest = self._latest if asked is None else asked.result()
+            self._asked = self._ask()
+        return self._latest
+
+    def now(self) -> Mapping[str, int]:
+        """The count of a worker, which is waited for; the last one where none counts, as in a service that stops."""
+        with suppress(EngineError, CancelledError):
+            self._latest = self._ask().result()
+        return self._latest
+
+
 class RareLoops:
-    """Compiles what is left once ``is_ready``, where a loop is kept nowhere yet.
+    """Compiles what is left once ``is_ready``, where by ``count`` a loop is kept nowhere yet.
 
     A problem that needs such a loop earlier compiles it in its worker, or waits for it.
     """
 
-    def __init__(self, is_ready: Callable[[], bool], command: tuple[str, ...] = ("-m", __name__)) -> None:
-        self._is_ready, self._command = is_ready, command
+    def __init__(
+        self,
+        is_ready: Callable[[], bool],
+        count: Callable[[], Mapping[str, int]],
+        command: tuple[str, ...] = ("-m", __name__),
+    ) -> None:
+        self._is_ready, self._count, self._command = is_ready, count, command
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="equimesh-loops", daemon=True)
         self.are_compiling = False
@@ -42,7 +76,7 @@ class RareLoops:
         while not self._is_ready():
             if self._stopped.wait(_LOOK_SECONDS):
                 return
-        if not warmth.progress()["of"]:
+        if not self._count()["of"]:
             return
         self.are_compiling = True
         try:
@@ -58,7 +92,7 @@ class RareLoops:
         with subprocess.Popen([sys.executable, *self._command], stdin=subprocess.PIPE, stdout=silent) as process:
             try:
                 while process.poll() is None and not self._stopped.is_set():
-                    far = warmth.progress()
+                    far = self._count()
                     if far["of"]:
                         _log.info("compiling loops of rare kinds: %(compiled)d of %(of)d are there", far)
                     self._wait(process)
@@ -78,6 +112,8 @@ def compile_all() -> None:
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     threading.Thread(target=_end_with_input, daemon=True).start()
+    from equimesh_service.worker import warmth
+
     warmth.warm_up_once()
 
 

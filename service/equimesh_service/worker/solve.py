@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import equimesh
 from equimesh.errors import InputError
@@ -51,7 +51,10 @@ from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.worker.in_parts import solve_in_parts
 from equimesh_service.worker.job import CONVERGENCE, MESH, Job, attempt, file_name, log_context_of
 from equimesh_service.worker.reporter import Reporter
-from equimesh_service.worker.summary import AnySolution, problem_of, summary_of
+from equimesh_service.worker.summary import problem_of, summary_of
+
+if TYPE_CHECKING:
+    from equimesh_service.worker.summary import AnySolution
 
 
 class Output:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal, TypeAlias, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
 from pydantic import BaseModel, Field
 
@@ -14,8 +14,9 @@ from equimesh_schema import Relaxed
 from equimesh_schema.certificate import compared
 from equimesh_service.problems.problem import Problem
 
-AnySolution: TypeAlias = equimesh.Solution[Any]
-"""The solution on a grid, or on blocks."""
+if TYPE_CHECKING:
+    AnySolution: TypeAlias = equimesh.Solution[Any]
+    """The solution on a grid, or on blocks."""
 
 
 def summary_of(solution: AnySolution) -> dict[str, Any]:

@@ -6,12 +6,13 @@ from typing import Any
 
 from numba.core import event
 
-from equimesh.numerics.compiled import count_compiled
+from equimesh.numerics.compiled import count_compiled, load_kept
 from equimesh.warm_up import warm_up, warm_up_basics
 from equimesh_service.errors import NotCompiledError
 
 _log = logging.getLogger(__name__)
-_is_warm = False
+# Whether this process is warm for the basic kinds, and whether it has all loops.
+_has_basics = _is_warm = False
 
 
 class _Refusal(event.Listener):
@@ -33,9 +34,11 @@ def warm_up_once() -> None:
 
 
 def warm_up_for_basics() -> None:
-    """Warm this process up for the most frequent kinds of problems, unless it is warm, or was forked from such one."""
-    if not _is_warm:
+    """Warm this process up for the most frequent kinds of problems, unless it is, or was forked from such one."""
+    global _has_basics
+    if not (_has_basics or _is_warm):
         warm_up_basics()
+        _has_basics = True
 
 
 def progress() -> dict[str, int]:
@@ -45,13 +48,16 @@ def progress() -> dict[str, int]:
 
 
 def warm_up_unless_compiling() -> None:
-    """Warm this process up if all loops are compiled on this machine; never raises.
+    """Warm this process up for the basic kinds, and load all other loops, where that compiles none; never raises.
 
     To compile them takes long, and the process that workers are forked from starts no worker meanwhile, also none that
     a stopping service waits for. The first worker compiles them then.
     """
+    global _is_warm
     try:
         with event.install_listener("numba:compile", _Refusal()), suppress(NotCompiledError):
-            warm_up_once()
+            warm_up_for_basics()
+            load_kept()
+            _is_warm = not progress()["of"]
     except Exception:  # a worker tries again, and reports it
         _log.exception("the workers are not forked warm")

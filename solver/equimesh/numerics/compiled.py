@@ -4,8 +4,9 @@ import logging
 import pickle
 import re
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from enum import StrEnum
+from functools import cache
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import numba
@@ -117,6 +118,20 @@ def kept_entries() -> dict[str, bytes]:
     return entries
 
 
+def load_kept() -> None:
+    """Load the project's loops for all types that they are kept for; those of modules that were imported."""
+    loops = {loop._cache.key("").stem: loop for loop in _loops if isinstance(loop._cache, _LoopCache)}
+    for place in (find_archive(), find_folder()):
+        if isinstance(place, str):
+            continue
+        for name in place.names():
+            loop = loops.get(stem(name))
+            entry = None if loop is None else place.read(name)
+            if loop is not None and entry is not None:
+                with suppress(DamagedError):
+                    loop.compile(pickle.loads(opened(entry))[1])
+
+
 def is_loop(machine_code: Any) -> bool:
     """Whether this is one of the project's loops, and no function that a user of the package compiles."""
     return any(machine_code is loop for loop in _loops)
@@ -141,6 +156,12 @@ def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     return machine_code  # type: ignore[no-any-return]
 
 
+@cache
+def _initialise(target_context: Any) -> None:
+    """Let Numba register what machine code needs, once: to look for more of it takes a third of the time of a loop."""
+    target_context.refresh()
+
+
 class _LoopCache(_caching._Cache):  # type: ignore[misc]
     """What Numba asks for the machine code of one loop: the archive, then the folder of the user."""
 
@@ -153,7 +174,7 @@ class _LoopCache(_caching._Cache):  # type: ignore[misc]
         return Key(self._name, stamps.stamp_of(self._function), str(types))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        target_context.refresh()
+        _initialise(target_context)
         types = tuple(_sigutils.normalize_signature(sig)[0])
         return self._loaded(find_archive(), types, Origin.ARCHIVE) or self._loaded(find_folder(), types, Origin.FOLDER)
 

@@ -13,16 +13,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import Grid
 from equimesh.numerics.types import Array
-from equimesh_cluster.mesh_part import MeshPart
+
+if TYPE_CHECKING:
+    from equimesh.meshes.mesh import Grid
+    from equimesh_cluster.mesh_part import MeshPart
 
 # Values at the nodes and cells of a part of a mesh, written in blocks.
 

@@ -8,16 +8,16 @@ from typing import Any, NoReturn
 
 import pytest
 
-from equimesh_service.admission import admit
+from equimesh_service.admission import admit, tasks
 from equimesh_service.assembly.samples import convert_mesh
 from equimesh_service.errors import TimeLimitError
 from equimesh_service.problems.problem import Problem
 
 
 def test_a_retry_may_meet_a_newer_release(monkeypatch: pytest.MonkeyPatch) -> None:
-    admitted = admit.AdmittedSpec({"label": None, "cells": "quad"}, {}, "digest")
+    admitted = tasks.AdmittedSpec({"label": None, "cells": "quad"}, {}, "digest")
     request, points = admitted.fingerprint("vtu"), admitted.points_fingerprint
-    monkeypatch.setattr(admit, "_VERSION", "next")
+    monkeypatch.setattr(tasks, "_VERSION", "next")
     assert admitted.fingerprint("vtu") == request
     assert admitted.points_fingerprint != points  # its points may be other ones
 

@@ -114,7 +114,7 @@ def test_a_worker_gets_the_request_as_it_came_and_is_free_then(tmp_path: Path, e
 
     assert computed(tmp_path, engine, end) == ANSWER
     ((function, (task,), limit),) = engine.given
-    assert (function, limit, task.seconds) == (module.compute, 4.0, 3.0)
+    assert (function, limit, task.seconds) == (module.COMPUTE, 4.0, 3.0)
     assert (task.frames, task.body, task.content_type) == (True, BODY, JSON)
 
 

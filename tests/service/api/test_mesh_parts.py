@@ -13,7 +13,7 @@ import pytest
 
 from equimesh_cluster.part_files.parted_mesh import read_parts
 from equimesh_service import Settings
-from equimesh_service.worker.in_parts import HEADED, PART_FORMATS
+from equimesh_service.worker.part_formats import HEADED, PART_FORMATS
 from service.conftest import SLOW, small
 from service.guarded import Guarded
 from service.parts import SHAPE, TRAFFIC, bent_mesh, store_in_parts, u_of

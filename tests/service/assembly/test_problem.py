@@ -14,7 +14,7 @@ import pytest
 
 from equimesh import Acceleration, LocalSolver, Ordering, Schwarz
 from equimesh.specs import build_schwarz
-from equimesh_service.assembly.problem import PackedProblems
+from equimesh_service.admission.tasks import PackedProblems
 from equimesh_service.spec.mesh import read_spec
 from service.assembly.specs import ARC, DOMAINS, MONITORS
 from service.conftest import small

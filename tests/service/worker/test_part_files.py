@@ -10,15 +10,8 @@ import pytest
 import equimesh
 from equimesh_cluster.mesh_part import cut
 from equimesh_cluster.part_files.parted_mesh import read_parts
-from equimesh_service.worker.in_parts import (
-    HEADED,
-    PART_FORMATS,
-    WRITTEN,
-    PartsLayout,
-    convert_part_file,
-    write_head_file,
-    write_part_file,
-)
+from equimesh_service.worker.in_parts import PartsLayout, convert_part_file, write_head_file, write_part_file
+from equimesh_service.worker.part_formats import HEADED, PART_FORMATS, WRITTEN
 from service.parts import CUTS, SHAPE, bent_mesh, u_of
 
 LAYOUT = PartsLayout(name="m-1", grid=equimesh.Grid(n_xi=SHAPE[0], n_eta=SHAPE[1]), firsts=(0, *CUTS), nodes=("u",))

@@ -127,8 +127,9 @@ def test_a_warm_up_that_breaks_is_reported_and_harms_nothing(
     def broken() -> None:
         raise OSError("no memory")
 
+    monkeypatch.setattr(warmth, "_has_basics", False)
     monkeypatch.setattr(warmth, "_is_warm", False)
-    monkeypatch.setattr(warmth, "warm_up", broken)
+    monkeypatch.setattr(warmth, "warm_up_basics", broken)
     warmth.warm_up_unless_compiling()
     assert not warmth._is_warm
     assert "the workers are not forked warm" in caplog.text
@@ -157,7 +158,8 @@ def test_a_worker_begins_with_the_loops_of_the_most_frequent_problems() -> None:
 def test_a_worker_that_was_forked_warm_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
     monkeypatch.setattr(warmth, "warm_up_basics", lambda: calls.append(1))
-    for is_warm in (True, False):
+    for has_basics, is_warm in ((False, True), (True, False), (False, False)):
+        monkeypatch.setattr(warmth, "_has_basics", has_basics)
         monkeypatch.setattr(warmth, "_is_warm", is_warm)
         warmth.warm_up_for_basics()
     assert calls == [1]
