@@ -373,3 +373,27 @@ def test_every_example_is_short_and_in_the_index() -> None:
     for path in SCRIPTS:
         assert len(path.read_text().splitlines()) < 120
         assert f"[{path.name}]({path.name})" in readme
+
+
+@pytest.mark.parametrize(
+    ("number", "picture", "errors", "gain"),
+    [
+        ("24", "moving-heat-source", r"adapted (?P<own>\S+), uniform (?P<uniform>\S+),", 6.0),
+        ("25", "layer-with-suction", r"adapted: L2 error (?P<own>\S+),[^u]+uniform: L2 error (?P<uniform>\S+),", 70.0),
+        ("26", "diode", r"error: adapted (?P<own>\S+)%, uniform (?P<uniform>\S+)%", 20.0),
+        (
+            "27",
+            "two-materials",
+            r"uniform: [^\d]+2 error (?P<uniform>\S+)%[^$]*interface: [^\d]+2 error (?P<own>\S+)%",
+            7.0,
+        ),
+    ],
+)
+def test_tutorials_of_a_field_have_a_smaller_error(
+    run: Run, tmp_path: Path, number: str, picture: str, errors: str, gain: float
+) -> None:
+    pytest.importorskip("skfem")
+    found = re.search(errors, run(number))
+    assert found is not None
+    assert float(found["uniform"]) / float(found["own"]) > gain
+    check_picture(tmp_path / f"{picture}.png")
