@@ -129,9 +129,9 @@ class MeshOperations(MeshState, Generic[M]):
         A complete file with the announced checksum is written, or none. An interrupted transfer continues where it
         ended, also in the next download to this name: until then the part stays next to the file, as
         ``.NAME.SHA256.part``. ``cells``, ``"quad"`` or ``"triangle"``, overrides the cells of the request.
-        With ``order=2`` cells of a vtu, msh, inp, ism, re2 or specfem file have a node in the middle of each edge, on
-        curved sides on the curve. ``partial`` also accepts the mesh of a failed solve, unless it is folded. A mesh in
-        parts is a ``.pvtu`` or ``.vtkhdf`` file, the head; the files of its parts are written next to it.
+        With ``order=2`` cells of a vtu, hdf, msh, inp, ism, re2 or specfem file have a node in the middle of each
+        edge, on curved sides on the curve. ``partial`` also accepts the mesh of a failed solve, unless it is folded. A
+        mesh in parts is a ``.pvtu`` or ``.vtkhdf`` file, the head; the files of its parts are written next to it.
         """
         settings, limit = self._session.settings, Deadline.after(deadline)
         if part_downloads.is_of_parts(path, format):

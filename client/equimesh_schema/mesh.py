@@ -27,6 +27,7 @@ SUFFIXES: Mapping[str, str] = {
     ".vtk": "vtk",
     ".vts": "vts",
     ".vtm.zip": "vtm",
+    ".hdf": "hdf",
     ".xdmf": "xdmf",
     ".xdmf.zip": "xdmf",
     ".msh": "msh",

@@ -57,6 +57,13 @@ FORMATS: Final = {
             cells=("quad",),
         ),
         MeshFormat(
+            name="hdf",
+            suffix=".hdf",
+            media_type="application/x-vtkhdf",
+            description="VTKHDF unstructured grid, with node_groups of the sides: ParaView, PyVista, h5py",
+            second_order=True,
+        ),
+        MeshFormat(
             name="xdmf",
             suffix=".xdmf.zip",
             media_type="application/zip",

@@ -1,4 +1,4 @@
-"""Files of VTK in XML: unstructured grids, structured grids, and heads of several blocks."""
+"""Files of VTK: unstructured grids in XML and HDF5, structured grids, and heads of several blocks."""
 
 from __future__ import annotations
 
@@ -164,3 +164,41 @@ def vtm_text(blocks: Sequence[tuple[str, str]]) -> str:
     ]
     lines = ['<?xml version="1.0"?>', '<VTKFile type="vtkMultiBlockDataSet" version="1.0">', "<vtkMultiBlockDataSet>"]
     return "\n".join([*lines, *rows, "</vtkMultiBlockDataSet>", "</VTKFile>"]) + "\n"
+
+
+# VTKHDF files of unstructured grids.
+
+HDF_GROUP: Final = "VTKHDF"
+"""The group of all data."""
+HDF_VERSION: Final = (1, 0)
+
+
+def write_hdf(
+    path: str | os.PathLike[str],
+    points: npt.NDArray[np.float64],
+    cells: npt.NDArray[np.int64],
+    *,
+    point_data: Mapping[str, Array],
+    cell_data: Mapping[str, Array],
+) -> None:
+    """Write an unstructured grid, whose arguments are those of :func:`write_vtu`, as VTKHDF 1.0."""
+    import h5py
+
+    count, nodes = cells.shape
+    datasets = {
+        "NumberOfPoints": np.array([len(points)]),
+        "NumberOfCells": np.array([count]),
+        "NumberOfConnectivityIds": np.array([cells.size]),
+        "Points": in_space(points),
+        "Connectivity": cells.astype(np.int64).reshape(-1),
+        "Offsets": np.arange(0, cells.size + 1, nodes, dtype=np.int64),
+        "Types": np.full(count, CELL_TYPES[nodes], dtype=np.uint8),
+        **{f"PointData/{name}": values for name, values in point_data.items()},
+        **{f"CellData/{name}": values for name, values in cell_data.items()},
+    }
+    with h5py.File(path, "w", libver="earliest") as file:  # newer formats hold the time of writing
+        root = file.create_group(HDF_GROUP)
+        root.attrs["Version"] = np.array(HDF_VERSION, dtype=np.int64)
+        root.attrs.create("Type", np.bytes_("UnstructuredGrid"))
+        for name, values in datasets.items():
+            root[name] = values

@@ -21,7 +21,7 @@ from equimesh.io.formats import CELLS, FORMATS, Cells, MeshFormat
 from equimesh.io.npz import mesh_arrays, npz_bytes
 from equimesh.io.solver_files import gmsh_text, medit_text, neutral_map, plot3d_text, su2_text, with_time
 from equimesh.io.spectral import hohqmesh_text, nmsh_bytes, re2_bytes, specfem_files
-from equimesh.io.vtk import vtm_text, write_vts, write_vtu
+from equimesh.io.vtk import vtm_text, write_hdf, write_vts, write_vtu
 from equimesh.meshes.cell_edges import Join
 from equimesh.meshes.interfaces import contacts
 from equimesh.meshes.mesh import Mesh
@@ -89,14 +89,16 @@ def per_quad(kind: Cells) -> int:
     return 2 if kind == "triangle" else 1
 
 
-def node_groups(data: MeshData) -> npt.NDArray[np.int32]:
+def node_groups(data: MeshData, of: FileCells | None = None) -> npt.NDArray[np.int32]:
     """SfePy's tag of every node: 0 inside, the number of its side, from 1, and at a corner both numbers, as 13.
 
-    A grid has 1 left, 2 right, 3 bottom, 4 top. With ten sides or more each number has as many digits as the last one.
+    The nodes are those of the mesh, or those ``of`` a file. A grid has 1 left, 2 right, 3 bottom, 4 top. With ten sides
+    or more each number has as many digits as the last one.
     """
-    groups = np.zeros(data.mesh.x.size, dtype=np.int32)
-    shift = 10 ** len(str(len(data.mesh.sides)))
-    for number, edges in enumerate(data.mesh.sides.values(), start=1):
+    sides = data.mesh.sides if of is None else of.sides
+    groups = np.zeros(data.mesh.x.size if of is None else len(of.points), dtype=np.int32)
+    shift = 10 ** len(str(len(sides)))
+    for number, edges in enumerate(sides.values(), start=1):
         nodes = np.unique(edges)
         groups[nodes] = shift * groups[nodes] + number
     return groups
@@ -268,6 +270,10 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells, order: int =
                 cell_data=cell_data(data, kind),
                 field_data=side_data(data, of.sides),
             )
+        case "hdf":
+            of = FileCells.of(data, kind, order)
+            at_nodes = {**of.at_nodes(point_data(data)), "node_groups": node_groups(data, of)}
+            write_hdf(file, of.points, of.cells, point_data=at_nodes, cell_data=cell_data(data, kind))
         case "vtk":
             import meshio
 

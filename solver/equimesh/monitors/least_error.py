@@ -215,10 +215,9 @@ class Auto:
     purpose: Literal["finite_element", "finite_volume", "interpolation"] = "finite_element"
     """What the mesh is for.
 
-    ``"finite_element"`` chooses by the error of bilinear elements, for Poisson's equation with u as solution, and takes
-    small angles where they cost little; for elements of degree 2 and more it chooses by interpolation.
-    ``"finite_volume"`` chooses by the error of a code with cell-centred unknowns. The angles have a bound then, 55
-    degrees if none is given. ``"interpolation"`` chooses by the error of interpolation.
+    ``"finite_element"`` chooses by the error of finite elements, for Poisson's equation with u as solution, and takes
+    small angles where they cost little. ``"finite_volume"`` chooses by the error of a code with cell-centred unknowns.
+    The angles have a bound then, 55 degrees if none is given. ``"interpolation"`` chooses by the interpolation error.
     """
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
@@ -241,8 +240,8 @@ class Auto:
 
     @property
     def compares_solvers(self) -> bool:
-        """Whether candidates are compared by the error of a solver: of degree 1, since that of others is not known."""
-        return self.purpose == "finite_element" and self.degree == 1
+        """Whether candidates are compared by the error of a solver."""
+        return self.purpose == "finite_element"
 
     def least_error(
         self, distortion: float = LeastError.distortion, smoothness: float = LeastError.smoothness

@@ -4,7 +4,8 @@ The solution u_h of bilinear elements is the Ritz projection of u: ``a(u_h, v) =
 that vanish on the boundary, with ``a(u, v)`` the integral of ``grad u . grad v``, and u_h = u at the boundary nodes.
 The load is assembled from the gradient of u itself, so that no source is needed. The error has two parts. The
 interpolant ``I u`` differs from u, and the solver adds ``w = u_h - I u``, with ``a(w, v) = a(u - I u, v)``: this part
-is large on distorted cells. On triangles the elements are linear.
+is large on distorted cells. On triangles the elements are linear. Elements of higher degree have their nodes where the
+interpolant of that degree has them.
 """
 
 from __future__ import annotations
@@ -23,7 +24,17 @@ from equimesh.numerics.compiled import compiled, inlined
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import CellPoints, QuadCells
-from equimesh.quality.elements import Element, at_point, determinant, gradient, quadrilateral
+from equimesh.quality.elements import (
+    CellKind,
+    Element,
+    at_point,
+    basis,
+    determinant,
+    gradient,
+    lobatto,
+    quadrilateral,
+    rule,
+)
 from equimesh.quality.interpolation import gain_of, noise
 from equimesh.quality.tally import add_errors
 from equimesh_coupling.parts import CUTS, better_cuts, cuts_at_corners
@@ -35,6 +46,8 @@ MAX_GRID_POINTS = 65 * 65
 """Nodes, at most, on which a grid is measured: on larger ones every second, third, ... node is taken."""
 MAX_BLOCK_POINTS = 129 * 129
 """Nodes, at most, of blocks that are measured: a direct solve takes a tenth of a second there."""
+MAX_ELEMENT_NODES = 160 * 160
+"""The same for the nodes of elements of degree 2 and more, on grids and on blocks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,26 +70,32 @@ UNKNOWN = RitzErrors(l2=math.nan, h1=math.nan)
 """The errors on a folded mesh, and of a u whose gradient is not finite."""
 
 
-def solver_gain(mesh: Mesh, uniform: Mesh, u: Field, *, triangles: bool = False) -> SolverGain | None:
+def solver_gain(mesh: Mesh, uniform: Mesh, u: Field, *, triangles: bool = False, degree: int = 1) -> SolverGain | None:
     """How many times smaller the error of a solver is on ``mesh`` than on ``uniform``, in L2 and in H1.
 
     ``uniform`` is the uniform mesh of the domain, of blocks the initial one: a mesh with the same cells. With
-    ``triangles`` the elements are linear on the triangles into which the cells are cut. On more than
-    ``MAX_GRID_POINTS`` points of a grid both errors are those on every second, third, ... node, and ``points`` tells
-    how many. ``None`` for a larger mesh of blocks. NaN where an error is not known.
+    ``triangles`` the elements are those on the triangles into which the cells are cut. On a grid with more than
+    ``MAX_GRID_POINTS``, for elements of this ``degree`` ``MAX_ELEMENT_NODES``, both errors are those on every second,
+    third, ... line, and ``points`` tells on how many points. ``None`` for a larger mesh of blocks. NaN where an error
+    is not known.
     """
-    if not mesh.is_grid and len(mesh.points) > MAX_BLOCK_POINTS:
+    most = MAX_BLOCK_POINTS if degree == 1 else MAX_ELEMENT_NODES / degree**2
+    if not mesh.is_grid and len(mesh.points) > most:
         return None
-    found = [coarsened(one) for one in (mesh, uniform)]
-    here, there = (ritz_errors(one, u, triangles=triangles) for one in found)
+    found = [coarsened(one, degree) for one in (mesh, uniform)]
+    here, there = (ritz_errors(one, u, triangles=triangles, degree=degree) for one in found)
     return SolverGain(l2=here.gain(there, "l2"), h1=here.gain(there, "h1"), points=len(found[0].points))
 
 
-def coarsened(mesh: Mesh) -> Mesh:
-    """The mesh with one number for each node; of a grid with many points every second, third, ... line and the last."""
+def coarsened(mesh: Mesh, degree: int = 1) -> Mesh:
+    """The mesh with one number for each node; of a grid with many points every second, third, ... line and the last.
+
+    Many are more than ``MAX_GRID_POINTS``, for a higher ``degree`` more than ``MAX_ELEMENT_NODES`` of its elements.
+    """
     if not mesh.is_grid:
         return mesh
-    step = next(step for step in range(1, mesh.x.size) if _kept(mesh.x.shape, step) <= MAX_GRID_POINTS)
+    most = MAX_GRID_POINTS if degree == 1 else MAX_ELEMENT_NODES
+    step = next(step for step in range(1, mesh.x.size) if _kept(mesh.x.shape, step, degree) <= most)
     lines = [_lines(count, step) for count in mesh.x.shape]
     number = np.full(mesh.x.shape, -1)
     number[np.ix_(*lines)] = np.arange(lines[0].size * lines[1].size).reshape(lines[0].size, lines[1].size)
@@ -91,11 +110,11 @@ def _lines(count: int, step: int) -> IntArray:
     return np.round(np.linspace(0, count - 1, cells + 1)).astype(np.int64)
 
 
-def _kept(shape: tuple[int, ...], step: int) -> int:
-    return math.prod(_lines(count, step).size for count in shape)
+def _kept(shape: tuple[int, ...], step: int, degree: int) -> int:
+    return math.prod(degree * (_lines(count, step).size - 1) + 1 for count in shape)
 
 
-def ritz_errors(mesh: Mesh, u: Field, *, triangles: bool = False) -> RitzErrors:
+def ritz_errors(mesh: Mesh, u: Field, *, triangles: bool = False, degree: int = 1) -> RitzErrors:
     """The errors of the Ritz projection of u on all cells of ``mesh``, or on the ``triangles`` of them.
 
     One sparse direct solve; :data:`UNKNOWN` where the mesh is folded, or an error is not finite.
@@ -104,6 +123,8 @@ def ritz_errors(mesh: Mesh, u: Field, *, triangles: bool = False) -> RitzErrors:
         cells = QuadCells(mesh)
         if not cells.all_valid:
             return UNKNOWN
+        if degree > 1:
+            return _of_degree(cells, u, degree, "triangle" if triangles else "quad")
         nodes = _elements(mesh, triangles=triangles)
         points, count = CellPoints.gauss(GAUSS_POINTS), len(mesh.points)
         corners = np.ascontiguousarray(np.concatenate([mesh.x[nodes], mesh.y[nodes]]))
@@ -152,7 +173,7 @@ def unknowns(corners: IntArray, count: int, ties: IntArray) -> IntArray:
 
 
 def _solved(numbers: IntArray, matrices: Array, loads: Array) -> Array:
-    """The values at the unknowns, from the matrices and loads of the elements; ``numbers`` of shape (elements, 4)."""
+    """The values at the unknowns, from the matrices and loads of the elements; ``numbers`` ``(elements, nodes)``."""
     count = int(numbers.max(initial=-1)) + 1
     if count == 0:
         return np.zeros(1)
@@ -206,3 +227,72 @@ def add_system(element: Element, c: int, corner: Array, by: Pair, parts: Array, 
             for j in range(k + 1):
                 matrix[k, j] += share * (parts[0, k] * parts[0, j] + parts[1, k] * parts[1, j])
     return True
+
+
+# Elements of degree 2 and more. The values at nodes inside elements are eliminated before the solve.
+
+
+def unknowns_on_edges(corners: IntArray, places: Array, degree: int) -> IntArray:
+    """The numbers of the unknowns at the nodes on the edges of elements, -1 on the boundary, shape (elements, nodes).
+
+    ``corners`` of shape ``(elements, corners)`` have one number for tied nodes, ``places`` are those of the nodes in a
+    basis. Without a boundary one node is fixed.
+    """
+    size = int(corners.max()) + 1
+    first, last = (np.array([np.flatnonzero(place)[k] for place in places]) for k in (0, -1))
+    shares = places[np.arange(len(places)), last]
+    steps = np.abs(shares[:, None] - lobatto(degree)).argmin(axis=1) * (first != last)
+    a, b = corners[:, first], corners[:, last]
+    edges = np.minimum(a, b) * size + np.maximum(a, b)
+    keys = edges * degree + np.where(a < b, steps, (degree - steps) % degree)
+    around = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    ends, counts = np.unique(around @ [size, 1], return_counts=True)
+    outer = ends[counts == 1]
+    outer = np.concatenate([outer, (outer // size) * (size + 1), (outer % size) * (size + 1)])
+    known, numbers = np.unique(keys, return_inverse=True)
+    free = ~np.isin(known // degree, outer)
+    if free.all():
+        free[0] = False
+    return np.asarray(np.where(free, np.cumsum(free) - 1, -1)[numbers.reshape(keys.shape)])
+
+
+def _of_degree(cells: QuadCells, u: Field, degree: int, kind: CellKind) -> RitzErrors:
+    """As :func:`ritz_errors`, for a ``degree`` of 2 or more."""
+    mesh, element = cells.mesh, rule(kind, degree + 2)
+    of, weights = basis(kind, degree, element), element.weights[:, None]
+    corners = _elements(mesh, triangles=kind == "triangle")[: of.places.shape[1]]
+    x, y = mesh.points[corners, 0], mesh.points[corners, 1]
+    x_s, y_s, x_t, y_t = element.along_s @ x, element.along_s @ y, element.along_t @ x, element.along_t @ y
+    det = x_s * y_t - x_t * y_s
+    root = np.sqrt(weights / det)
+    here, u_x, u_y = u.evaluate(element.shape @ x, element.shape @ y, order=1)
+    nodal = u.evaluate(of.places @ x, of.places @ y)[0].T
+    wanted = np.concatenate([u_x * root * det, u_y * root * det]).T[:, :, None]
+    along_s, along_t = of.along_s[:, :, None], of.along_t[:, :, None]
+    # The gradients of the functions of the basis at all points, times the roots of the weights: x, then y.
+    slopes = np.concatenate([root * (along_s * y_t - along_t * y_s), root * (along_t * x_s - along_s * x_t)], axis=1)
+    slopes = np.ascontiguousarray(slopes.transpose(2, 1, 0))
+    matrices = slopes.transpose(0, 2, 1) @ slopes
+    loads = slopes.transpose(0, 2, 1) @ (wanted - slopes @ nodal[:, :, None])
+    if not (np.isfinite(matrices).all() and np.isfinite(loads).all()):
+        return UNKNOWN
+    original = originals_of(len(mesh.points), mesh.ties)
+    values = nodal + _added(original[corners].T, of.places, matrices, loads, degree)
+    squares = (weights * det).T * (values @ of.value - here.T) ** 2, (slopes @ values[:, :, None] - wanted) ** 2
+    l2, h1 = (math.sqrt(total) if math.isfinite(total) else math.nan for total in map(np.sum, squares))
+    return RitzErrors(l2=l2, h1=h1, rounding=noise(cells, float(np.abs(nodal).max())))
+
+
+def _added(corners: IntArray, places: Array, matrices: Array, loads: Array, degree: int) -> Array:
+    """What the solver adds to u at the nodes of the elements, shape ``(elements, nodes)``."""
+    is_inside = (places > 0.0).all(axis=1)
+    inside, outside = np.flatnonzero(is_inside), np.flatnonzero(~is_inside)
+    numbers = unknowns_on_edges(corners, places[outside], degree)
+    across = matrices[:, inside[:, None], outside]
+    known = np.linalg.solve(matrices[:, inside[:, None], inside], np.concatenate([across, loads[:, inside]], axis=2))
+    added = np.zeros(loads.shape[:2])
+    own = matrices[:, outside[:, None], outside] - across.transpose(0, 2, 1) @ known[:, :, :-1]
+    load = (loads[:, outside] - across.transpose(0, 2, 1) @ known[:, :, -1:])[:, :, 0]
+    added[:, outside] = np.where(numbers < 0, 0.0, _solved(numbers, own, load)[numbers])
+    added[:, inside] = known[:, :, -1] - (known[:, :, :-1] @ added[:, outside, None])[:, :, 0]
+    return added

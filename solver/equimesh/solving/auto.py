@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeAlias
 
 from equimesh.domains.domain import closed_of, map_mesh
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
-from equimesh.least_error.nest import GridLevel, coarse_level, last_compared, nested_levels
-from equimesh.least_error.starts import mesh_of
+from equimesh.least_error.nest import Level, coarse_level, last_compared, nested_levels
+from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
@@ -20,12 +21,12 @@ from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor, weaken
 from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import measure_interpolation
-from equimesh.quality.ritz import coarsened, ritz_errors
+from equimesh.quality.ritz import RitzErrors, coarsened, ritz_errors
 from equimesh.single_domain.iteration import single_domain_steps
 from equimesh.single_domain.level import Mode
 from equimesh.solving.least_error import LEAST_ERROR_SETTINGS, end_of
 from equimesh.solving.orthogonality import bounded, is_within
-from equimesh.solving.solution import Solution, degree_of
+from equimesh.solving.solution import AnySolution, Solution, degree_of
 from equimesh.solving.status import DescentProgress, SolveOptions, Status
 from equimesh_schema import Candidate
 
@@ -47,8 +48,16 @@ SOLVER_SETTINGS: Mapping[str, tuple[Mapping[str, Any], ...]] = {
     ),
 }
 """The settings of the least-error candidates for finite elements, by the norm of the error that is compared."""
+SETTINGS_OF_DEGREE: tuple[Mapping[str, Any], ...] = (
+    {"distortion": 0.5, "smoothness": 0.1},
+    {"distortion": 2.0, "smoothness": 0.5, "obliqueness": 5.0},
+    {"rectilinear": True},
+)
+"""The same for elements of degree 2 and more, of which a solver has nearly the error of interpolation."""
 NEAR_BEST = 0.85
-"""The share of the best gain for a solver that the mesh with the smallest angles must have to be taken."""
+"""The share of the best gain for a solver that the mesh with the smallest angles must have to be taken.
+
+Of bilinear elements. For others it is the share that takes as many more nodes to make up for."""
 FINER_ANGLE = 5.0
 """How much larger angles often become from the coarse grid of the comparison to the requested one, in degrees."""
 MODERATE_ANGLE, ENOUGH = 60.0, 0.6
@@ -64,7 +73,7 @@ class CoarseCandidate:
     monitor: Monitor
     errors: InterpolationErrors | None
     mesh: Mesh | None = None
-    """Its mesh of the domain on the coarse grid."""
+    """Its coarse mesh of the domain."""
     coarse: DescentEnd | None = None
     """The coarse mesh from which a least-error solve continues."""
     solver: float = math.nan
@@ -111,27 +120,30 @@ class Choice:
         return None if best is None or best is self.chosen else replace(self, chosen=best)
 
 
-def choose_monitor(problem: Problem, options: SolveOptions, *, metrics_only: bool) -> Choice:
-    """The best monitor for an :class:`~equimesh.monitors.least_error.Auto`, by the error on a coarse grid.
+def choose_monitor(
+    problem: Problem[Any], options: SolveOptions, *, metrics_only: bool = False, subdomains: Subdomains | None = None
+) -> Choice:
+    """The best monitor for an :class:`~equimesh.monitors.least_error.Auto`, by the error on a coarse mesh.
 
-    ``metrics_only`` leaves out least error, which subdomains cannot solve. ``options`` are those of the comparison.
+    ``metrics_only`` leaves out least error, which subdomains of a grid cannot solve. ``subdomains`` are those of a
+    descent on blocks. ``options`` are those of the comparison.
     """
     auto = problem.monitor
     if not isinstance(auto, Auto):
         raise TypeError("only an Auto monitor is chosen")
-    level = coarse_level(nested_levels(problem.grid))
-    coarse, metrics = replace(problem, grid=level.grid), list(_metrics(auto))
+    coarse = _Coarse.of(problem, options.threads, subdomains)
+    metrics = list(_metrics(auto))
     # Metrics follow the second derivatives of u, and none was ever the best for a solver.
-    if auto.degree > 1 or (auto.compares_solvers and not metrics_only):
+    if in_blocks(problem) or auto.degree > 1 or (auto.compares_solvers and not metrics_only):
         metrics = []
-    least = [] if metrics_only else least_errors(auto)
+    least = [] if metrics_only else least_errors(auto, on_blocks=in_blocks(problem))
     parts = _parts(options, [DESCENT_WORK] * len(least) + [1.0] * len(metrics))
-    tried = [_descended(problem, monitor, given, level, next(parts)) for given, monitor in least]
-    tried += [_equidistributed(coarse, kind, given, monitor, next(parts)) for kind, given, monitor in metrics]
+    tried = [coarse.descended(monitor, given, next(parts)) for given, monitor in least]
+    tried += [coarse.equidistributed(kind, given, monitor, next(parts)) for kind, given, monitor in metrics]
     if auto.compares_solvers:
         tried = _measured_for_solvers(tried, coarse, auto)
     tried.sort(key=lambda one: -one.gain(auto))
-    margin = 0.0 if level.is_finest else FINER_ANGLE
+    margin = 0.0 if coarse.level.is_finest else FINER_ANGLE
     return Choice(tried=tuple(tried), chosen=_straightest(tried, auto, MODERATE_ANGLE - margin))
 
 
@@ -144,24 +156,29 @@ def _straightest(tried: Sequence[CoarseCandidate], auto: Auto, moderate: float) 
     best = tried[0].gain(auto)
     if not auto.compares_solvers or best == 0.0:
         return tried[0]
-    among = [one for one in tried if one.angle < moderate and one.gain(auto) >= ENOUGH * best] or tried
-    least = NEAR_BEST * among[0].gain(auto)
+    order = 0.5 * (auto.degree + 1) if auto.norm == "l2" else auto.degree  # over that of bilinear elements
+    among = [one for one in tried if one.angle < moderate and one.gain(auto) >= ENOUGH**order * best] or tried
+    least = NEAR_BEST**order * among[0].gain(auto)
     return min((one for one in among if one.gain(auto) >= least), key=lambda one: one.angle)
 
 
-def least_errors(auto: Auto) -> list[tuple[Mapping[str, Any], LeastError]]:
-    """Settings and monitors of the candidates that minimise the error."""
+def least_errors(auto: Auto, *, on_blocks: bool = False) -> list[tuple[Mapping[str, Any], LeastError]]:
+    """Settings and monitors of the candidates that minimise the error; straight lines are those of a grid."""
+    own: dict[str, Any] = {"norm": auto.norm} if auto.degree == 1 else {"norm": auto.norm, "degree": auto.degree}
     if not auto.compares_solvers:
-        degree = {"degree": auto.degree} if auto.degree > 1 else {}
-        return [
-            ({"norm": auto.norm, "distortion": d, "smoothness": s, **degree}, auto.least_error(d, s))
-            for d, s in LEAST_ERROR_SETTINGS
+        settings: Sequence[Mapping[str, Any]] = [
+            {**own, "distortion": distortion, "smoothness": smoothness}
+            for distortion, smoothness in LEAST_ERROR_SETTINGS
         ]
-    found = []
-    for given in SOLVER_SETTINGS[auto.norm]:
-        settings: dict[str, Any] = dict(given)
-        found.append((given, replace(auto.least_error(), **{"norm": "l2", **settings})))
-    return found
+    elif auto.degree == 1:
+        settings = SOLVER_SETTINGS[auto.norm]
+    else:
+        settings = [{**own, **given} for given in SETTINGS_OF_DEGREE]
+    return [
+        (given, replace(auto.least_error(), **{"norm": "l2", **given}))
+        for given in settings
+        if not (on_blocks and "rectilinear" in given)
+    ]
 
 
 def _metrics(auto: Auto) -> Iterator[tuple[str, dict[str, Any], Monitor]]:
@@ -179,55 +196,89 @@ def _parts(options: SolveOptions, works: list[float]) -> Iterator[SolveOptions]:
         yield options.part(before / sum(works), (before + work) / sum(works), words)
 
 
-def _descended(
-    problem: Problem, asked: LeastError, settings: Mapping[str, Any], level: GridLevel, options: SolveOptions
-) -> CoarseCandidate:
-    """The candidate that minimises the error."""
-    monitor = asked.on(problem.domain)
-    solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
-    levels = nested_levels(problem.grid)[: level.number + 1]
-    reached = end_of(solve.coarse(level), options.part(course=DescentProgress(levels, 2, last_compared(levels))))
-    mesh, errors = _errors(replace(problem, grid=level.grid), mesh_of(reached.mesh, level.grid))
-    return CoarseCandidate(
-        kind="least_error", settings=settings, monitor=monitor, errors=errors, mesh=mesh, coarse=reached
-    )
+@dataclass(frozen=True, kw_only=True)
+class _Coarse:
+    """The coarse mesh on which candidates are compared."""
+
+    problem: Problem[Any]
+    """The requested problem."""
+    solve: LeastErrorSolve
+    """A descent for it, whose nested meshes are compared."""
+    level: Level
+
+    @classmethod
+    def of(cls, problem: Problem[Any], threads: int, subdomains: Subdomains | None) -> _Coarse:
+        """The finest of the nested meshes that is coarse enough."""
+        monitor: Any = problem.monitor
+        solve = LeastErrorSolve(
+            monitor=monitor.least_error(),
+            domain=problem.domain,
+            grid=problem.grid,
+            threads=threads,
+            subdomains=subdomains,
+        )
+        return cls(problem=problem, solve=solve, level=coarse_level(solve.levels))
+
+    @cached_property
+    def uniform(self) -> Mesh:
+        """The mesh with which others are compared."""
+        nest = self.solve.nest
+        return self._placed(nest.mesh(self.level, nest.initial(self.level)))
+
+    def descended(self, asked: LeastError, settings: Mapping[str, Any], options: SolveOptions) -> CoarseCandidate:
+        """The candidate that minimises the error."""
+        monitor = asked.on(self.problem.domain)
+        solve = replace(self.solve, monitor=monitor)
+        levels = solve.levels[: self.level.number + 1]
+        reached = end_of(
+            solve.coarse(self.level), options.part(course=DescentProgress(levels, 2, last_compared(levels)))
+        )
+        mesh, errors = self._errors(self._placed(solve.nest.mesh(self.level, reached.mesh)), monitor)
+        return CoarseCandidate(
+            kind="least_error", settings=settings, monitor=monitor, errors=errors, mesh=mesh, coarse=reached
+        )
+
+    def equidistributed(
+        self, kind: str, settings: Mapping[str, Any], monitor: Monitor, options: SolveOptions
+    ) -> CoarseCandidate:
+        """A candidate that equidistributes a metric, without a mesh where only relaxed equations have one."""
+        grid: Any = self.solve.nest.grid(self.level)  # metrics are for grids alone
+        problem, found = replace(self.problem, monitor=monitor, grid=grid), None
+        for step in single_domain_steps(problem, mode=Mode.DISCRETIZATION, threads=options.threads):
+            options.observe(step)
+            if step.relaxation.cross_line > 0.0:
+                found = None
+                break
+            found = step.mesh if step.is_exact and step.grid == grid else None
+        mesh, errors = (None, None) if found is None else self._errors(self._placed(found), problem.monitor)
+        return CoarseCandidate(kind=kind, settings=settings, monitor=problem.monitor, errors=errors, mesh=mesh)
+
+    def _placed(self, mesh: Mesh) -> Mesh:
+        """The mesh on the domain, from that of the reference square or of the blocks."""
+        return map_mesh(mesh, self.problem.domain) if mesh.is_grid else mesh
+
+    def _errors(self, mesh: Mesh, monitor: Monitor) -> tuple[Mesh | None, InterpolationErrors | None]:
+        """The mesh and its interpolation errors; ``None`` if it folds."""
+        if mesh.is_folded:
+            return None, None
+        return mesh, measure_interpolation(mesh, monitor.u, uniform=self.uniform, degree=degree_of(monitor))
 
 
-def _equidistributed(
-    coarse: Problem, kind: str, settings: Mapping[str, Any], monitor: Monitor, options: SolveOptions
-) -> CoarseCandidate:
-    """A candidate that equidistributes a metric, without a mesh where only relaxed equations have one."""
-    problem, found = replace(coarse, monitor=monitor), None
-    for step in single_domain_steps(problem, mode=Mode.DISCRETIZATION, threads=options.threads):
-        options.observe(step)
-        if step.relaxation.cross_line > 0.0:
-            found = None
-            break
-        found = step.mesh if step.is_exact and step.grid == problem.grid else None
-    mesh, errors = (None, None) if found is None else _errors(problem, found)
-    return CoarseCandidate(kind=kind, settings=settings, monitor=problem.monitor, errors=errors, mesh=mesh)
+def _measured_for_solvers(tried: Sequence[CoarseCandidate], coarse: _Coarse, auto: Auto) -> list[CoarseCandidate]:
+    """The candidates with what a solver gets on the coarse mesh, and with their angles."""
+    closed = closed_of(coarse.problem.domain)
 
+    def errors(mesh: Mesh) -> RitzErrors:
+        mesh = coarsened(mesh, auto.degree)
+        return ritz_errors(mesh, auto.u, triangles=auto.cells == "triangle", degree=auto.degree)
 
-def _errors(coarse: Problem, reference: Mesh) -> tuple[Mesh | None, InterpolationErrors | None]:
-    """A mesh on the domain and its interpolation errors, from that of the reference square; ``None`` if it folds."""
-    mesh, uniform = (map_mesh(one, coarse.domain) for one in (reference, Mesh.uniform(coarse.grid)))
-    if mesh.is_folded:
-        return None, None
-    u, degree = coarse.monitor.u, degree_of(coarse.monitor)
-    return mesh, measure_interpolation(mesh, u, uniform=uniform, degree=degree)
-
-
-def _measured_for_solvers(tried: Sequence[CoarseCandidate], coarse: Problem, auto: Auto) -> list[CoarseCandidate]:
-    """The candidates with what a solver gets on the coarse grid, and with their angles."""
-    u, closed, triangles = auto.u, closed_of(coarse.domain), auto.cells == "triangle"
-    uniform = map_mesh(Mesh.uniform(coarse.grid), coarse.domain)
-    there = ritz_errors(coarsened(uniform), u, triangles=triangles)
+    there = errors(coarse.uniform)
 
     def measured(one: CoarseCandidate) -> CoarseCandidate:
         if one.mesh is None:
             return one
-        gain = ritz_errors(coarsened(one.mesh), u, triangles=triangles).gain(there, auto.norm)
-        return replace(one, solver=gain, angle=measure_faces(one.mesh, closed).non_orthogonality)
+        angle = measure_faces(one.mesh, closed).non_orthogonality
+        return replace(one, solver=errors(one.mesh).gain(there, auto.norm), angle=angle)
 
     return [measured(one) for one in tried]
 
@@ -461,14 +512,14 @@ def _uniform(problem: Problem, auto: Auto, *, is_measured: bool = True) -> CellC
     return CellCandidate(kind="uniform", settings={}, monitor=monitor, solution=solution, error=error)
 
 
-def uniform_solution(problem: Problem, auto: Auto, note: str) -> Solution:
-    """The uniform mesh as a solution, with the reason for it."""
-    reference = Mesh.uniform(problem.grid)
+def uniform_solution(problem: Problem[Any], auto: Auto, note: str) -> AnySolution:
+    """The uniform mesh, or the initial one of blocks, as a solution, with the reason for it."""
+    mesh = problem.initial
     return Solution(
         problem=replace(problem, monitor=auto.least_error()),
         schwarz=None,
-        mesh=map_mesh(reference, problem.domain),
-        reference=reference,
+        mesh=mesh,
+        reference=mesh if problem.grid is None else Mesh.uniform(problem.grid),
         status=Status.COMPLETED,
         newton_steps=0,
         residual=math.nan,

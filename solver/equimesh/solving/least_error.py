@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.least_error.descent import Descent
@@ -195,52 +194,6 @@ def comparison_share(levels: Sequence[Level], count: int = len(LEAST_ERROR_SETTI
     last, compared = coarse_level(levels).number, last_compared(levels)
     first = count * descent_work(levels[: last + 1], 2, compared)
     return first / (first + descent_work(levels[last + 1 :], 1, compared))
-
-
-# The choice of weights on blocks, by the error on a coarse mesh.
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WeightsCandidate:
-    """A pair of weights, with the end of its descent on a coarse mesh and the expected error."""
-
-    solve: LeastErrorSolve
-    coarse: DescentEnd
-    error: float
-
-    def candidate(self, first_error: float, *, chosen: bool) -> Candidate:
-        """The entry of the certificate."""
-        monitor = self.solve.monitor
-        gain = first_error / self.error if self.error > 0.0 else math.nan
-        settings = {"norm": monitor.norm, "distortion": monitor.distortion, "smoothness": monitor.smoothness}
-        return Candidate(
-            kind="least_error",
-            settings=settings if monitor.degree == 1 else {**settings, "degree": monitor.degree},
-            gain_l2=gain if monitor.norm == "l2" else math.nan,
-            gain_h1=gain if monitor.norm == "h1" else math.nan,
-            chosen=chosen,
-        )
-
-
-def choose_weights(
-    problem: Problem[Blocks], options: SolveOptions, subdomains: Subdomains | None
-) -> tuple[WeightsCandidate, tuple[Candidate, ...]]:
-    """The weights with the smallest error on a coarse mesh, and the entries of the certificate."""
-    tried: list[WeightsCandidate] = []
-    auto: Any = problem.monitor
-    count = len(LEAST_ERROR_SETTINGS)
-    for number, pair in enumerate(LEAST_ERROR_SETTINGS):
-        solve = _solve(replace(problem, monitor=auto.least_error(*pair)), options, subdomains)
-        words = f"comparing weights, {number + 1} of {count}"
-        level = coarse_level(solve.levels)
-        here = solve.levels[: level.number + 1]
-        course = DescentProgress(here, 2, last_compared(here))
-        reached = end_of(solve.coarse(level), options.part(number / count, (number + 1) / count, words, course))
-        tried.append(WeightsCandidate(solve=solve, coarse=reached, error=solve.lifted_error(reached)))
-    tried.sort(key=lambda one: one.error)
-    best = tried[0]
-    first_error = best.solve.initial_error(best.coarse)
-    return best, tuple(one.candidate(first_error, chosen=one is best) for one in tried)
 
 
 # The solution of one round of adapting: the next mesh for the values of a solver.

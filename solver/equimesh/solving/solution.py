@@ -267,14 +267,14 @@ class Solution(Generic[D]):
         """How many times smaller the error of a solver is than on the uniform or initial mesh; ``None`` without a u.
 
         Of the Ritz projection of u, see :func:`~equimesh.quality.ritz.solver_gain`. NaN where :attr:`interpolation` is
-        not resolved, since a layer of u that lies inside a cell is seen by no solver. ``None`` for elements of degree 2
-        and more, too: the solver has bilinear ones.
+        not resolved, since a layer of u that lies inside a cell is seen by no solver. Elements have the degree of the
+        monitor.
         """
-        errors = self.interpolation
-        if errors is None or self.problem.monitor.u is None or errors.degree > 1:
+        errors, monitor = self.interpolation, self.problem.monitor
+        if errors is None or monitor.u is None:
             return None
-        triangles = interpolated_cells(self.problem.monitor) == "triangle"
-        found = solver_gain(self.mesh, self.initial, self.problem.monitor.u, triangles=triangles)
+        triangles = interpolated_cells(monitor) == "triangle"
+        found = solver_gain(self.mesh, self.initial, monitor.u, triangles=triangles, degree=degree_of(monitor))
         l2, h1 = errors.resolved
         return found and replace(found, l2=found.l2 if l2 else math.nan, h1=found.h1 if h1 else math.nan)
 

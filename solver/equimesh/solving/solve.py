@@ -13,7 +13,6 @@ from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
-from equimesh.least_error.nest import nested_levels
 from equimesh.least_error.subdomains import Subdomains, owners
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
@@ -24,7 +23,6 @@ from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
 from equimesh.solving.auto import choose_monitor, least_errors, solve_for_finite_volumes, uniform_solution
 from equimesh.solving.least_error import (
-    choose_weights,
     comparison_share,
     is_no_worse,
     solve_least_error,
@@ -62,8 +60,8 @@ NO_DEGREE = (
     " or the degree out, or take least_error, whose subdomains descend on the error"
 )
 """The reason why a degree of auto with Schwarz settings is refused."""
-NO_BETTER_FOR_SOLVERS = "No candidate has a smaller error of a solver than the uniform mesh, which this is."
-"""The note of a uniform mesh."""
+NO_BETTER_FOR_SOLVERS = "No candidate has a smaller error of a solver than the {} mesh, which this is."
+"""The note of the uniform mesh of a grid, or of the initial one of blocks."""
 
 AnyStart: TypeAlias = Initial | Mesh
 """The start of a solve: a word, or a mesh of the reference square or of the blocks."""
@@ -286,30 +284,26 @@ class Best:
             return self._for_finite_volumes(problem, initial, options)
         if not self._has_metrics_only and not isinstance(initial, Initial):  # chosen before, or as good as any
             return self.minimise.solve(replace(problem, monitor=auto.least_error()), initial, options)
-        return (self._on_blocks if in_blocks(problem) else self._on_grid)(problem, initial, options)
-
-    def _on_blocks(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
-        """The solution for the weights with the smallest error on a coarse mesh."""
-        subdomains = self.minimise.subdomains
-        auto: Any = problem.monitor
-        monitor = auto.least_error()
-        share = comparison_share(LeastErrorSolve(monitor=monitor, domain=problem.domain, subdomains=subdomains).levels)
-        best, comparison = choose_weights(problem, options.part(0.0, share), subdomains)
-        chosen = replace(problem, monitor=best.solve.monitor)
-        solution = replace(self.minimise, coarse=best.coarse).solve(chosen, initial, options.part(share))
-        return replace(solution, comparison=comparison)
-
-    def _on_grid(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
-        """The solution for the best monitor; with a warning where subdomains had metrics alone."""
         found = self._of_candidates(problem, initial, options)
         return replace(found, detours=(*found.detours, METRICS_ONLY)) if self._has_metrics_only else found
 
     def _of_candidates(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:
         """The solution for the best monitor; of least error where the mesh of another one turns out to be worse."""
         auto: Any = problem.monitor
-        count = len(least_errors(auto))
-        share = None if self._has_metrics_only else comparison_share(nested_levels(problem.grid), count)
-        found = choose_monitor(problem, options.part(0.0, share), metrics_only=self._has_metrics_only)
+        subdomains = self.minimise.subdomains
+        if subdomains is not None:  # these descend on the error of interpolation
+            auto = replace(auto, purpose="interpolation")
+            problem = replace(problem, monitor=auto)
+        share = None
+        if not self._has_metrics_only:
+            count = len(least_errors(auto, on_blocks=in_blocks(problem)))
+            solve = LeastErrorSolve(
+                monitor=auto.least_error(), domain=problem.domain, grid=problem.grid, subdomains=subdomains
+            )
+            share = comparison_share(solve.levels, count)
+        found = choose_monitor(
+            problem, options.part(0.0, share), metrics_only=self._has_metrics_only, subdomains=subdomains
+        )
         solution, rest = None, options.part(0.0 if share is None else share)
         while solution is None or not _is_no_worse(solution, auto):
             chosen = replace(problem, monitor=found.chosen.monitor)
@@ -320,7 +314,8 @@ class Best:
                 break
             found = found.least_error
         if auto.compares_solvers and not _is_no_worse(solution, auto):
-            return replace(uniform_solution(problem, auto, NO_BETTER_FOR_SOLVERS), comparison=found.comparison)
+            note = NO_BETTER_FOR_SOLVERS.format(problem.initial.compared_with)
+            return replace(uniform_solution(problem, auto, note), comparison=found.comparison)
         return solution
 
     def _for_finite_volumes(self, problem: Problem[Any], initial: AnyStart, options: SolveOptions) -> AnySolution:

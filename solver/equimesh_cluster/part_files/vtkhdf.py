@@ -13,7 +13,8 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.io.vtk import CELL_TYPES
+from equimesh.io.vtk import CELL_TYPES, HDF_VERSION
+from equimesh.io.vtk import HDF_GROUP as ROOT
 from equimesh.meshes.mesh import Grid
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.part_files.formats import (
@@ -30,9 +31,6 @@ from equimesh_cluster.part_files.formats import (
     side_digits,
 )
 
-# The group of all data, here and in the parts.
-ROOT = "VTKHDF"
-VERSION = (1, 0)
 # The format of the files. What HDF5 writes as "latest" has a heap that the HDF5 library of VTK refuses.
 LIBRARY = ("v110", "v110")
 
@@ -93,7 +91,7 @@ def write_head(path: Path, head: Path, parted: PartedGrid, nodes: Sequence[str],
     after_zero = [_source(file, *ends, grid.n_eta - 1, shift=1) for file, ends in zip(files, rows, strict=True)]
     with create(path) as file:
         root = file.create_group(ROOT)
-        root.attrs["Version"] = np.array(VERSION, dtype=np.int64)
+        root.attrs["Version"] = np.array(HDF_VERSION, dtype=np.int64)
         root.attrs.create("Type", np.bytes_("UnstructuredGrid"))
         counts = {"Points": grid.points, "Cells": grid.cells, "ConnectivityIds": 4 * grid.cells}
         for name, number in counts.items():

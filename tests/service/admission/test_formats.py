@@ -26,7 +26,7 @@ def test_formats_that_do_not() -> None:
         check_format("vts", {**WHOLE, "cells": "triangle"})
     with pytest.raises(
         Problem,
-        match=r"holds cells of order 1\. Request one of vtu, msh, abaqus, hohqmesh, re2, specfem, or order=1",
+        match=r"holds cells of order 1\. Request one of vtu, hdf, msh, abaqus, hohqmesh, re2, specfem, or order=1",
     ):
         check_whole("su2", "quad", order=2)
     with pytest.raises(Problem, match=r"in parts hold cells of order 1\. Request order=1"):

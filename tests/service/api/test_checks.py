@@ -16,7 +16,8 @@ from service.conftest import PAPER
 def test_capabilities_name_every_choice(http: httpx.Client, document: dict[str, Any], settings: Settings) -> None:
     able = http.get("/v1/capabilities").json()
     spectral = {"hohqmesh", "re2", "nmsh", "specfem"}
-    names = {*spectral, "vtu", "vtk", "vts", "vtm", "p3d", "xdmf", "msh", "medit", "su2", "abaqus", "foam", "npz"}
+    names = {*spectral, "vtu", "vtk", "vts", "vtm", "hdf", "p3d", "xdmf", "msh"}
+    names |= {"medit", "su2", "abaqus", "foam", "npz"}
     assert {form["name"] for form in able["formats"]} == names
     assert {form["name"] for form in able["formats"] if form["cells"] == ["quad"]} == {"vts", "vtm", "p3d", *spectral}
     properties = document["components"]["schemas"]["MeshSpec"]["properties"]

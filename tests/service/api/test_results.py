@@ -54,7 +54,7 @@ def test_cells_of_second_order_have_nodes_on_the_curve(http: httpx.Client) -> No
     refused = http.get(url, params={"format": "su2", "order": 2})
     assert (refused.status_code, refused.json()["detail"]) == (
         406,
-        "A su2 file holds cells of order 1. Request one of vtu, msh, abaqus, hohqmesh, re2, specfem, or order=1.",
+        "A su2 file holds cells of order 1. Request one of vtu, hdf, msh, abaqus, hohqmesh, re2, specfem, or order=1.",
     )
     assert http.get(url, params={"order": 3}).status_code == 422
 

@@ -13,7 +13,7 @@ from equimesh_schema.mesh import SUFFIXES
 
 def test_each_format_is_described() -> None:
     spectral = ["hohqmesh", "re2", "nmsh", "specfem"]
-    older = ["vtu", "vtk", "vts", "vtm", "xdmf", "msh", "medit", "su2", "abaqus"]
+    older = ["vtu", "vtk", "vts", "vtm", "hdf", "xdmf", "msh", "medit", "su2", "abaqus"]
     assert list(FORMATS) == [*older, *spectral, "p3d", "foam", "npz"]
     for name, known in FORMATS.items():
         assert known.name == name

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import h5py
 import meshio
 import numpy as np
 import pytest
@@ -81,6 +82,27 @@ def test_meshio_reads_nodes_cells_sides_and_data(
     on_sides = {name: second.edges(edges)[:, 2] for name, edges in solution.mesh.sides.items()}
     np.testing.assert_allclose(radius[on_sides["left"]], 1.0, rtol=1e-14)
     np.testing.assert_allclose(radius[on_sides["right"]], 2.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize("kind", CELLS)
+def test_a_file_in_hdf5_has_nodes_cells_and_the_sides_of_the_nodes(
+    tmp_path: Path, solution: em.Solution, second: SecondOrderMesh, kind: Cells
+) -> None:
+    with h5py.File(written(tmp_path, solution, "hdf", kind)) as file:
+        root = file["VTKHDF"]
+        assert root.attrs["Type"] == b"UnstructuredGrid"
+        is_quad = kind == "quad"
+        cells = second.cells if is_quad else second.triangles(solution.mesh.triangles())
+        counts = [root[f"NumberOf{name}"][0] for name in ("Points", "Cells", "ConnectivityIds")]
+        assert counts == [len(second.points), len(cells), cells.size]
+        np.testing.assert_array_equal(root["Points"][:, :2], second.points)
+        np.testing.assert_array_equal(root["Connectivity"][:].reshape(cells.shape), cells)
+        np.testing.assert_array_equal(np.diff(root["Offsets"][:]), cells.shape[1])
+        assert set(root["Types"][:]) == {28 if is_quad else 22}
+        np.testing.assert_array_equal(root["PointData/u"][:], second.at_nodes(solution.u.ravel()))
+        assert root["CellData/Q_eq"].shape == (len(cells),)
+        middles = second.edges(solution.mesh.sides["right"])[:, 2]
+        assert set(root["PointData/node_groups"][:][middles]) == {2}
 
 
 def test_blocks_have_the_edges_of_their_sides_in_a_vtu_file(tmp_path: Path) -> None:
@@ -189,7 +211,7 @@ def test_pyvista_reads_cells_that_are_not_linear(tmp_path: Path, solution: em.So
 @pytest.mark.parametrize("name", [name for name, form in FORMATS.items() if not form.second_order])
 def test_other_formats_refuse_second_order(tmp_path: Path, solution: em.Solution, name: str) -> None:
     with pytest.raises(
-        InputError, match=f"a {name} file holds cells of order 1: choose one of vtu, msh, abaqus"
+        InputError, match=f"a {name} file holds cells of order 1: choose one of vtu, hdf, msh, abaqus"
     ) as error:
         write_mesh(tmp_path / "mesh", solution.data(), format=name, order=2)
     assert error.value.field == "order"

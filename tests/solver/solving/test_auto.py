@@ -40,7 +40,7 @@ def test_the_comparison_lists_the_best_first_and_that_is_chosen(norm: str) -> No
 
 
 def test_for_a_degree_the_candidates_are_least_error_alone() -> None:
-    monitor = em.Auto(FRONT, degree=2)
+    monitor = em.Auto(FRONT, degree=2, purpose="interpolation")
     solution = em.solve(em.Problem(monitor, em.Grid(33, 33)), threads=1)
     assert [(one.kind, one.settings["degree"]) for one in solution.comparison] == [("least_error", 2)] * 2
     bilinear = em.solve(problem(), threads=1).gains_by_degree[1]
@@ -92,4 +92,4 @@ def test_grids_with_few_points_have_a_choice(shape: tuple[int, int]) -> None:
 def test_only_auto_is_chosen() -> None:
     other = em.Problem(monitor=em.LeastError(u=FRONT), grid=em.Grid(n_xi=9, n_eta=9))
     with pytest.raises(TypeError, match="Auto"):
-        choose_monitor(other, SolveOptions(1, None), metrics_only=False)
+        choose_monitor(other, SolveOptions(1, None))

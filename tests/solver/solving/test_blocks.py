@@ -60,7 +60,7 @@ def test_a_given_mesh_that_is_better_is_kept() -> None:
 
 def test_weights_are_chosen_by_the_error() -> None:
     heard: list[Descent] = []
-    asked = replace(problem(), monitor=em.Auto(u=FRONT))
+    asked = replace(problem(), monitor=em.Auto(u=FRONT, purpose="interpolation"))
     solution = em.solve(asked, observe=heard.append)  # type: ignore[arg-type]
     assert [one.chosen for one in solution.comparison] == [True, False]
     gains = [one.gain_l2 for one in solution.comparison]
@@ -70,7 +70,7 @@ def test_weights_are_chosen_by_the_error() -> None:
     assert None not in fractions
     assert fractions == sorted(fractions)  # type: ignore[type-var]
     assert fractions[-1] > 0.9  # type: ignore[operator]
-    assert heard[0].phase.startswith("comparing weights, 1 of 2: descending, step 0 of")
+    assert heard[0].phase.startswith("comparing monitors, 1 of 2: descending, step 0 of")
 
 
 def test_weights_are_chosen_on_a_mesh_that_has_no_coarser_one() -> None:

@@ -15,6 +15,8 @@ from equimesh.solving import auto, solve
 from equimesh.solving.solve import METRICS_ONLY
 
 LAYER = "(1 - exp(40*(x - 1)))*sin(pi*y)"
+FRONT_10 = em.Expression("tanh(10*(x + y/2 - 0.75))")
+PURPOSES: tuple[Any, Any] = ("finite_element", "interpolation")
 
 
 def chosen(text: str, n: int = 17, schwarz: em.Schwarz | None = None, **more: Any) -> em.Solution:
@@ -81,7 +83,7 @@ def test_where_no_candidate_is_better_for_a_solver_the_mesh_is_uniform(monkeypat
     monkeypatch.setattr(em.Solution, "solver_gain", property(halved))
     solution = chosen(text, 9)
     assert np.array_equal(solution.mesh.x, Mesh.uniform(solution.problem.grid).x)
-    assert solve.NO_BETTER_FOR_SOLVERS in solution.warnings
+    assert solve.NO_BETTER_FOR_SOLVERS.format("uniform") in solution.warnings
     assert not np.array_equal(kept.mesh.x, solution.mesh.x)
 
 
@@ -110,12 +112,31 @@ def test_triangles_are_compared_by_linear_elements() -> None:
     assert taken.gain_solver == pytest.approx(solution.solver_gain.l2, rel=1e-6)
 
 
-def test_blocks_and_higher_degrees_are_chosen_by_interpolation() -> None:
+def test_blocks_are_chosen_by_what_a_solver_gets() -> None:
     mesh = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
     blocks = em.Blocks.of_mesh(mesh.points, mesh.cells, mesh.sides)
-    u = em.Expression("tanh(8*(x - y*y))")
-    on_blocks = em.solve(em.Problem(monitor=em.Auto(u=u, purpose="finite_element"), domain=blocks), threads=1)
-    assert {one.kind for one in on_blocks.comparison} == {"least_error"}
-    assert all(math.isnan(one.gain_solver) for one in on_blocks.comparison)
-    of_degree = chosen("tanh(8*(x - y*y))", 9, degree=2)
-    assert {one.settings["degree"] for one in of_degree.comparison} == {2}
+    u = em.Expression("tanh(20*(x + y/2 - 0.75))")
+    found, plain = (
+        em.solve(em.Problem(monitor=em.Auto(u=u, purpose=purpose), domain=blocks), threads=1) for purpose in PURPOSES
+    )
+    taken = next(one for one in found.comparison if one.chosen)
+    assert len(found.comparison) == 2  # straight lines are those of a grid
+    assert taken.settings["purpose"] == "finite_element"
+    assert found.solver_gain is not None
+    assert plain.solver_gain is not None
+    assert found.solver_gain.l2 == pytest.approx(taken.gain_solver, rel=1e-6)
+    assert found.solver_gain.l2 > 1.2 * plain.solver_gain.l2
+    assert all(math.isnan(one.gain_solver) for one in plain.comparison)
+
+
+@pytest.mark.parametrize(("cells", "degree"), [("quad", 2), ("quad", 3), ("triangle", 2)])
+def test_elements_of_higher_degree_are_chosen_by_their_solver_with_moderate_angles(cells: Any, degree: int) -> None:
+    solution = chosen("tanh(10*(x + y/2 - 0.75))", cells=cells, degree=degree)
+    taken = next(one for one in solution.comparison if one.chosen)
+    assert {one.settings["degree"] for one in solution.comparison} == {degree}
+    found = solver_gain(solution.mesh, solution.initial, FRONT_10, triangles=cells == "triangle", degree=degree)
+    assert found is not None
+    assert found.l2 == pytest.approx(taken.gain_solver, rel=1e-6)
+    assert solution.solver_gain == found
+    assert found.l2 > 1.5
+    assert solution.faces.non_orthogonality < auto.MODERATE_ANGLE
