@@ -25,7 +25,7 @@ from costs.rows import Row, lines
 from random_functions import random_functions
 
 import equimesh as em
-from equimesh.quality.measures import measure_interpolation
+from equimesh.quality.measures import measure_errors
 from equimesh.testing import geometries
 
 GEOMETRIES = (
@@ -82,7 +82,7 @@ def solve(domain: em.Blocks, u: em.Expression, bound: float | None = None, *, au
     solution = em.solve(problem, threads=1, check=False)
     seconds = time.process_time() - began
     with np.errstate(all="ignore"):
-        errors = measure_interpolation(solution.mesh, u, uniform=domain.mesh, gauss=GAUSS_POINTS)
+        errors = measure_errors(solution.mesh, u, uniform=domain.mesh, gauss=GAUSS_POINTS)
     gain = math.nan if errors is None else errors.l2_uniform / errors.l2
     return Solved(gain, 1e6 * seconds / domain.points, solution.mesh.is_folded, solution.angles.share_within)
 

@@ -21,7 +21,6 @@ from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import error_rule, metric_rule
 from equimesh.quality.survey import Survey
 from equimesh.quality.tally import ErrorTally
-from equimesh.quality.triangles import squared_errors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,10 +124,8 @@ def _root_mean_squares(
     if not cells.all_valid:
         return np.full(cells.own_shape, np.inf)
     kind, degree = element
-    if degree > 1:
+    if tally is None:
         squares = squared_errors_of_cells(cells, u, degree, kind)
-    elif tally is None:
-        squares = squared_errors(cells, u)
     else:
         tally.add_edges()
         squares = tally.sums[0]

@@ -17,7 +17,7 @@ import numpy as np
 from equimesh.fields.expression import Field
 from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 from equimesh.quality.cells import Cells, ChosenCells, MeshCells
-from equimesh.quality.elements import CORNERS, Basis, CellKind, Element, basis, finer_rule, lagrange, rule
+from equimesh.quality.elements import CORNERS, Basis, CellKind, Element, basis, finer_rule, lagrange, rule, shapes_at
 from equimesh.quality.interpolation import (
     FOLDED,
     NO_ERROR,
@@ -276,11 +276,20 @@ class _Pieces:
         return replace(self, corners=np.tile(self.corners, 4), values=np.tile(self.values, 4), part=quarters)
 
     def errors(self, u: Field) -> Array:
-        """The integrals of both squared errors, of shape ``(3, n)``; the third row, of missed gradients, is 0."""
-        result = np.zeros((3, self.count))
+        """The integrals of both squared errors, and the gradient that the rule has missed, of shape ``(3, n)``.
+
+        That is known as of :class:`~equimesh.quality.resolution.Pieces`: from the error on the rim of the part.
+        """
+        result = np.empty((3, self.count))
         for first in range(0, self.count, BLOCK_CELLS):
             block = slice(first, first + BLOCK_CELLS)
-            result[:2, block] = self._squares(u, block)
+            errors = self._errors(u, block)
+            result[:2, block] = errors.squares()
+            apart = [
+                (errors.shares * slope).sum(axis=0) - rim
+                for slope, rim in zip((errors.along_x, errors.along_y), self._over_rim(u, block), strict=True)
+            ]
+            result[2, block] = (apart[0] ** 2 + apart[1] ** 2) / errors.shares.sum(axis=0)
         return result
 
     def _parts(self) -> Array:
@@ -289,7 +298,7 @@ class _Pieces:
         whole = CORNERS[self.kind]
         return np.broadcast_to(whole[:, :, None], (*whole.shape, self.count))
 
-    def _squares(self, u: Field, block: slice) -> Array:
+    def _errors(self, u: Field, block: slice) -> _Errors:
         part, (x, y), values = self._parts()[:, :, block], self.corners[:, :, block], self.values[:, block]
         element = finer_rule(self.kind, self.degree + 3)
         s, t = element.shape @ part[0], element.shape @ part[1]
@@ -303,4 +312,17 @@ class _Pieces:
         there, u_x, u_y = u.evaluate(at_x, at_y, order=1)
         value, v_s, v_t = (np.einsum("jqn,jn->qn", one, values) for one in lagrange(self.kind, self.degree, s, t))
         along_x, along_y = (v_s * y_t - v_t * y_s) / det - u_x, (v_t * x_s - v_s * x_t) / det - u_y
-        return _Errors(element.weights[:, None] * inside * det, value - there, along_x, along_y).squares()
+        return _Errors(element.weights[:, None] * inside * det, value - there, along_x, along_y)
+
+    def _over_rim(self, u: Field, block: slice) -> Pair:
+        """The integrals of the error times the outer normal over the rim: those of its gradient over the part."""
+        part, corners = self._parts()[:, :, block], self.corners[:, :, block]
+        nodes, weights = np.polynomial.legendre.leggauss(self.degree + 2)
+        along = 0.5 + 0.5 * nodes[:, None, None]
+        s, t = (1.0 - along) * part[:, None] + along * np.roll(part, -1, axis=1)[:, None]
+        x, y = (np.einsum("kqsn,kn->qsn", shapes_at(self.kind, s, t), q) for q in corners)
+        interpolant = np.einsum("jqsn,jn->qsn", lagrange(self.kind, self.degree, s, t)[0], self.values[:, block])
+        error = np.einsum("q,qsn->sn", 0.5 * weights, interpolant - u.evaluate(x, y)[0])
+        ends = [np.einsum("ksn,kn->sn", shapes_at(self.kind, *part), q) for q in corners]
+        ahead = [np.roll(end, -1, axis=0) - end for end in ends]
+        return (error * ahead[1]).sum(axis=0), -(error * ahead[0]).sum(axis=0)

@@ -47,7 +47,7 @@ class InterpolationErrors:
     """Error of the isoparametric Q1 interpolant of u, on the mesh and on the uniform one of its size.
 
     A mesh of blocks is compared with its initial mesh, whose errors are ``l2_uniform`` and ``h1_uniform`` then.
-    :func:`~equimesh.quality.triangles.triangle_errors` returns the errors of the linear interpolant on triangles.
+    :func:`~equimesh.quality.degrees.degree_errors` returns those of other interpolants, also on triangles.
 
     ``l2`` is the norm of ``u - u_h``, ``h1`` that of ``grad u - grad u_h``; both over the whole domain, in the units of
     u and of its gradient times a length. Infinite on a folded mesh. ``rounding`` is the part of the two that is due to

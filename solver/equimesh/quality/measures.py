@@ -42,7 +42,6 @@ from equimesh.quality.interpolation import (
     InterpolationErrors,
     Norms,
     compared,
-    errors_of,
     norms,
     norms_of,
     require_same_cells,
@@ -50,7 +49,6 @@ from equimesh.quality.interpolation import (
 )
 from equimesh.quality.survey import ROWS, Survey
 from equimesh.quality.tally import ErrorRule, ErrorTally
-from equimesh.quality.triangles import triangle_errors
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
 """Gauss points per direction and cell, on meshes of at most this many cells: ``(cells, points)``."""
@@ -207,22 +205,29 @@ def measure_errors(
     *,
     uniform: Mesh | None = None,
     domain: Domain = UNIT_SQUARE,
+    gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
     degree: int = 1,
     nodal: Array | None = None,
     threads: int = 1,
+    alone: bool = False,
 ) -> InterpolationErrors:
-    """The errors alone that :func:`measure_all` measures, for which no metric is evaluated."""
+    """The errors alone that :func:`measure_all` measures, for which no metric is evaluated.
+
+    ``alone`` they are compared with those on no other mesh: their gains are NaN.
+    """
     with np.errstate(all="ignore"):
         cells = cells_of(mesh, closed_of(domain))
-        return _errors(cells, u, uniform, domain, kind, degree, nodal=nodal, threads=threads)
+        return _errors(
+            cells, u, uniform, None if alone else domain, kind, degree, gauss=gauss, nodal=nodal, threads=threads
+        )
 
 
 def _errors(
     cells: MeshCells,
     u: Field,
     uniform: Mesh | None,
-    domain: Domain,
+    domain: Domain | None,
     kind: Literal["quad", "triangle"],
     degree: int,
     *,
@@ -233,11 +238,9 @@ def _errors(
 ) -> InterpolationErrors:
     """The errors next to those on the uniform or given mesh; ``here`` are the norms of bilinear ones if known."""
     numbers = sample(cells.rows) if gauss is None else None
-    if degree > 1:
-        return degree_errors(cells, _uniform_cells(cells, uniform, domain, numbers), u, degree, kind)
-    if kind == "triangle":
-        return _triangle_errors(cells, u, uniform, domain)
     there, rule = _uniform_cells(cells, uniform, domain, numbers), error_rule(cells, gauss)
+    if (kind, degree) != ("quad", 1):
+        return degree_errors(cells, there, u, degree, kind)
     if here is None:
         here = norms(cells, u, rule, numbers, nodal=nodal, threads=threads)
     second = UNKNOWN if there is None else norms(there, u, rule, numbers, threads=threads)
@@ -251,21 +254,18 @@ def window_image(window: MeshRows, domain: Domain) -> MeshRows:
     return MeshRows(mapped.x, mapped.y, window.rows)
 
 
-def _triangle_errors(cells: MeshCells, u: Field, uniform: Mesh | None, domain: Domain) -> InterpolationErrors:
-    other = window_image(MeshRows.of(cells.mesh), domain) if uniform is None and cells.mesh.is_grid else uniform
-    return triangle_errors(cells.mesh, u, other)
-
-
-def _uniform_cells(cells: MeshCells, uniform: Mesh | None, domain: Domain, numbers: IntArray | None) -> Cells | None:
+def _uniform_cells(
+    cells: MeshCells, uniform: Mesh | None, domain: Domain | None, numbers: IntArray | None
+) -> Cells | None:
     """The cells of the mesh that a mesh is compared with, where those with ``numbers`` or all are looked at.
 
-    ``None`` where a mesh of blocks is compared with nothing.
+    ``None`` without a ``domain``, and where a mesh of blocks is compared with nothing.
     """
     if uniform is not None:
         found = cells_of(uniform)
         require_same_cells(cells, found)
         return found
-    if not cells.mesh.is_grid:
+    if domain is None or not cells.mesh.is_grid:
         return None
     window = MeshRows.of(cells.mesh)
     return (
@@ -366,55 +366,6 @@ def error_rule(cells: MeshCells, gauss: int | None = None) -> ErrorRule:
     points = gauss_points(cells, gauss)
     is_lean = gauss is None and points == GAUSS_POINTS_BEYOND
     return ErrorRule.lean() if is_lean else ErrorRule.gauss(points)
-
-
-def measure_interpolation(
-    mesh: Mesh,
-    u: Field | None,
-    *,
-    uniform: Mesh | None = None,
-    gauss: int | None = None,
-    kind: Literal["quad", "triangle"] = "quad",
-    degree: int = 1,
-    threads: int = 1,
-) -> InterpolationErrors | None:
-    """The errors of interpolating u, ``None`` where there is no u; the arguments are as in :func:`measure`.
-
-    With ``kind = "triangle"`` it is interpolated on triangles, by elements of this ``degree``.
-    ``threads`` share the work if cells are many.
-    """
-    if u is None:
-        return None
-    if kind == "triangle" and degree == 1:
-        return triangle_errors(mesh, u, uniform)
-    cells = cells_of(mesh)
-    numbers = sample(cells.rows) if gauss is None else None
-    with np.errstate(all="ignore"):
-        if degree > 1:
-            return degree_errors(cells, _uniform_cells(cells, uniform, UNIT_SQUARE, numbers), u, degree, kind)
-        plain = _uniform_cells(cells, uniform, UNIT_SQUARE, numbers)
-        return errors_of(cells, plain, u, error_rule(cells, gauss), numbers, threads=threads)
-
-
-def measure_alone(
-    mesh: Mesh,
-    u: Field,
-    *,
-    kind: Literal["quad", "triangle"] = "quad",
-    degree: int = 1,
-    threads: int = 1,
-) -> InterpolationErrors:
-    """The errors of interpolating u on this mesh, which is compared with no other: its gains are NaN.
-
-    Else as :func:`measure_interpolation`.
-    """
-    if degree > 1:
-        return degree_errors(cells_of(mesh), None, u, degree, kind)
-    if kind == "triangle":
-        return triangle_errors(mesh, u)
-    cells = cells_of(mesh)
-    with np.errstate(all="ignore"):
-        return errors_of(cells, None, u, error_rule(cells), sample(cells.rows), threads=threads)
 
 
 # How much of a domain the cells of a mesh cut off at its curved sides.

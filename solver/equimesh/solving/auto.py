@@ -20,7 +20,7 @@ from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
 from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor, weaken
 from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.quality.measures import measure_interpolation
+from equimesh.quality.measures import measure_errors
 from equimesh.quality.ritz import RitzErrors, coarsened, ritz_errors
 from equimesh.single_domain.iteration import single_domain_steps
 from equimesh.single_domain.level import Mode
@@ -259,9 +259,9 @@ class _Coarse:
 
     def _errors(self, mesh: Mesh, monitor: Monitor) -> tuple[Mesh | None, InterpolationErrors | None]:
         """The mesh and its interpolation errors; ``None`` if it folds."""
-        if mesh.is_folded:
+        if mesh.is_folded or monitor.u is None:
             return None, None
-        return mesh, measure_interpolation(mesh, monitor.u, uniform=self.uniform, degree=degree_of(monitor))
+        return mesh, measure_errors(mesh, monitor.u, uniform=self.uniform, degree=degree_of(monitor))
 
 
 def _measured_for_solvers(tried: Sequence[CoarseCandidate], coarse: _Coarse, auto: Auto) -> list[CoarseCandidate]:

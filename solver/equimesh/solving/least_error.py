@@ -17,7 +17,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
 from equimesh.meshes.second_order import require_degree
 from equimesh.monitors.least_error import LeastError, NodalSolution
-from equimesh.quality.measures import measure_alone
+from equimesh.quality.measures import measure_errors
 from equimesh.rounds.recovery import KEPT, Round
 from equimesh.rounds.round import adapt_round
 from equimesh.solving.orthogonality import Corners
@@ -123,7 +123,7 @@ def _or_given(found: AnySolution, start: Mesh, norm: str) -> AnySolution:
     if errors is None or monitor.u is None:
         return found
     kind, degree = interpolated_cells(monitor), degree_of(monitor)
-    others = measure_alone(given.mesh, monitor.u, kind=kind, degree=degree, threads=found.threads)
+    others = measure_errors(given.mesh, monitor.u, kind=kind, degree=degree, threads=found.threads, alone=True)
     is_kept = others.l2 < errors.l2 if norm == "l2" else others.h1 < errors.h1
     return given if is_kept and not given.cut_off.is_much else found
 

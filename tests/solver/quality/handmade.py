@@ -9,6 +9,8 @@ import numpy as np
 
 import equimesh as em
 from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.quality.interpolation import InterpolationErrors
+from equimesh.quality.measures import measure_errors
 
 Partial = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -82,3 +84,8 @@ def one_quad(*corners: tuple[float, float]) -> Mesh:
     """The mesh of a single cell, given counter-clockwise from (0, 0)."""
     (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
     return Mesh(np.array([[x0, x3], [x1, x2]]), np.array([[y0, y3], [y1, y2]]))
+
+
+def triangle_errors(mesh: em.Mesh, u: em.Field, uniform: em.Mesh | None = None) -> InterpolationErrors:
+    """The errors of linear interpolation on the triangles into which a mesh is cut."""
+    return measure_errors(mesh, u, uniform=uniform, kind="triangle")

@@ -21,7 +21,6 @@ from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, interpolation_erro
 from equimesh.quality.measures import alignment, equidistribution, measure, measure_all, shape_regularity
 from equimesh.quality.survey import ROWS
 from equimesh.quality.tally import ErrorRule, ErrorTally
-from equimesh.quality.triangles import triangle_errors
 from solver.quality.handmade import (
     CONSTANT,
     CUBIC_Y,
@@ -34,6 +33,7 @@ from solver.quality.handmade import (
     constant,
     folded,
     one_quad,
+    triangle_errors,
     uniform,
     wavy,
 )

@@ -13,7 +13,7 @@ from equimesh.meshes.rows import Rows
 from equimesh.quality import resolution
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.interpolation import InterpolationErrors, interpolation_errors
-from equimesh.quality.measures import measure_interpolation
+from equimesh.quality.measures import measure_errors
 from equimesh.quality.resolution import all_but_the_smallest, largest_of, scattered, scattered_between
 from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.rows import PartRows
@@ -39,7 +39,7 @@ def by_many_points(mesh: Mesh, u: em.Expression, points: int = 160) -> tuple[flo
 
 
 def measured(mesh: Mesh, u: em.Expression) -> InterpolationErrors:
-    found = measure_interpolation(mesh, u)
+    found = measure_errors(mesh, u)
     assert found is not None
     return found
 

@@ -13,7 +13,7 @@ from equimesh.meshes.nested import tied_nodes
 from equimesh.quality import ritz
 from equimesh.quality.interpolation import interpolation_errors
 from equimesh.quality.ritz import coarsened, ritz_errors, solver_gain
-from equimesh.quality.triangles import triangle_errors
+from solver.quality.handmade import triangle_errors
 
 WAVE = em.Expression("tanh(5*(x - y**2)) + x*y")
 

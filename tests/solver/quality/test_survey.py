@@ -11,7 +11,7 @@ import equimesh as em
 from equimesh.monitors.monitor import OfDerivatives
 from equimesh.quality import tally
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.measures import PER_CELL, measure, measure_all, measure_interpolation
+from equimesh.quality.measures import PER_CELL, measure, measure_all, measure_errors
 from equimesh.quality.survey import Statistics, Survey, fill_parts
 from equimesh.quality.tally import ErrorRule, ErrorTally
 from solver.quality.handmade import TANH20, wavy
@@ -79,7 +79,7 @@ def test_u_is_evaluated_once_for_metric_and_errors(kind: type[em.ArcLength] | ty
     monitor = kind(u=u).on(em.Rectangle())
     assert isinstance(monitor, OfDerivatives)
     u.points = 0
-    errors = measure_interpolation(mesh, u)
+    errors = measure_errors(mesh, u)
     alone, u.points = u.points, 0
     quality = measure(mesh, monitor)
     assert u.points == alone

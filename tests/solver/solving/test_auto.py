@@ -8,7 +8,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.nest import coarse_level, nested_levels
-from equimesh.quality.measures import measure_interpolation
+from equimesh.quality.measures import measure_errors
 from equimesh.solving.auto import choose_monitor
 from equimesh.solving.status import SolveOptions
 
@@ -62,7 +62,7 @@ def test_the_error_of_the_gradient_is_compared_as_it_is() -> None:
     for one in candidates:
         monitor = em.LeastError(u=u, norm="h1", **{k: v for k, v in one.settings.items() if k != "norm"})
         mesh = em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=33, n_eta=33)), threads=1).mesh
-        exact = measure_interpolation(mesh, u, gauss=12)
+        exact = measure_errors(mesh, u, gauss=12)
         assert exact is not None
         assert one.gain_h1 == pytest.approx(exact.gain_h1, rel=0.1)
 
