@@ -1,8 +1,8 @@
 """A rectangle with nodes that stay: the description of the blocks between points, curves and layers inside of it.
 
 Lines of the rectangle along which something is fixed are edges of blocks. A curve is a line from side to side, on which
-nodes slide. A point is a node on a line of each family, which are straight elsewhere. A layer of cells along a side is
-one between two straight lines.
+nodes slide. A layer of cells along a side is one between two straight lines. A point is a node on a line of each
+family, which keeps its share of the way between the lines that are fixed.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from equimesh.blocks.curve_entries import curve_of, entries, mapping, members, n
 from equimesh.blocks.curves import BoundaryCurve, Point
 from equimesh.blocks.description import MAX_CELLS
 from equimesh.errors import InputError
+from equimesh.numerics.types import Array
 
 SIDES = ("left", "right", "bottom", "top")
 # The sides at which each family of lines begins and ends: those along x, which have numbers along y, and the others.
@@ -60,40 +61,64 @@ class Layers:
         return np.cumsum(self.first * self.growth ** np.arange(self.count)).tolist()  # type: ignore[no-any-return]
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Line:
-    """A line of one family: its number, and where it runs."""
+    """A line of one family: its number, and its place, the same all along. A side, or a line between layers."""
 
     index: int
-    at: dict[float, float]
-    """Its place, by places along it, between which it is straight: of an upright or level line one alone."""
+    at: float = 0.0
     curve: str | None = None
     is_fixed: bool = False
-    is_straight: bool = False
-    """Whether it is a side, or a line between layers."""
 
-    def place(self, along: float) -> float:
+    def place(self, along: float) -> float:  # noqa: ARG002
         """Its place where it crosses the other family at ``along``."""
-        known = sorted(self.at.items())
-        return float(np.interp(along, [a for a, _ in known], [b for _, b in known]))
+        return self.at
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CurvedLine(Line):
-    """A line along a curve, which runs along the axis ``way``; its places are parameters."""
+    """A line on a curve, which runs along the axis ``way``; ``known`` are places along it with their parameters."""
 
     path: BoundaryCurve
     way: int
+    known: tuple[Array, Array]
     is_fixed: bool = True
 
     def place(self, along: float) -> float:
         """Its place, by Newton's method from the parameter between those that are known."""
-        t = super().place(along)
+        t = float(np.interp(along, *self.known))
         for _ in range(NEWTON_STEPS):
             x, y, x_t, y_t = (float(part) for part in self.path.evaluate(np.array(t)))
             t = float(np.clip(t - ((x, y)[self.way] - along) / ((x_t, y_t)[self.way] or math.inf), *self.path.ends))
         x, y, *_ = (float(part) for part in self.path.evaluate(np.array(t)))
         return (x, y)[1 - self.way]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LineThroughPoints(Line):
+    """A line between two others, at a share of the way from one to the other that depends on the place along it."""
+
+    between: tuple[Line, Line]
+    shares: Mapping[float, float]
+    """The shares at its points, by the places along it; between these it changes linearly."""
+
+    def place(self, along: float) -> float:
+        """Its place: it cannot meet the two lines."""
+        low, high = (line.place(along) for line in self.between)
+        known = sorted(self.shares.items())
+        share = float(np.interp(along, [a for a, _ in known], [b for _, b in known]))
+        return low + share * (high - low)
+
+
+def numbered(wanted: Sequence[float], low: int, high: int) -> list[int] | None:
+    """Whole numbers that rise, above ``low`` and below ``high``, near those that are ``wanted``; None for too many."""
+    found: list[int] = []
+    for k, number_wanted in enumerate(wanted):
+        least = (found[-1] if found else low) + 1
+        found.append(min(max(round(number_wanted), least), high - (len(wanted) - k)))
+        if found[-1] < least:
+            return None
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,105 +131,129 @@ class Fixed:
     curves: Mapping[str, BoundaryCurve]
     layers: Mapping[str, Layers]
     lines: tuple[list[Line], list[Line]] = field(default_factory=lambda: ([], []))
-    """The lines of constant x, then those of constant y."""
+    """The lines of constant x, then those of constant y, by their numbers."""
 
     def place(self) -> None:
-        """Find the lines."""
+        """Find the lines: sides and layers, then curves, then those through points."""
+        axis_of = {name: self._axis(name, curve) for name, curve in self.curves.items()}
         for axis in (0, 1):
-            (low, high), n = self.box[axis], self.cells[axis]
-            lines = self.lines[axis]
-            for index, at, side, way in ((0, low, ENDS[1 - axis][0], 1), (n, high, ENDS[1 - axis][1], -1)):
-                lines.append(Line(index=index, at={0.0: at}, is_straight=True))
-                layers = self.layers.get(side)
-                for k, height in enumerate(layers.heights if layers else (), start=1):
-                    place = at + way * height
-                    lines.append(Line(index=index + way * k, at={0.0: place}, is_fixed=True, is_straight=True))
-            self._check_layers(axis)
-        for name, curve in self.curves.items():
-            self._add_curve(name, curve)
+            self._add_straight(axis)
+            self._add_curves(axis, [name for name in self.curves if axis_of[name] == axis])
+        through: dict[Point, Line] = {}
         for axis in (0, 1):
-            self._add_points(axis)
-            self.lines[axis].sort(key=lambda line: line.index)
-            self._check_order(axis)
-
-    def _check_layers(self, axis: int) -> None:
-        places = sorted((line.index, line.at[0.0]) for line in self.lines[axis])
-        for (i, a), (j, b) in pairwise(places):
-            if j <= i or b <= a:
-                side = next(side for side in ENDS[1 - axis] if side in self.layers)
-                raise InputError(
-                    f"the layers of {side} do not fit: {self.cells[axis]} cells over"
-                    f" {self.box[axis][1] - self.box[axis][0]:g}; take fewer layers, thinner ones, or more cells",
-                    field=f"domain.layers.{side}",
-                )
-
-    def _index(self, axis: int, at: float) -> float:
-        """The number that a line at a place has on the mesh with its layers alone."""
-        known = sorted((line.at[0.0], line.index) for line in self.lines[axis] if line.is_straight)
-        return float(np.interp(at, [a for a, _ in known], [k for _, k in known]))
-
-    def _add_curve(self, name: str, curve: BoundaryCurve) -> None:
-        """The line of a curve, which runs from a side to the opposite one."""
-        where = f"domain.curves.{name}"
-        t = np.linspace(*curve.ends, PLACES)
-        x, y, *_ = curve.evaluate(t)
-        size = max(high - low for low, high in self.box)
-        for axis, across, along in ((1, y, x), (0, x, y)):
-            low, high = self.box[1 - axis]
-            turn = slice(None, None, -1 if along[0] > along[-1] else 1)
-            if abs(along[turn][0] - low) < NEAR * size and abs(along[turn][-1] - high) < NEAR * size:
-                index = round(self._index(axis, float(across.mean())))
-                at = dict(zip(along.tolist(), t.tolist(), strict=True))
-                line = CurvedLine(index=index, at=at, curve=name, path=curve, way=1 - axis)
-                if any(other.index == index for other in self.lines[axis]):
-                    raise InputError(f"the curve {name} needs a line that is taken: {REMEDY}", field=where)
-                self.lines[axis].append(line)
-                return
-        raise InputError(
-            f"the curve {name} runs from ({x[0]:.6g}, {y[0]:.6g}) to ({x[-1]:.6g}, {y[-1]:.6g}): let it run from the"
-            " left side to the right one, or from the bottom to the top; a closed curve needs blocks around it",
-            field=where,
-        )
-
-    def _add_points(self, axis: int) -> None:
-        """Lines through the points; points at nearly the same place of the axis have one line."""
-        before: Line | None = None
-        for at in sorted(self.points, key=lambda place: place[axis]):
-            along = at[1 - axis]
-            on = [line for line in self.lines[axis] if line.is_fixed and abs(line.place(along) - at[axis]) < self._near]
-            if on:
-                continue
-            index = self._index(axis, at[axis])
-            if before is not None and index - self._index(axis, min(before.at.values())) < LEAST_GAP:
-                if along in before.at:
-                    raise InputError(f"two points are at ({at[0]:g}, {at[1]:g}): {REMEDY}", field="domain.points")
-                before.at[along] = at[axis]
-                continue
-            taken = {line.index for line in self.lines[axis]}
-            free = [k for k in range(1, self.cells[axis]) if k not in taken and self._is_between(axis, k, at)]
-            if not free:
-                raise InputError(
-                    f"no line is left for the point ({at[0]:g}, {at[1]:g}): {REMEDY}", field="domain.points"
-                )
-            before = Line(index=min(free, key=lambda k: abs(k - index)), at={along: at[axis]})
-            self.lines[axis].append(before)
+            through = self._add_points(axis, through)
 
     @property
     def _near(self) -> float:
         return NEAR * max(high - low for low, high in self.box)
 
-    def _is_between(self, axis: int, index: int, at: Point) -> bool:
-        """Whether a line with this number lies between the others as the point does."""
-        return all((line.index < index) == (line.place(at[1 - axis]) < at[axis]) for line in self.lines[axis])
+    def _add_straight(self, axis: int) -> None:
+        (low, high), n = self.box[axis], self.cells[axis]
+        lines = self.lines[axis]
+        for index, at, side, way in ((0, low, ENDS[1 - axis][0], 1), (n, high, ENDS[1 - axis][1], -1)):
+            lines.append(Line(index=index, at=at))
+            heights = self.layers[side].heights if side in self.layers else []
+            for k, height in enumerate(heights, start=1):
+                lines.append(Line(index=index + way * k, at=at + way * height, is_fixed=True))
+        lines.sort(key=lambda line: line.at)
+        if any(one.index >= other.index or one.at >= other.at for one, other in pairwise(lines)):
+            side = next(side for side in ENDS[1 - axis] if side in self.layers)
+            raise InputError(
+                f"the layers of {side} do not fit: {n} cells over {high - low:g}; take fewer layers, thinner ones, or"
+                " more cells",
+                field=f"domain.layers.{side}",
+            )
 
-    def _check_order(self, axis: int) -> None:
-        """Refuse lines that meet."""
-        places = sorted({along for line in self.lines[axis] for along in line.at})
+    def _axis(self, name: str, curve: BoundaryCurve) -> int:
+        """The axis that has its places: 1 for one from left to right, 0 for one from bottom to top."""
+        x, y, *_ = curve.evaluate(np.array(curve.ends))
+        for axis, along in ((1, x), (0, y)):
+            if np.abs(np.sort(along) - self.box[1 - axis]).max() < self._near:
+                return axis
+        raise InputError(
+            f"the curve {name} runs from ({x[0]:.6g}, {y[0]:.6g}) to ({x[-1]:.6g}, {y[-1]:.6g}): let it run from the"
+            " left side to the right one, or from the bottom to the top; a closed curve needs blocks around it",
+            field=f"domain.curves.{name}",
+        )
+
+    def _add_curves(self, axis: int, names: Sequence[str]) -> None:
+        """The lines of curves, each with the number that its mean place has without them."""
+        straight, found = [*self.lines[axis]], list[tuple[float, str, tuple[Array, Array]]]()
+        for name in names:
+            t = np.linspace(*self.curves[name].ends, PLACES)
+            places = self.curves[name].evaluate(t)
+            order = np.argsort(places[1 - axis])
+            found.append((float(places[axis].mean()), name, (places[1 - axis][order], t[order])))
+        found.sort()
+        for low, high in pairwise(straight):
+            here = [one for one in found if low.at <= one[0] < high.at]
+            wanted = [low.index + (at - low.at) / (high.at - low.at) * (high.index - low.index) for at, *_ in here]
+            indices = numbered(wanted, low.index, high.index)
+            if indices is None:
+                raise InputError(
+                    f"no line is left for the curve {here[-1][1]}: {REMEDY}", field=f"domain.curves.{here[-1][1]}"
+                )
+            self.lines[axis].extend(
+                CurvedLine(index=index, curve=name, path=self.curves[name], way=1 - axis, known=known)
+                for index, (_, name, known) in zip(indices, here, strict=True)
+            )
+        self.lines[axis].sort(key=lambda line: line.index)
+        along = sorted({place for _, _, (places, _) in found for place in places.tolist()})
         for one, other in pairwise(self.lines[axis]):
-            meeting = [along for along in places if other.place(along) - one.place(along) <= self._near]
+            meeting = [place for place in along if other.place(place) - one.place(place) <= self._near]
             if meeting:
-                names = " and ".join(line.curve or "a straight line" for line in (one, other))
-                raise InputError(f"{names} meet near {'yx'[axis]} = {meeting[0]:.6g}: {REMEDY}", field="domain")
+                names_of = " and ".join(line.curve or "a straight line" for line in (one, other))
+                raise InputError(
+                    f"{names_of} meet near {'yx'[axis]} = {meeting[0]:.6g}: move one", field="domain.curves"
+                )
+
+    def _add_points(self, axis: int, others: Mapping[Point, Line]) -> dict[Point, Line]:
+        """The lines through the points, by these. Points at nearly the same place of the axis may have one line.
+
+        ``others`` are their lines of the other family: two points have two lines in common nowhere.
+        """
+        fixed, through = [*self.lines[axis]], dict[Point, Line]()
+        gaps: dict[int, list[tuple[float, Point]]] = {}
+        for at in self.points:
+            places = [line.place(at[1 - axis]) for line in fixed]
+            on = [
+                line for line, q in zip(fixed, places, strict=True) if line.is_fixed and abs(q - at[axis]) < self._near
+            ]
+            if on:
+                through[at] = on[0]
+                continue
+            k = sum(q < at[axis] for q in places)
+            gaps.setdefault(k, []).append(((at[axis] - places[k - 1]) / (places[k] - places[k - 1]), at))
+        for k, inside in gaps.items():
+            low, high = fixed[k - 1], fixed[k]
+            count = high.index - low.index
+            groups: list[list[tuple[float, Point]]] = []
+            for share, at in sorted(inside):
+                last = groups[-1] if groups else []
+                is_near = bool(last) and (share - last[0][0]) * count < LEAST_GAP
+                if is_near and all(self._may_share(at, other, axis, others) for _, other in last):
+                    last.append((share, at))
+                else:
+                    groups.append([(share, at)])
+            wanted = [low.index + count * float(np.mean([share for share, _ in group])) for group in groups]
+            indices = numbered(wanted, low.index, high.index)
+            if indices is None:
+                at = groups[-1][0][1]
+                raise InputError(
+                    f"no line is left for the point ({at[0]:g}, {at[1]:g}): {REMEDY}", field="domain.points"
+                )
+            for index, group in zip(indices, groups, strict=True):
+                shares = {at[1 - axis]: share for share, at in group}
+                line = LineThroughPoints(index=index, between=(low, high), shares=shares)
+                self.lines[axis].append(line)
+                through |= {at: line for _, at in group}
+        self.lines[axis].sort(key=lambda line: line.index)
+        return through
+
+    @staticmethod
+    def _may_share(one: Point, other: Point, axis: int, others: Mapping[Point, Line]) -> bool:
+        """Whether two points can have one line: at different places along it, and no other line in common."""
+        return one[1 - axis] != other[1 - axis] and (not others or others[one] is not others[other])
 
     def crossing(self, column: Line, row: Line) -> Point:
         """Where two lines cross; a point that is fixed is there exactly."""
@@ -277,6 +326,8 @@ def fixed_rectangle(
     for k, at in enumerate(places):
         if not all(low < q < high for q, (low, high) in zip(at, box, strict=True)):
             raise InputError(f"({at[0]:g}, {at[1]:g}) is not inside the rectangle", field=f"domain.points[{k}]")
+        if at in places[:k]:
+            raise InputError(f"({at[0]:g}, {at[1]:g}) is there twice", field=f"domain.points[{k}]")
     given = {} if curves is None else named(curves, "domain.curves", "a curve")
     of = members({} if layers is None else layers, "domain.layers", SIDES)
     found = Fixed(

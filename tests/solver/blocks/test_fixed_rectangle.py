@@ -106,7 +106,7 @@ def test_edges_of_the_boundary_and_doubled_ones_are_refused() -> None:
 @pytest.mark.parametrize(
     ("given", "field", "sentence"),
     [
-        ({"points": [(0.3, 0.4), (0.3, 0.4)]}, "domain.points", "two points are at"),
+        ({"points": [(0.3, 0.4), (0.3, 0.4)]}, "domain.points[1]", "there twice"),
         ({"points": [(2, 2)]}, "domain.points[0]", "not inside"),
         ({"points": [(0.1 + k / 50, 0.5 + k / 99) for k in range(40)]}, "domain.points", "no line is left"),
         ({"cells": (2, 2), "points": POINTS}, "domain.points", "no line is left"),
@@ -115,8 +115,9 @@ def test_edges_of_the_boundary_and_doubled_ones_are_refused() -> None:
         ({"layers": {"floor": {"first": 0.3}}}, "domain.layers.floor", "floor"),
         ({"layers": {"bottom": {"first": -1}}}, "domain.layers.bottom.first", "positive"),
         ({"curves": {"c": {"circle": {"radius": 0.2}}}}, "domain.curves.c", "from the left side to the right one"),
-        ({"curves": {"a": WAVE, "b": WAVE}}, "domain.curves.b", "a line that is taken"),
-        ({"curves": {"a": WAVE, "b": {"x": "t", "y": "0.3 + 0.4*t"}}}, "domain", "meet near x ="),
+        ({"curves": {"a": WAVE, "b": WAVE}}, "domain.curves", "a and b meet"),
+        ({"cells": (4, 2), "curves": {"a": WAVE, "b": {"x": "t", "y": "0.8"}}}, "domain.curves.b", "no line is left"),
+        ({"curves": {"a": WAVE, "b": {"x": "t", "y": "0.3 + 0.4*t"}}}, "domain.curves", "meet near x ="),
         ({"x": (1, 0)}, "domain.x", "increase"),
         ({"cells": (0, 4)}, "domain.cells[0]", "0"),
     ],
@@ -125,6 +126,14 @@ def test_what_does_not_fit_is_refused(given: dict[str, Any], field: str, sentenc
     with pytest.raises(em.InputError, match=sentence) as caught:
         fixed_rectangle(**({"cells": (16, 16)} | given))
     assert caught.value.field == field
+
+
+def test_points_that_are_near_have_lines_that_do_not_meet() -> None:
+    near = [(0.4, 0.5), (0.401, 0.5), (0.4, 0.501), (0.402, 0.503), (0.9, 0.61)]  # the last next to the wave
+    blocks = em.Blocks.rectangle(cells=(16, 20), points=near, curves={"wave": WAVE})
+    for x, y in near:
+        assert np.hypot(blocks.mesh.x - x, blocks.mesh.y - y).min() < 1e-15
+    assert not blocks.mesh.is_folded
 
 
 def test_documents_have_it_as_a_domain() -> None:
