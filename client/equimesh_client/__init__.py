@@ -49,6 +49,7 @@ from equimesh_client.wire.steps import SequenceStep
 from equimesh_client.wire.stream import Event
 from equimesh_coupling.adaptation import Adaptation, AdaptRound
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
+from equimesh_coupling.goals import Goal, WithAdjoint
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator
 from equimesh_schema import (
     Aim,
@@ -104,6 +105,7 @@ __all__ = [
     "FileOfParts",
     "FixedRectangle",
     "Forbidden",
+    "Goal",
     "Gone",
     "InputProblem",
     "InvalidInput",
@@ -148,6 +150,7 @@ __all__ = [
     "TooLarge",
     "Unauthorized",
     "Upload",
+    "WithAdjoint",
 ]
 __all__ += monitors.__all__
 

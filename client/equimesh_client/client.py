@@ -33,6 +33,7 @@ from equimesh_client.wire.settings import (
 )
 from equimesh_client.wire.transport import Session, Transport, base_url
 from equimesh_coupling.adaptation import Adaptation
+from equimesh_coupling.goals import Goal
 from equimesh_schema import Certificate
 from equimesh_schema.monitors import Norm
 
@@ -169,6 +170,8 @@ class ClientOperations(ABC, Generic[M]):
         rounds: int = 5,
         norm: Norm = "l2",
         degree: int | None = None,
+        goal: Goal | None = None,
+        tolerance: float | None = None,
         observe: Observe | None = None,
         deadline: float = DEADLINE_SECONDS,
     ) -> Adaptation[M]:
@@ -185,6 +188,9 @@ class ClientOperations(ABC, Generic[M]):
         of a field whose space shows it is taken, and 1 for arrays. ``observe`` is called with every round.
         ``deadline`` is that of each mesh, in seconds.
 
+        With a ``goal`` meshes make the error of that functional small, ``solve`` returns :class:`WithAdjoint`, and the
+        loop ends, too, where the estimated error is at most ``tolerance``.
+
         With :class:`AsyncClient` it gets the arrays of the mesh, whose ``to_skfem()`` and other methods need no await,
         and returns its solution or an awaitable of it.
 
@@ -192,7 +198,16 @@ class ClientOperations(ABC, Generic[M]):
         the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the exception. Raises
         :class:`BadArgument` for arguments that cannot be used.
         """
-        loop: AdaptLoop[M] = AdaptLoop(solve=solve, n=n, domain=domain, rounds=rounds, norm=norm, degree=degree)
+        loop: AdaptLoop[M] = AdaptLoop(
+            solve=solve,
+            n=n,
+            domain=domain,
+            rounds=rounds,
+            norm=norm,
+            degree=degree,
+            goal=goal,
+            tolerance=tolerance,
+        )
         settings = self._session.settings
         loop.domain = await self._session.run(flows.stored_domain(domain, settings, Deadline.after(deadline)))
         mesh = await self._generate(loop.first(), deadline, False)

@@ -7,6 +7,7 @@
 from equimesh_coupling.coupled import Coupled
 from equimesh_coupling.elements import element_points
 from equimesh_coupling.errors import BadValues, CouplingError, EquimeshError, MissingLibrary, OldLibrary
+from equimesh_coupling.goals import Goal, WithAdjoint
 from equimesh_coupling.parts import MeshParts
 from equimesh_coupling.precice import PreciceMesh
 from equimesh_coupling.values import CellAverages, ErrorIndicator, cell_values, element_values, node_values
@@ -23,6 +24,8 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "cell_values",
     "CellAverages",
     "ErrorIndicator",
+    "Goal",
+    "WithAdjoint",
     # Errors, drawn as a tree in ``equimesh_coupling/errors.py``
     "EquimeshError",
     "CouplingError",

@@ -49,6 +49,10 @@ class RoundNumbers:
     """The estimated error of the gradient over the norm of the gradient; ``None`` where it is not known."""
     moved_cells: float = 0.0
     """The root mean square of the moves of the nodes from the mesh before, in spacings of the uniform mesh."""
+    has_goal: bool = False
+    """Whether the errors are products of those of u and of an adjoint."""
+    goal_error: float | None = None
+    """The estimated error of a functional; ``None`` without one, and where it is not known."""
 
     @property
     def is_resolved(self) -> bool:
@@ -78,6 +82,8 @@ def compared(history: Sequence[RoundNumbers], norm: str) -> list[float]:
     squared norm of the gradient lacks of the largest one, as for the energy of a Galerkin solution. From
     each norm some squared estimates are taken off first (``DOUBT_FACTORS``), which is all of it for an oscillation from
     node to node. In H1 they are relative to the gradient of the round; in L2 an estimate grows by the same factor.
+    Products for a goal are compared as they are between rounds that resolve the solution: the gradient of the adjoint
+    of a value at a point has no limit.
     """
     seen = [_gradient(one) for one in history]
     shares = [DOUBT_FACTORS[one.is_resolved] * (one.unresolved or 0.0) ** 2 for one in history]
@@ -88,9 +94,12 @@ def compared(history: Sequence[RoundNumbers], norm: str) -> list[float]:
         if one.estimate == 0.0 or not slopes > 0.0:
             found.append(one.estimate)
             continue
-        unseen = most - square
+        unseen = 0.0 if one.has_goal and one.is_resolved else most - square
         whole = math.sqrt(slopes**2 + (unseen if unseen > MIN_UNSEEN * most else 0.0))
-        found.append(whole / math.sqrt(square) if norm == "h1" else one.estimate * whole / slopes)
+        if one.has_goal:
+            found.append(whole)
+        else:
+            found.append(whole / math.sqrt(square) if norm == "h1" else one.estimate * whole / slopes)
     return found
 
 
@@ -99,14 +108,21 @@ def _gradient(one: RoundNumbers) -> float:
     return (one.estimate_h1 / one.unresolved) ** 2 if one.estimate_h1 and one.unresolved else 0.0
 
 
-def judge(history: Sequence[RoundNumbers], rounds: int, norm: str = "l2") -> Verdict:
+def judge(history: Sequence[RoundNumbers], rounds: int, norm: str = "l2", tolerance: float | None = None) -> Verdict:
     """The verdict on the rounds so far, of which the first is that of the first mesh; at most ``rounds`` follow it.
 
     The best round has the smallest of the :func:`compared` estimates, the first of equal ones. The loop ends after two
     rounds in which that did not fall by 15 %, in H1 by 8 %, if the best round resolves the solution, where the mesh
     does not move, and after ``rounds``. The best round resolves the solution where its mesh leaves at most 15 % of the
-    gradient unresolved.
+    gradient unresolved. A round that does, and whose functional has an estimated error of at most ``tolerance``, is the
+    best one, and the last.
     """
+    last = history[-1]
+    if tolerance is not None and last.goal_error is not None and last.is_resolved:
+        error = abs(last.goal_error)
+        if error <= tolerance:
+            reason = f"The estimated error of the functional is {error:.2g}, within the tolerance of {tolerance:.2g}."
+            return Verdict(best=len(history) - 1, is_done=True, reason=reason, resolved=True)
     errors = compared(history, norm)
     best = min(range(len(history)), key=lambda number: errors[number])
     resolved = _is_resolved(history, best)
@@ -150,6 +166,25 @@ def count_of(rounds: int) -> str:
 
 MAX_SHOWN = 12
 """Rounds in the table of a notebook."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalRecord:
+    """The functional of one round."""
+
+    value: float
+    """The functional of the solution on this mesh."""
+    error: float | None
+    """The estimate of what it lacks of the functional of the exact solution, with its sign; ``None``: not known."""
+    bound: float
+    """The sum over the cells of the products of the estimated errors of the gradients of u and z."""
+
+    @property
+    def corrected(self) -> float:
+        """The value with its estimated error added."""
+        return self.value + (self.error or 0.0)
+
+
 M = TypeVar("M")
 """The class of the meshes: of the solver, or of the client."""
 
@@ -178,11 +213,19 @@ class AdaptRound(Generic[M]):
     """The root mean square of the moves of the nodes from the mesh before, in spacings of the uniform mesh."""
     start: str = "given"
     """The candidate that became this mesh, such as ``"lines"``; ``"given"`` for the first mesh."""
+    goal: GoalRecord | None = None
+    """The functional, where a goal is given. ``estimate_h1`` and ``unresolved`` are then geometric means of those of u
+    and z: the first is the root of the sum of their products over the cells.
+    """
+    adjoint: Array | None = None
+    """The adjoint solution at the nodes, where a goal is given."""
 
     def numbers(self) -> dict[str, Any]:
         """The record without the arrays, as plain Python data, ready for JSON."""
         names = ("estimate", "estimate_h1", "unresolved", "moved_cells")
         found = {name: getattr(self, name) for name in names}
+        if self.goal is not None:
+            found |= {name: getattr(self.goal, name) for name in ("value", "error", "corrected", "bound")}
         known = {name: value if value is not None and math.isfinite(value) else None for name, value in found.items()}
         return {"number": self.number, "start": self.start, **known}
 
@@ -222,6 +265,11 @@ class Adaptation(Generic[M]):
         """The estimated L2 error of the best round, or what its error indicator sums up to."""
         return self.rounds[self.best].estimate
 
+    @property
+    def goal(self) -> GoalRecord | None:
+        """The functional on the mesh of the best round, with its estimated error; ``None`` without a goal."""
+        return self.rounds[self.best].goal
+
     def plot(self, axes: Any = None) -> Any:
         """Draw the mesh of the best round on ``axes`` of matplotlib, or on those of pyplot, and return the axes.
 
@@ -235,6 +283,8 @@ class Adaptation(Generic[M]):
             ("best", f"round {self.best}, estimate {self.estimate:.3g}"),
             ("resolved", "yes" if self.resolved else "no: layers may be there that no mesh of this size has met"),
         ]
+        if self.goal is not None:
+            facts.append(("functional", f"{self.goal.value:.8g}, corrected {self.goal.corrected:.8g}"))
         facts += [(f"round {one.number}", f"estimate {one.estimate:.3g}") for one in self.rounds[:MAX_SHOWN]]
         return html_of(self.reason, facts, picture=picture_of_values(self.mesh, self.values))
 
@@ -243,18 +293,23 @@ class Adaptation(Generic[M]):
         return f"<Adaptation: round {self.best} of {len(self.rounds) - 1}, estimate {self.estimate:.2g}, {how}>"
 
 
-def verdict_on(done: Sequence[AdaptRound[M]], rounds: int, norm: str) -> Verdict:
-    """The verdict on the rounds that are done, by the error in ``norm``; at most ``rounds`` follow the first one."""
+def verdict_on(done: Sequence[AdaptRound[M]], rounds: int, norm: str, tolerance: float | None = None) -> Verdict:
+    """The verdict on the rounds that are done, by the error in ``norm``; at most ``rounds`` follow the first one.
+
+    A functional needs no more rounds than its ``tolerance``.
+    """
     numbers = [
         RoundNumbers(
             estimate=one.estimate,
             estimate_h1=one.estimate_h1,
             unresolved=one.unresolved,
             moved_cells=one.moved_cells,
+            has_goal=one.goal is not None,
+            goal_error=None if one.goal is None else one.goal.error,
         )
         for one in done
     ]
-    return judge(numbers, rounds, norm)
+    return judge(numbers, rounds, norm, tolerance)
 
 
 def require_same_kind(done: Sequence[AdaptRound[M]], *, is_indicator: bool) -> None:
@@ -268,9 +323,15 @@ def require_same_kind(done: Sequence[AdaptRound[M]], *, is_indicator: bool) -> N
         raise BadValues(f"this solve returned {now}, and those before it {before}: return one kind in all rounds")
 
 
-def ended(done: Sequence[AdaptRound[M]], rounds: int, norm: str, failure: Exception | None = None) -> Adaptation[M]:
+def ended(
+    done: Sequence[AdaptRound[M]],
+    rounds: int,
+    norm: str,
+    failure: Exception | None = None,
+    tolerance: float | None = None,
+) -> Adaptation[M]:
     """The result of the rounds that are done; ``failure`` is what ended the loop before its time."""
-    verdict = verdict_on(done, rounds, norm)
+    verdict = verdict_on(done, rounds, norm, tolerance)
     reason = verdict.reason
     if failure is not None:
         said = f"{type(failure).__name__}: {failure}".strip(": ")

@@ -110,6 +110,25 @@ class Aim(Answer):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ErrorProducts(Answer):
+    """Integrals of products of the estimated errors of a solution u and of its adjoint z.
+
+    Times the coefficients of an equation they are the error of the functional whose adjoint z is.
+    """
+
+    bound: float
+    """Sum over the cells of the norms of the errors of both gradients."""
+    diffusion: float
+    """Integral of the product of both errors of the gradient."""
+    stream_x: float
+    """Integral of the error of the x-derivative of u times the error of z."""
+    stream_y: float
+    """The same for the y-derivative."""
+    reaction: float
+    """Integral of the product of the errors of u and z."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Estimate(Answer):
     """The estimated error of the values of a solver, from which a round of adapting began, on their own mesh."""
 
@@ -121,6 +140,8 @@ class Estimate(Answer):
     """h1 over the norm of the gradient: the share that the mesh does not resolve."""
     moved_cells: float
     """Root mean square of the moves of the nodes in the round, in spacings of the uniform mesh."""
+    products: ErrorProducts | None = None
+    """What tells the error of a functional, where an adjoint is given. h1 is then the root of its bound."""
 
     def __str__(self) -> str:
         return f"{_short(self.l2)} in L2, {_short(self.h1)} in H1; nodes moved by {_short(self.moved_cells)} cells"

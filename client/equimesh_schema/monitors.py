@@ -20,6 +20,14 @@ NO_DEGREE = (
     "a metric knows no elements: the degree is that of the element whose measured error is made small; leave it out, or"
     " take the kind least_error or auto"
 )
+NO_ADJOINT = (
+    "a metric knows no functional: an adjoint tells whose error the next mesh of a solver makes small; leave it out, or"
+    " take the kind nodal_solution"
+)
+ADJOINT = (
+    "The adjoint solution of a functional at the same nodes, of degree 1, in the form of u. The next mesh then makes "
+    "the error of the functional small. null for the error of u."
+)
 NO_U = {"u": "the norm is that of the error of interpolating u: give u, an expression or samples"}
 Norm: TypeAlias = Literal["l2", "h1"]
 ErrorNorm: TypeAlias = Annotated[
@@ -160,13 +168,14 @@ class NodalSolution(MonitorDocument):
     degree: Annotated[int, LATER, Shown("Degree of the elements", minimum=1, maximum=2)] = 1
     """The degree of the solver's elements: 1, or 2 with values at the middles of edges and cells, too, whose x and y
     are given with them; every second one along xi and along eta is a node of the mesh."""
+    adjoint: Annotated[Function | None, LATER, described(ADJOINT)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class MetricDocument(MonitorDocument):
     """What all monitors have whose metric is equidistributed."""
 
-    REFUSED: ClassVar = {"degree": NO_DEGREE}
+    REFUSED: ClassVar = {"degree": NO_DEGREE, "adjoint": NO_ADJOINT}
 
 
 @dataclass(frozen=True, kw_only=True)

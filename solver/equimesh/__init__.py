@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from equimesh.transfers.transfer import transfer
     from equimesh_coupling.adaptation import Adaptation, AdaptRound
     from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
+    from equimesh_coupling.goals import Goal, WithAdjoint
     from equimesh_coupling.progress_bar import ProgressBar
     from equimesh_coupling.recovery import CellAverages, ErrorIndicator
     from equimesh_schema import Aim, Candidate, Relaxed
@@ -185,6 +186,8 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     # What other solvers return on a mesh
     "CellAverages",
     "ErrorIndicator",
+    "Goal",
+    "WithAdjoint",
     # Meshes and their quality
     "Mesh",
     "MeshData",

@@ -103,6 +103,29 @@ def test_a_solver_that_fails_later_keeps_the_best_mesh(connect: Connect, url: st
     assert found.reason.startswith("Round 2 failed, and the best mesh before it is kept: BadValues")
 
 
+GOAL = em.Goal.point(0.3, 0.4, diffusion=1.0)
+
+
+def with_adjoint(mesh: Any) -> em.WithAdjoint:
+    """A solver whose adjoint is a bump."""
+    return em.WithAdjoint(front(mesh), np.exp(-20.0 * ((mesh.x - 0.3) ** 2 + (mesh.y - 0.4) ** 2)))
+
+
+def test_the_loop_for_a_goal_is_that_of_the_solver(connect: Connect, url: str) -> None:
+    there = connect(url).adapt(with_adjoint, 9, rounds=1, goal=GOAL)
+    here = em.adapt(with_adjoint, 9, rounds=1, goal=GOAL)
+    assert x_of(there.rounds[1].mesh) == pytest.approx(here.rounds[1].mesh.x, abs=1e-12)
+    assert here.rounds[1].moved_cells > 0.05
+    for one, other in zip(there.rounds, here.rounds, strict=True):
+        assert one.numbers() == pytest.approx(other.numbers())
+        assert one.goal is not None
+        assert one.goal.error is not None
+    with pytest.raises(equimesh_client.BadArgument, match="give the goal, too"):
+        connect(url).adapt(front, 9, tolerance=1e-3)
+    with pytest.raises(equimesh_client.BadValues, match="an adjoint needs a goal"):
+        connect(url).adapt(with_adjoint, 9)
+
+
 def test_what_is_refused(connect: Connect, url: str) -> None:
     client = connect(url)
     with pytest.raises(equimesh_client.BadValues, match="one for each cell"):

@@ -8,7 +8,7 @@ from equimesh_schema.sources import functions_of
 
 
 def test_functions_are_found_by_their_types() -> None:
-    assert FUNCTIONS == ("u", "rho", "m11", "m12", "m22")
+    assert FUNCTIONS == ("u", "adjoint", "rho", "m11", "m12", "m22")
     assert functions_of(MONITORS.documents["weight"]) == ("rho", "u")
     needing = {kind for kind, names in REQUIRED_FUNCTIONS.items() if names == ("u",)}
     assert needing == {"auto", "least_error", "nodal_solution", "arc_length", "curvature"}

@@ -92,7 +92,7 @@ def _of_fields(monitor: MonitorDocument, read: Read, u: object) -> Json:
     for name in functions_of(type(monitor)):
         if name == "u":
             found |= _u_json(read, monitor, u)
-        else:
+        elif getattr(monitor, name) is not None:
             found[name] = read(getattr(monitor, name))
     return _settings(monitor, found)
 

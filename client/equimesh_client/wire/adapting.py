@@ -13,12 +13,21 @@ from equimesh_client.records.measures import Array
 from equimesh_client.spec.domains import Domain, has_own_points
 from equimesh_client.spec.request import DEFAULT_POINTS, DEFAULTS, GenerateArguments, MeshOptions
 from equimesh_client.wire.arrays import MeshArrays
-from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
+from equimesh_coupling.adaptation import (
+    Adaptation,
+    AdaptRound,
+    GoalRecord,
+    ended,
+    require_same_kind,
+    verdict_on,
+    wanted_density,
+)
 from equimesh_coupling.elements import element_points
 from equimesh_coupling.errors import BadValues
+from equimesh_coupling.goals import NEEDS_GOAL, Goal, GoalValues, WithAdjoint, check_goal, goal_values
 from equimesh_coupling.recovery import ErrorIndicator, cell_values
 from equimesh_coupling.values import element_values
-from equimesh_schema import Certificate
+from equimesh_schema import Certificate, Estimate
 from equimesh_schema.document import is_whole
 from equimesh_schema.monitors import LeastError, NodalSolution, Norm, Weight
 
@@ -47,6 +56,8 @@ class RoundAnswer:
     is_indicator: bool
     monitor: NodalSolution | Weight | None
     u: object = None
+    dual: GoalValues | None = None
+    """The adjoint and the functional, where there is a goal."""
 
 
 @dataclass(kw_only=True)
@@ -64,6 +75,10 @@ class AdaptLoop(Generic[M]):
     norm: Norm
     degree: int | None = None
     """The degree of the elements, 1 or 2; None: that of the space of a field, 1 for arrays."""
+    goal: Goal | None = None
+    """The functional whose error meshes make small; None for the norm of the error."""
+    tolerance: float | None = None
+    """The estimated error of the functional at which the loop ends."""
     done: list[AdaptRound[M]] = field(default_factory=list)
     moved_cells: float = 0.0
     """How far the nodes of the current mesh have moved."""
@@ -83,11 +98,17 @@ class AdaptLoop(Generic[M]):
             raise BadArgument(f"norm = {self.norm!r}: choose 'l2' or 'h1'")
         if self.degree is not None and not (is_whole(self.degree) and self.degree in (1, 2)):
             raise BadArgument(f"degree = {str(self.degree)[:20]}: give 1 or 2, the degree of your elements")
+        try:
+            check_goal(self.goal, self.tolerance, self.degree)
+        except ValueError as error:
+            raise BadArgument(str(error)) from error
+        if self.goal is not None:
+            self.norm = "h1"  # products of two errors are those of the gradients
 
     @property
     def is_done(self) -> bool:
         """Whether the loop ends."""
-        return verdict_on(self.done, self.rounds, self.norm).is_done
+        return verdict_on(self.done, self.rounds, self.norm, self.tolerance).is_done
 
     def first(self) -> GenerateArguments:
         """The request for the uniform mesh."""
@@ -98,7 +119,12 @@ class AdaptLoop(Generic[M]):
 
         Raises :class:`~equimesh_coupling.errors.BadValues` where it cannot be used.
         """
-        on_blocks = arrays.x.ndim == 1
+        on_blocks, dual = arrays.x.ndim == 1, None
+        if self.goal is not None:
+            dual = goal_values(returned, arrays, self.goal)
+            returned = dual.u
+        elif isinstance(returned, WithAdjoint):
+            raise BadValues(NEEDS_GOAL)
         if on_blocks and isinstance(returned, ErrorIndicator):
             raise BadValues(NO_INDICATOR)
         if not isinstance(returned, ErrorIndicator):
@@ -106,9 +132,15 @@ class AdaptLoop(Generic[M]):
             require_same_kind(self.done, is_indicator=False)
             nodes = element_points(arrays, degree)
             x, y = (q.reshape(values.shape) for q in nodes.T)
-            u: object = {"nodes": nodes, "values": values} if on_blocks else (x, y, values)
-            monitor = NodalSolution(norm=self.norm, degree=degree)
-            return RoundAnswer(arrays=arrays, values=values, is_indicator=False, monitor=monitor, u=u)
+
+            def samples(of: Array) -> object:
+                return {"nodes": nodes, "values": of} if on_blocks else (x, y, of)
+
+            adjoint = None if dual is None else samples(dual.z)
+            monitor = NodalSolution(norm=self.norm, degree=degree, adjoint=adjoint)
+            return RoundAnswer(
+                arrays=arrays, values=values, is_indicator=False, monitor=monitor, u=samples(values), dual=dual
+            )
         indicator = cell_values(returned, arrays)
         require_same_kind(self.done, is_indicator=True)
         density = wanted_density(arrays.x, arrays.y, indicator, self.norm)
@@ -132,6 +164,8 @@ class AdaptLoop(Generic[M]):
                 unresolved=None if known is None else known.unresolved,
                 moved_cells=self.moved_cells,
                 start=self.start,
+                goal=self._functional(answered, known),
+                adjoint=None if answered.dual is None else answered.dual.z,
             )
         )
         if known is not None and certificate is not None:
@@ -139,9 +173,16 @@ class AdaptLoop(Generic[M]):
         elif after is not None:
             self.moved_cells, self.start = _moved_cells(answered.arrays, after), "weight"
 
+    def _functional(self, answered: RoundAnswer, known: Estimate | None) -> GoalRecord | None:
+        if self.goal is None or answered.dual is None:
+            return None
+        if known is None or known.products is None:
+            raise BadArgument("this service knows no adjoint: leave the goal out, or install a newer service")
+        return self.goal.record(answered.dual, known.products)
+
     def ended(self, failure: Exception | None = None) -> Adaptation[M]:
         """The result; ``failure`` is what ended the loop before its time."""
-        return ended(self.done, self.rounds, self.norm, failure)
+        return ended(self.done, self.rounds, self.norm, failure, self.tolerance)
 
     def _request(self, u: object, monitor: LeastError | NodalSolution | Weight) -> GenerateArguments:
         options: MeshOptions = {**DEFAULTS, "monitor": monitor, "domain": self.domain}

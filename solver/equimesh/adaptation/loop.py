@@ -30,6 +30,8 @@ from equimesh.rounds.shape import ShapeSearch, require_budget
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
+from equimesh_coupling.errors import BadValues
+from equimesh_coupling.goals import NEEDS_GOAL, Goal, GoalValues, WithAdjoint, check_goal, goal_values
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_values
 from equimesh_coupling.values import element_values, node_values
 from equimesh_schema.document import is_whole
@@ -93,7 +95,14 @@ class Rounds:
     norm: Norm
     degree: int | None = None
     """The degree of the elements, 1 or 2; ``None``: that of the space of a field, 1 for arrays."""
+    goal: Goal | None = None
+    """The functional whose error meshes make small; ``None`` for the norm of the error."""
     threads: int
+
+    @property
+    def measured_norm(self) -> Norm:
+        """The norm of the error by which meshes are chosen: products of two errors are those of the gradients."""
+        return self.norm if self.goal is None else "h1"
 
     def first(self) -> tuple[Any, float, str]:
         """The uniform mesh, of blocks the initial one."""
@@ -107,16 +116,20 @@ class Rounds:
         """The mesh with arrays of its own."""
         return mesh.moved(mesh.points.copy())
 
-    def known(self, mesh: Mesh, values: Array, degree: int = 1) -> RoundAndNextMesh:
+    def known(self, mesh: Mesh, values: Array, degree: int = 1, dual: GoalValues | None = None) -> RoundAndNextMesh:
         """The record of values at the nodes of elements of a ``degree``, and the way to the next mesh."""
-        known = ErrorEstimate.of(mesh, values, self.domain, self.threads, require_degree(degree))
+        adjoint = None if dual is None else dual.z
+        known = ErrorEstimate.of(mesh, values, self.domain, self.threads, require_degree(degree), adjoint)
 
         def following() -> tuple[Mesh, float, str]:
             grid = None if self.shape is None else self.shape.grid(known, self.norm, self.threads)
-            found = next_mesh(known, self.norm, self.threads, grid)
+            found = next_mesh(known, self.measured_norm, self.threads, grid)
             return on_domain(found.reference, self.domain), found.moved_cells, found.chosen
 
-        return record_of(known, mesh, values), following
+        record = record_of(known, mesh, values)
+        if dual is not None and self.goal is not None and known.products is not None:
+            record = replace(record, goal=self.goal.record(dual, known.products), adjoint=dual.z)
+        return record, following
 
     def averaged(self, mesh: Mesh, values: Array) -> RoundAndNextMesh:
         """As :meth:`known`, of values that were recovered from averages over the cells; on blocks cells stay even."""
@@ -179,6 +192,8 @@ class AdaptArguments(TypedDict, total=False):
     rounds: int
     norm: Norm
     degree: int | None
+    goal: Goal | None
+    tolerance: float | None
     threads: int | None
     observe: Callable[[AdaptRound[Mesh]], None] | None
 
@@ -208,6 +223,8 @@ def adapt(
     rounds: int = 5,
     norm: Norm = "l2",
     degree: int | None = None,
+    goal: Goal | None = None,
+    tolerance: float | None = None,
     threads: int | None = None,
     observe: Callable[[AdaptRound[Any]], None] | None = None,
 ) -> Adaptation[Mesh]:
@@ -227,6 +244,10 @@ def adapt(
     that of the elements, at whose nodes values are: see :func:`~equimesh_coupling.elements.element_shape`. Without it
     that of a field is taken, where its space shows it, and 1 for arrays. ``observe`` is called with every round.
 
+    With a ``goal`` the error is that of a functional: the sum over the cells of the products of the errors of u and of
+    the adjoint z. ``solve`` then returns :class:`~equimesh_coupling.goals.WithAdjoint`. The loop ends, too, where the
+    estimated error of the functional is at most ``tolerance`` on a mesh that resolves u and z.
+
     Raises :class:`~equimesh_coupling.errors.BadValues` where the values of the first solve cannot be used, and what the
     first solve raises. Later the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the
     exception. Raises :class:`~equimesh.errors.InputError` for arguments that cannot be used.
@@ -236,29 +257,32 @@ def adapt(
             if value is not None:
                 raise InputError(f"{name} = {str(value)[:40]!r}: {OWN_POINTS}", field=name)
         _check(solve, rounds, norm, degree)
+        _check_goal(goal, tolerance, degree, points)
         _check_observer(observe)
-        on_blocks = Rounds(domain=domain, norm=norm, degree=degree, threads=thread_count(threads))
-        return _loop(solve, on_blocks, rounds, norm, observe)
+        on_blocks = Rounds(domain=domain, norm=norm, degree=degree, goal=goal, threads=thread_count(threads))
+        return _loop(solve, on_blocks, rounds, tolerance, observe)
     if points is not None and n is not None:
         raise InputError(POINTS_OR_N, field="points")
     shape = None if points is None else ShapeSearch(points=require_budget(points))
     given, threads = None if shape else _grid(n), thread_count(threads)
     _check(solve, rounds, norm, degree)
+    _check_goal(goal, tolerance, degree, points)
     _check_domain(domain)
     _check_observer(observe)
     grid = shape.first(domain) if shape else given
-    by = Rounds(grid=grid, shape=shape, domain=domain, norm=norm, degree=degree, threads=threads)
-    return _loop(solve, by, rounds, norm, observe)
+    by = Rounds(grid=grid, shape=shape, domain=domain, norm=norm, degree=degree, goal=goal, threads=threads)
+    return _loop(solve, by, rounds, tolerance, observe)
 
 
 def _loop(
     solve: Callable[[Any], Any],
     by: Rounds,
     rounds: int,
-    norm: Norm,
+    tolerance: float | None,
     observe: Callable[[AdaptRound[Mesh]], None] | None,
 ) -> Adaptation[Mesh]:
     """The loop itself, for meshes of any kind."""
+    norm = by.measured_norm
     done: list[AdaptRound[Mesh]] = []
     following: NextMeshFunction = by.first
     while True:
@@ -271,16 +295,21 @@ def _loop(
         except Exception as failure:
             if not done:
                 raise
-            return ended(done, rounds, norm, failure)
+            return ended(done, rounds, norm, failure, tolerance)
         done.append(replace(record, number=len(done), moved_cells=moved, start=start))
         if observe is not None:
             observe(done[-1])
-        if verdict_on(done, rounds, norm).is_done:
-            return ended(done, rounds, norm)
+        if verdict_on(done, rounds, norm, tolerance).is_done:
+            return ended(done, rounds, norm, tolerance=tolerance)
 
 
 def _looked_at(returned: Any, mesh: Mesh, by: Rounds) -> RoundAndNextMesh:
     """The record of what a solver returned, and the way to the next mesh."""
+    if by.goal is not None:
+        dual = goal_values(returned, mesh, by.goal)
+        return by.known(mesh, dual.u, dual=dual)
+    if isinstance(returned, WithAdjoint):
+        raise BadValues(NEEDS_GOAL)
     if isinstance(returned, ErrorIndicator):
         return by.indicated(mesh, cell_values(returned, mesh))
     if isinstance(returned, CellAverages):
@@ -311,6 +340,14 @@ def _check(solve: object, rounds: object, norm: object, degree: object) -> None:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
     if degree is not None:
         require_degree(degree)
+
+
+def _check_goal(goal: object, tolerance: object, degree: int | None, points: int | None) -> None:
+    """Refuse a goal that cannot be used."""
+    try:
+        check_goal(goal, tolerance, degree, points)
+    except ValueError as error:
+        raise InputError(str(error), field="goal") from error
 
 
 def _check_domain(domain: object) -> None:

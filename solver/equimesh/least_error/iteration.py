@@ -17,6 +17,7 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
 from equimesh.least_error.block_mesh import BlockNest, BlockStart
 from equimesh.least_error.descent import Descent, StraightLines, descend
+from equimesh.least_error.dual import objective_of
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import Level, Nest, Start, last_compared
 from equimesh.least_error.objective import Evaluation, Objective, Weights
@@ -436,7 +437,7 @@ class LeastErrorSolve:
             weights = replace(weights, obliqueness=self.monitor.obliqueness, largest_cotangent=MODERATE_COTANGENT)
         rule = Rule(norm=norm, cells=kind, points=points, degree=self.monitor.degree)
         chart, start = self.nest.chart(level), self.nest.first_mesh(origin, level)
-        kind_of_error = ProjectedObjective if of_solver else Objective
+        kind_of_error = ProjectedObjective if of_solver else objective_of(self.monitor.u)
         objective = kind_of_error(self.monitor.u, chart, cells, start, weights, rule, self.threads)
         objective.bound_cut_off(self.nest.initial(level), self.nest.finest_cells / cells.count)
         return objective

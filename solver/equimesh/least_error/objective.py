@@ -299,8 +299,8 @@ class Objective:
             return np.full(sum(len(group) for group in groups), math.inf)
         return self._each(groups, lambda span: self._squared_error_of(nodes, NodalValues(*nodal), span))
 
-    def _has_slopes(self, nodes: Nodes, nodal: NodalValues) -> bool:
-        """Whether u is finite at all nodes. Slopes that are infinite at a node become those nearby.
+    def _has_slopes(self, nodes: Nodes, nodal: NodalValues, u: Field | None = None) -> bool:
+        """Whether ``u`` is finite at all nodes. Slopes that are infinite at a node become those nearby.
 
         Such a node is a corner or on a side where u is like the square root of the distance, and cannot leave it.
         """
@@ -313,7 +313,7 @@ class Objective:
                 (1.0 - NEARBY_SHARE) * q[bad] + NEARBY_SHARE * q[self.cells.corners[cells]].mean(axis=1)
                 for q in (nodes.x, nodes.y)
             )
-            _, nodal.u_x[bad], nodal.u_y[bad] = self._u.evaluate(x, y, order=1)
+            _, nodal.u_x[bad], nodal.u_y[bad] = (u or self._u).evaluate(x, y, order=1)
         return True
 
     def _squared_error_of(self, nodes: Nodes, nodal: NodalValues | None, span: tuple[int, int]) -> float:

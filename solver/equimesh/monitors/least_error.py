@@ -23,6 +23,7 @@ from equimesh.meshes.second_order import require_degree as require_value_degree
 from equimesh.monitors.metrics import NORMS, Curvature
 from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
 from equimesh.numerics.types import Array
+from equimesh_coupling.goals import NO_DUAL_DEGREE
 from equimesh_schema.document import is_number, is_whole
 
 CELLS = ("quad", "triangle")
@@ -294,6 +295,8 @@ NOT_NODAL = (
     " values of one shape (n_xi, n_eta)"
 )
 """Why another function is refused."""
+NOT_DUAL = "the adjoint belongs to another mesh than u: give its values at the same nodes, in the same form"
+"""Why an adjoint of another mesh is refused."""
 TWO_KINDS = (
     "the values are on a mesh of a grid and the domain is in blocks, or the other way round: give values on a mesh of"
     " the domain, NodalField for a grid and QuadField for blocks"
@@ -322,6 +325,8 @@ class NodalSolution:
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound, as on blocks."""
     degree: int = 1
     """The degree of the elements at whose nodes the values are, 1 or 2."""
+    adjoint: Field | None = None
+    """The adjoint solution of a functional, whose error is then made small: values at the same nodes, of degree 1."""
     _nodal: NodalField | QuadField | None = field(default=None, init=False, repr=False, compare=False)
     _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
     _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
@@ -333,6 +338,15 @@ class NodalSolution:
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose {NORMS[0]!r} or {NORMS[1]!r}", field="norm")
         require_value_degree(self.degree)
+        if self.adjoint is None:
+            return
+        if self.degree != 1:
+            raise InputError(NO_DUAL_DEGREE, field="degree")
+        nodes = self.nodal.mesh
+        if not isinstance(self.adjoint, NodalField | QuadField) or self.adjoint.mesh.node_shape != nodes.node_shape:
+            raise InputError(NOT_DUAL, field="adjoint")
+        if self.adjoint.mesh.distance(nodes) > 0.0:
+            raise InputError(NOT_DUAL, field="adjoint")
 
     def __eq__(self, other: object) -> bool:
         """Whether another monitor is the same request: equal values at equal nodes, in the same norm."""
@@ -340,14 +354,21 @@ class NodalSolution:
             return NotImplemented
         pairs = zip(self._arrays, other._arrays, strict=True)
         same = (self.norm, self.orthogonality, self.degree) == (other.norm, other.orthogonality, other.degree)
+        same = same and len(self._arrays) == len(other._arrays)
         return same and all(np.array_equal(one, another) for one, another in pairs)
 
     def __hash__(self) -> int:
         return hash((self.norm, self.nodal.values.shape))
 
     @property
-    def _arrays(self) -> tuple[Array, Array, Array]:
-        return self.nodal.mesh.x, self.nodal.mesh.y, self.nodal.values
+    def _arrays(self) -> tuple[Array, ...]:
+        adjoint = () if self.dual is None else (self.dual,)
+        return self.nodal.mesh.x, self.nodal.mesh.y, self.nodal.values, *adjoint
+
+    @property
+    def dual(self) -> Array | None:
+        """The values of the adjoint at the nodes."""
+        return self.adjoint.values if isinstance(self.adjoint, NodalField | QuadField) else None
 
     @property
     def nodal(self) -> NodalField | QuadField:
@@ -421,7 +442,7 @@ class NodalSolution:
         least = LeastError(u=recovered, **settings).on(domain)
         unbound = self
         if self._nodal is not None:
-            unbound = NodalSolution(u=nodal, **settings)
+            unbound = NodalSolution(u=nodal, adjoint=self.adjoint, **settings)
         return bound_copy(unbound, domain, u=recovered, _nodal=nodal, _least_error=least)
 
     def weakened(self, strength: float) -> Monitor:

@@ -13,6 +13,7 @@ from equimesh.fields.expression import Field
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend
+from equimesh.least_error.dual import objective_of
 from equimesh.least_error.iteration import MORE_POINTS, MORE_SLOPE_POINTS, weights_of
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import GridLevel, nested_levels
@@ -182,7 +183,7 @@ class Search:
         is_coarse = level.grid.points <= MAX_VALUE_POINTS and not level.is_finest
         norm = "l2" if is_coarse else self.norm
         points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0) + MORE_POINTS[self.degree]
-        return Objective(
+        return objective_of(self.u)(
             self.u,
             DomainChart(self.domain),
             cells_of_grid(level.grid.shape),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,10 @@ from equimesh.fields.on_domain import recover
 from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.cells import cells_of_grid, cells_of_mesh
 from equimesh.least_error.charts import FREE, CurveChart, DomainChart
+from equimesh.least_error.dual import DualField, objective_of
 from equimesh.least_error.iteration import MORE_POINTS
 from equimesh.least_error.kernels import Norm, Rule
-from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
+from equimesh.least_error.objective import ROUNDING_SHARE, Weights
 from equimesh.least_error.starts import coordinates_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.second_order import ValueDegree, lattice_of, nodes_of_cells, nodes_of_elements
@@ -28,6 +29,8 @@ from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
 from equimesh.quality.elements import basis, nodes_of, quadrilateral
 from equimesh_coupling.display import draw_on, picture
+from equimesh_coupling.goals import NO_DUAL_DEGREE
+from equimesh_schema import ErrorProducts
 from equimesh_schema.notebook import html_of
 
 TWO_KINDS = (
@@ -147,10 +150,10 @@ def measured(u: Field, domain: Domain | Blocks, mesh: Mesh, rule: Rule, threads:
         count, area = points.shape[1], float(mesh.cell_areas().sum())
         curves = CurveChart([], np.full(count, FREE), np.zeros(count), area)
         quads = cells_of_mesh(mesh.cells, curves.free, mesh.ties)
-        return Objective(u, curves, quads, points, weights, rule, threads).error(points)
+        return objective_of(u)(u, curves, quads, points, weights, rule, threads).error(points)
     sides: Any = domain
     uniform = coordinates_of(Mesh.uniform(mesh.grid))
-    objective = Objective(u, DomainChart(sides), cells_of_grid(mesh.grid.shape), uniform, weights, rule, threads)
+    objective = objective_of(u)(u, DomainChart(sides), cells_of_grid(mesh.grid.shape), uniform, weights, rule, threads)
     return objective.error(np.ascontiguousarray(coordinates_of(mesh)))
 
 
@@ -168,7 +171,35 @@ def moved_cells(before: Mesh, after: Mesh) -> float:
     return float(np.sqrt(np.mean(np.sum(moves**2, axis=-1))))
 
 
+# What tells the error of a functional.
+
+PRODUCT_POINTS = 4
+"""Gauss points a direction and cell for products of two errors."""
+
+
+def error_products(one: Recovery, other: Recovery) -> ErrorProducts:
+    """The integrals of products of the errors of ``one`` solution and of its adjoint, without their bound."""
+    mesh = on_domain(one.mesh, one.domain)
+    cells, points = cells_of(mesh), CellPoints.gauss(PRODUCT_POINTS)
+    every = np.arange(cells.count)
+    at, (s, t) = cells.at(points, every), (points.s[:, None], points.t[:, None])
+    errors = []
+    for known in (one, other):
+        c = cells.corner_values(known.values, every)
+        lower, upper = c[0] + s * (c[1] - c[0]), c[3] + s * (c[2] - c[3])
+        along, across = (1.0 - t) * (c[1] - c[0]) + t * (c[2] - c[3]), upper - lower
+        u, u_x, u_y = known.u.evaluate(at.x, at.y, order=1)
+        slopes = (along * at.y_t - across * at.y_s) / at.det, (across * at.x_s - along * at.x_t) / at.det
+        errors.append((u - lower - t * across, u_x - slopes[0], u_y - slopes[1]))
+    (e, e_x, e_y), (z, z_x, z_y) = errors
+    area = points.weights[:, None] * at.det
+    products = (e_x * z_x + e_y * z_y, e_x * z, e_y * z, e * z)
+    diffusion, stream_x, stream_y, reaction = (float((area * part).sum()) for part in products)
+    return ErrorProducts(bound=0.0, diffusion=diffusion, stream_x=stream_x, stream_y=stream_y, reaction=reaction)
+
+
 # The error of the values, and the mesh for the next solve.
+
 
 KEPT = "kept"
 """The name of the mesh before, where no candidate is valid or the values are linear in x and y."""
@@ -186,6 +217,10 @@ class ErrorEstimate:
     """The estimated error of the gradient, in the units of u. A mesh that resolves nothing has a small one."""
     unresolved: float
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
+    is_exact: bool
+    """Whether the estimate is nothing but rounding."""
+    products: ErrorProducts | None = None
+    """What tells the error of a functional, where its adjoint is given."""
 
     @classmethod
     def of(
@@ -195,25 +230,36 @@ class ErrorEstimate:
         domain: Domain | Blocks,
         threads: int = 1,
         degree: ValueDegree = 1,
+        adjoint: npt.ArrayLike | None = None,
     ) -> ErrorEstimate:
         """From ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
 
+        With the values of an ``adjoint`` at the same nodes the error of the gradient is the root of the sum over the
+        cells of the products of both errors, and its norm the root of the product of both norms.
+
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
-        :class:`~equimesh.errors.InputError` for a folded mesh, and one of another domain.
+        :class:`~equimesh.errors.InputError` for a folded mesh, one of another domain, and an adjoint of degree 2.
         """
         recovery = Recovery.of(mesh, values, domain, degree)
-        slopes, size = recovery.estimate("h1", threads), recovery.gradient_norm()
+        estimate, size, products = recovery.estimate("l2", threads), recovery.gradient_norm(), None
+        is_exact = not estimate > recovery.rounding
+        if adjoint is not None:
+            if degree != 1:
+                raise InputError(NO_DUAL_DEGREE, field="degree")
+            dual = Recovery.of(mesh, adjoint, domain)
+            is_exact = is_exact or not dual.estimate("l2", threads) > dual.rounding
+            size = math.sqrt(size * dual.gradient_norm())
+            products = error_products(recovery, dual)
+            recovery = replace(recovery, u=DualField(u=recovery.u, adjoint=dual.u))
+        slopes = recovery.estimate("h1", threads)
         return cls(
             recovery=recovery,
-            estimate=recovery.estimate("l2", threads),
+            estimate=estimate,
             estimate_h1=slopes,
             unresolved=slopes / size if size > 0.0 else 0.0,
+            is_exact=is_exact,
+            products=products and replace(products, bound=slopes**2),
         )
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether the estimate is nothing but rounding."""
-        return not self.estimate > self.recovery.rounding
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -264,6 +310,8 @@ class Round:
     """As :attr:`NextMesh.gain`."""
     moved_cells: float
     """As :attr:`NextMesh.moved_cells`."""
+    products: ErrorProducts | None = None
+    """What tells the error of a functional, where its adjoint is given."""
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the next mesh on ``axes`` of matplotlib, or on those of pyplot, and return the axes."""

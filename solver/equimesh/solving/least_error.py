@@ -212,7 +212,8 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
     if problem.grid is not None:
         monitor.require_grid(problem.grid)
     domain, degree = problem.domain, require_degree(monitor.degree)
-    found = adapt_round(monitor.mesh_on(domain), monitor.nodal.values, domain, monitor.norm, threads, degree=degree)
+    mesh, values = monitor.mesh_on(domain), monitor.nodal.values
+    found = adapt_round(mesh, values, domain, monitor.norm, threads, degree=degree, adjoint=monitor.dual)
     return Solution(
         problem=problem,
         mesh=found.mesh,
@@ -231,6 +232,7 @@ def _estimate(found: Round) -> Estimate:
         h1=found.estimate_h1,
         unresolved=found.unresolved,
         moved_cells=found.moved_cells,
+        products=found.products,
     )
 
 

@@ -34,6 +34,21 @@ def test_equal_requests_are_equal() -> None:
     assert one != "a round"
 
 
+def test_an_adjoint_belongs_to_the_request() -> None:
+    adjoint = em.NodalField(mesh=NODES, values=VALUES**2)
+    one = em.NodalSolution(u=NODAL, adjoint=adjoint)
+    assert one == one.on(em.Rectangle()).on(em.Rectangle(x=(0.0, 1.0), y=(0.0, 1.0)))
+    assert one.dual is not None
+    assert one != em.NodalSolution(u=NODAL)
+    assert one != em.NodalSolution(u=NODAL, adjoint=NODAL)
+    moved = em.Mesh(NODES.x**2, NODES.y)
+    for other in (em.Expression("x"), em.NodalField(mesh=moved, values=VALUES)):
+        with pytest.raises(em.InputError, match="the adjoint belongs to another mesh than u"):
+            em.NodalSolution(u=NODAL, adjoint=other)
+    with pytest.raises(em.InputError, match="on elements of degree 1 alone"):
+        em.NodalSolution(u=NODAL, adjoint=adjoint, degree=2)
+
+
 def test_what_is_refused() -> None:
     with pytest.raises(em.InputError, match="values of a solver at the nodes"):
         em.NodalSolution(u=em.Expression("x"))
