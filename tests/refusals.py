@@ -226,7 +226,7 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
             "/monitor/degree",
             "a metric knows no elements",
         ),
-        "adjoint": (small(monitor={**ARC, "adjoint": X}), "/monitor/adjoint", "a metric knows no functional"),
+        "adjoint": (monitor("curvature", u=X, adjoint=X), "/monitor/adjoint", "a metric knows no functional"),
         "degree inside": (both(ARC, {"u": X, "degree": 2}), "/monitor/monitors/1/degree", "a metric knows no elements"),
         "degree of finite volumes": (
             small(monitor={"u": X, "for": "finite_volume", "degree": 2}),

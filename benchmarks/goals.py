@@ -1,0 +1,204 @@
+"""Adapting to a functional with u unknown: its error, and the estimate of that, on the mesh of every round.
+
+    python benchmarks/goals.py                     all problems: two minutes
+    python benchmarks/goals.py --only point disc
+    python benchmarks/goals.py --own               estimates from recovered u and z, in place of an adjoint of degree 2
+
+*point* and *between* are step-14 of deal.II: -Laplace(u) = 1 on the square from -1 to 1 without that of half its size,
+u = 0, and the value at (0.75, 0.75), a node of the first mesh or the middle of a cell. *disc* and *disc aside* are the
+point discharge of TELEMAC: a stream along a basin with a narrow source, and the integrals over two discs downstream.
+Estimates are residuals of u with an adjoint of degree 2 on the same mesh.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+import skfem
+from skfem.helpers import dot, grad
+
+import equimesh as em
+
+POINT = (0.75, 0.75)
+POINT_VALUE = 0.0334473
+"""To 1e-7: https://www.dealii.org/current/doxygen/deal.II/step_14.html."""
+REFINED = {"unknowns": 3975, "error": 1.6e-5}
+"""Dual weighted refinement there, about as many unknowns."""
+COARSE, MIDDLE = 8, (22, 24)
+FINE = (38, 37)
+"""Cells of the columns and rows of blocks: where z is small, along the hole, and around the point."""
+SOURCE, RADIUS, SPREAD = (2.0, 5.0), 0.05606388, 0.1
+"""The place and the radius of the source, and the diffusion of the discharge."""
+DISCS = {"disc": ((20.0, 5.0), 0.16145), "disc aside": ((20.0, 7.5), 0.06884)}
+"""Centres, and the integrals over the discs of radius 0.5."""
+LOAD_POINTS = 12
+
+
+def ring(fine: int, middle: int) -> em.Blocks:
+    """The square with a hole, in eight blocks; the cells are smallest in the block of the point."""
+    lines, counts = (-1.0, -0.5, 0.5, 1.0), (COARSE, middle, fine)
+    vertices = {f"{i}{j}": [lines[i], lines[j]] for i in range(4) for j in range(4)}
+    places = [(i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)]
+    blocks = [
+        {"corners": [f"{i}{j}", f"{i + 1}{j}", f"{i + 1}{j + 1}", f"{i}{j + 1}"], "cells": [counts[i], counts[j]]}
+        for i, j in places
+    ]
+    return em.Blocks.of({"vertices": vertices, "blocks": blocks})
+
+
+@dataclass(frozen=True)
+class Equation:
+    """``-diffusion Laplace(u) + stream u_x = f``."""
+
+    diffusion: float = 1.0
+    stream: float = 0.0
+    fixed: tuple[str, ...] = ()
+    """Sides with u = 0; all without a name."""
+
+    def source(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """f."""
+        if not self.stream:
+            return np.ones_like(x)
+        return 100.0 * np.exp(-((x - SOURCE[0]) ** 2 + (y - SOURCE[1]) ** 2) / RADIUS**2)
+
+    def assembled(self, basis: skfem.Basis, tau: np.ndarray | float) -> tuple[Any, np.ndarray, np.ndarray]:
+        """Matrix, load and the nodes with given values; with ``tau`` of the cells SUPG."""
+
+        def form(u: Any, v: Any, w: Any) -> Any:
+            along = self.stream * grad(u)[0]
+            return self.diffusion * dot(grad(u), grad(v)) + along * (v + w.tau * self.stream * grad(v)[0])
+
+        def load(v: Any, w: Any) -> Any:
+            return self.source(*w.x) * (v + w.tau * self.stream * grad(v)[0])
+
+        rule = skfem.Basis(basis.mesh, basis.elem, intorder=2 * LOAD_POINTS - 1) if self.stream else basis
+        matrix = skfem.BilinearForm(form).assemble(basis, tau=np.broadcast_to(tau, basis.dx.shape))
+        right = skfem.LinearForm(load).assemble(rule, tau=np.broadcast_to(tau, rule.dx.shape))
+        return matrix, right, basis.get_dofs(list(self.fixed) or None).all()
+
+    def parameter(self, mesh: em.Mesh) -> np.ndarray | float:
+        """The SUPG parameter of each cell, bounded by its thickness."""
+        if not self.stream:
+            return 0.0
+        corners = mesh.points[mesh.cells]
+        a = 0.5 * (corners[:, 1] + corners[:, 2] - corners[:, 0] - corners[:, 3])
+        b = 0.5 * (corners[:, 2] + corners[:, 3] - corners[:, 0] - corners[:, 1])
+        thickness = np.linalg.svd(np.stack([a, b], axis=1), compute_uv=False)[:, -1]
+        length = np.ptp(corners[..., 0], axis=1)
+        peclet = self.stream * length / (2.0 * self.diffusion)
+        tau = length / (2.0 * self.stream) * (1.0 / np.tanh(peclet) - 1.0 / peclet)
+        return np.minimum(tau, thickness**2 / (12.0 * self.diffusion))[:, None]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A functional of the solution of an equation."""
+
+    equation: Equation
+    goal: em.Goal
+    exact: float
+    domain: Any
+    points: tuple[int, int] | None = None
+    """Points of the grid; ``None`` on blocks."""
+
+    def solve(self, mesh: em.Mesh, *, has_error: bool) -> em.WithAdjoint:
+        """Bilinear elements; with an error by an adjoint of degree 2."""
+        equation, of = self.equation, mesh.to_skfem()
+        basis = skfem.Basis(of, skfem.ElementQuad1(), intorder=4)
+        matrix, load, fixed = equation.assembled(basis, equation.parameter(mesh))
+        u = skfem.solve(*skfem.condense(matrix, load, D=fixed))
+        error = self.residual(of, u) if has_error else None
+        return em.WithAdjoint(u, matrix=matrix, fixed=fixed, error=error)
+
+    def residual(self, mesh: Any, u: np.ndarray) -> float:
+        """``f(z) - a(u, z)`` with the adjoint z of degree 2, which is the error of the functional of u."""
+        basis = skfem.Basis(mesh, skfem.ElementQuad2(), intorder=6)
+        matrix, load, fixed = self.equation.assembled(basis, 0.0)
+        embedded = scipy.sparse.lil_matrix((basis.N, mesh.p.shape[1]))
+        for dofs, nodes in (
+            (basis.nodal_dofs, np.arange(mesh.p.shape[1])[None]),
+            (basis.facet_dofs, mesh.facets),
+            (basis.interior_dofs, mesh.t),
+        ):
+            for node in nodes:
+                embedded[dofs[0], node] = 1.0 / len(nodes)
+        embedded = embedded.tocsr()
+        right = self.weights(basis)
+        z = skfem.solve(*skfem.condense(matrix.T.tocsr(), right, D=fixed))
+        return float(z @ (load - matrix @ (embedded @ u)))
+
+    def weights(self, basis: skfem.Basis) -> np.ndarray:
+        """The functional of the shape functions of degree 2."""
+        if self.points is None:
+            found: np.ndarray = np.asarray(basis.probes(np.array(POINT)[:, None]).todense()).ravel()
+            return found
+        centre = next(place for place, value in DISCS.values() if value == self.exact)
+        rule = skfem.Basis(basis.mesh, basis.elem, intorder=2 * LOAD_POINTS - 1)
+        inside = skfem.LinearForm(lambda v, w: (np.hypot(w.x[0] - centre[0], w.x[1] - centre[1]) < 0.5) * v)
+        return np.asarray(inside.assemble(rule))
+
+
+def in_disc(centre: tuple[float, float]) -> Any:
+    """The region of a disc of radius 0.5."""
+    return lambda x, y: np.hypot(x - centre[0], y - centre[1]) < 0.5
+
+
+POISSON = Equation()
+DISCHARGE = Equation(diffusion=SPREAD, stream=1.0, fixed=("left",))
+BASIN = em.Rectangle(x=(0.0, 50.0), y=(0.0, 10.0))
+PROBLEMS = {
+    **{
+        name: Problem(POISSON, em.Goal.point(*POINT, diffusion=1.0), POINT_VALUE, ring(fine, middle))
+        for name, fine, middle in zip(("point", "between"), FINE, MIDDLE, strict=True)
+    },
+    **{
+        name: Problem(
+            DISCHARGE,
+            em.Goal.integral(in_disc(centre), diffusion=SPREAD, stream=(1.0, 0.0)),
+            value,
+            BASIN,
+            (129, 33),
+        )
+        for name, (centre, value) in DISCS.items()
+    },
+}
+
+
+def rows(name: str, rounds: int, *, has_error: bool) -> Iterator[str]:
+    """The rounds of a problem: errors of the value and of the corrected one, and what was estimated over the error."""
+    problem = PROBLEMS[name]
+    arguments: dict[str, Any] = {"domain": problem.domain, "goal": problem.goal, "rounds": rounds}
+    if problem.points is not None:
+        arguments["n"] = problem.points
+    found = em.adapt(lambda mesh: problem.solve(mesh, has_error=has_error), **arguments)
+    for one in found.rounds:
+        if one.goal is None or one.goal.error is None:
+            raise RuntimeError("a round has no functional")
+        error, rest = problem.exact - one.goal.value, problem.exact - one.goal.corrected
+        effectivity = one.goal.error / error
+        mark = "*" if one.number == found.best else " "
+        yield (
+            f"{name}{mark} {one.number}: {len(one.mesh.points)} nodes, error {error:.2e}, corrected {rest:.2e},"
+            f" effectivity {effectivity:.2f}, bound {one.goal.bound:.1e}, unresolved {one.unresolved:.3f}, {one.start}"
+        )
+    yield f"    {found.reason}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), help="these problems")
+    parser.add_argument("--rounds", type=int, default=4, help="rounds, at most")
+    parser.add_argument("--own", action="store_true", help="estimates from recovered u and z")
+    options = parser.parse_args()
+    for name in options.only:
+        for row in rows(name, options.rounds, has_error=not options.own):
+            print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()
