@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from equimesh.solving.status import Event, Initial, Status
     from equimesh.solving.target import Target, solve_to
     from equimesh.specs.short import mesh
+    from equimesh.specs.widget import widget
     from equimesh.transfers.integrals import integral
     from equimesh.transfers.mesh_values import MeshValues
     from equimesh.transfers.transfer import transfer
@@ -103,6 +104,7 @@ def __dir__() -> list[str]:
 __all__ = [  # noqa: RUF022 - grouped by noun
     # From a function to its mesh in one short call
     "mesh",
+    "widget",
     # The problem: a monitor on a grid of a domain
     "Problem",
     "Grid",

@@ -83,7 +83,7 @@ def mesh(
             raise InputError("a domain in blocks has its own numbers of points: leave the grid out", field="grid")
         problem = Problem(monitor=make(u=function, **settings), domain=domain)
     else:
-        problem = Problem(monitor=make(u=function, **settings), grid=_grid(grid), domain=domain)
+        problem = Problem(monitor=make(u=function, **settings), grid=grid_of(grid), domain=domain)
     with ProgressBar(progress, delay=progress_bar.DELAY) as bar:
         return solve(problem, schwarz, observe=bar if bar.shown else None)
 
@@ -117,7 +117,7 @@ def _require_values(formula: Expression, domain: Domain | Blocks) -> None:
         formula.check_finite(PROBED_CELLS + 1, domain)
 
 
-def _grid(given: int | tuple[int, int] | Grid | None) -> Grid:
+def grid_of(given: int | tuple[int, int] | Grid | None) -> Grid:
     """The grid of one number of points a side, of two, or the usual one."""
     if isinstance(given, Grid):
         return given
