@@ -911,7 +911,7 @@ function largestChange(old, line) {
  * Compares meshes of u with the uniform one: a function of a mesh on any grid of the same kind that gives a preview,
  * with nodes, u and the error of both meshes, their norms `l2` and `l2Uniform`, and the `gain`.
  *
- * A mesh with fewer points is interpolated.  Where it is folded on the domain the uniform mesh is shown in its place.
+ * Throws a `FormulaError` where u is not finite.  A mesh with fewer points is interpolated.  Where it is folded on the domain the uniform mesh is shown in its place.
  *
  * @param {object} u of `compile`
  * @param {object} domain of `domainOf`
@@ -921,6 +921,7 @@ export function comparison(u, domain, shape) {
   const plain = uniform(...shape);
   const [uniformX, uniformY] = placesOf(domain, plain);
   const before = errorOf(u, domain, plain, shape);
+  if (!Number.isFinite(before.l2)) throw new FormulaError("u is not finite everywhere on the domain: keep away from its singular points");
   const valuesAt = (x, y) => u.evaluate(x, y)[0].slice();
   const uniformU = valuesAt(uniformX, uniformY);
   const cells = cellsOf(...shape);

@@ -1,5 +1,6 @@
 // From a change of the state to the next drawing: one request at a time, and answers in the order of the changes.
 
+import { createLook } from "./first_look.js";
 import { waitingOf } from "./notice.js";
 import { hasBlocks } from "./sides.js";
 import { START } from "./store.js";
@@ -21,6 +22,8 @@ const MOST_POINTS = 129 * 129;
 const QUICK_SMOOTHING = 0.02;
 // Milliseconds of an answer from which meshes of the same kind get a quick look, too.
 const SLOW = 250;
+// Milliseconds until the page computes a first look itself, at a mesh that the service mostly has sooner.
+const NEAR = 30;
 // Milliseconds without a change until a slow mesh is requested: while typing, no work of the service is wasted.
 const PAUSE = 220;
 // Statuses of a service that does not answer, or whose workers start or are all busy, and milliseconds until the next
@@ -49,6 +52,14 @@ export function createLive(app) {
   let isPaused = false;
   let answers = 0; // so that what an older answer says is not told after a newer one
   const slowKinds = new Set(); // those whose last answer took long
+  const look = createLook(showLook);
+  let looked = null; // the change that the page itself shows first
+  let trouble = ""; // why the service does not answer now
+
+  function showLook(drawing, state) {
+    app.show({ ...drawing, milliseconds: performance.now() - looked.changed, state });
+    if (trouble) app.status(trouble);
+  }
 
   function forgetSlow() {
     clearTimeout(slowTimer);
@@ -60,7 +71,11 @@ export function createLive(app) {
     clearTimeout(againTimer);
     if (!isAnswered(state)) app.emit("stale", true);
     wanted = { state, changed: performance.now() };
+    look.end();
+    looked = null;
     if (isPaused) return;
+    const shape = isAnswered(state) ? null : lookShape(state.spec);
+    if (shape && look.begin(state, shape, isSlowSpec(state.spec, slowKinds) ? 0 : NEAR)) looked = wanted;
     if (flight && (flight.isSlow || performance.now() - flight.began > PATIENCE)) flight.controller.abort();
     if (!flight || flight.controller.signal.aborted) next();
   }
@@ -68,13 +83,15 @@ export function createLive(app) {
   function next() {
     if (!wanted) return;
     const { state, changed } = wanted;
+    const isLooked = wanted === looked;
     wanted = null;
     const quick = quickSpec(state.spec);
     if (!quick || !isSlowSpec(state.spec, slowKinds) || isAnswered(state)) {
       fly(state, state.spec, { changed, isQuick: false });
       return;
     }
-    fly(state, quick, { changed, isQuick: true });
+    if (isLooked) app.emit("busy", true);
+    else fly(state, quick, { changed, isQuick: true });
     slowTimer = setTimeout(() => slow(state, changed), PAUSE);
   }
 
@@ -93,8 +110,9 @@ export function createLive(app) {
       const drawing = await service.preview(spec, { samples, signal: mine.controller.signal });
       if (flight !== mine) return;
       tellAnswered();
+      look.end();
       if (!isQuick) slowKinds[performance.now() - mine.began > SLOW ? "add" : "delete"](kindOf(spec));
-      if (hasMesh(drawing) || !app.drawing) app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
+      if (hasMesh(drawing) || !app.drawing || app.drawing.isLocal) app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
       app.emit("problem", drawing.document.error ?? null);
     } catch (error) {
       if (flight !== mine || error.name === "AbortError") return;
@@ -110,6 +128,7 @@ export function createLive(app) {
       // The requested mesh will tell what is wrong with it; its quick look need not exist.
       if (!isQuick || isFaultOf(error)) {
         if (isQuick) forgetSlow();
+        look.end();
         app.emit("problem", error.problem ?? { title: "The page failed", detail: error.message });
       }
     } finally {
@@ -127,7 +146,8 @@ export function createLive(app) {
   }
 
   async function tellBusy(error) {
-    app.status(`${error.message} The page tries again.`);
+    trouble = `${error.message} The page tries again.`;
+    app.status(trouble);
     const told = (answers += 1);
     const readiness = error.problem.status === GONE ? null : await service.readiness();
     if (told === answers) app.notice("service", waitingOf(error.problem, readiness));
@@ -135,6 +155,7 @@ export function createLive(app) {
 
   function tellAnswered() {
     answers += 1;
+    trouble = "";
     app.notice("service", null);
   }
 
@@ -148,6 +169,7 @@ export function createLive(app) {
     /** While paused, changes request nothing; another panel shows its own drawings. */
     pause(value) {
       isPaused = value;
+      look.end();
       if (!value && wanted) next();
     },
     /** How long the page waits before it requests a slow mesh, in milliseconds. */
@@ -178,6 +200,18 @@ export function isSlowSpec(spec, slowKinds = new Set()) {
   return SLOW_KINDS.has(spec.monitor?.kind) || slowKinds.has(kindOf(spec)) || isLarge || Boolean(spec.target);
 }
 
+/** The points of the first look of the page itself; null where the service says what is wrong with the grid. */
+export function lookShape({ grid = {}, domain }) {
+  if (hasBlocks(domain) || !isGrid(grid)) return null;
+  return fewerPoints(grid);
+}
+
+// At most so many points a side as a quick look has.
+function fewerPoints({ n_xi: n = 64, n_eta: m = 64 }) {
+  const shrink = Math.max(1, n / QUICK_POINTS, m / QUICK_POINTS);
+  return [n, m].map((number) => Math.max(FEWEST_POINTS, Math.round(number / shrink)));
+}
+
 /**
  * The spec of a quick look at a mesh that takes long; null where u is not known, or the mesh is one itself.
  *
@@ -192,12 +226,8 @@ export function quickSpec(spec) {
   if (hasBlocks(domain)) return quickBlocks(monitor, domain);
   if (!isGrid(grid)) return null; // the service says what is wrong with it
   if (monitor.kind === "arc_length" && !schwarz && pointsOf(grid) <= QUICK_POINTS ** 2) return null;
-  const shrink = Math.max(1, (grid.n_xi ?? 64) / QUICK_POINTS, (grid.n_eta ?? 64) / QUICK_POINTS);
-  const points = (number) => Math.max(FEWEST_POINTS, Math.round((number ?? 64) / shrink));
-  const quick = {
-    monitor: { kind: "arc_length", u: monitor.u, smoothing: QUICK_SMOOTHING },
-    grid: { n_xi: points(grid.n_xi), n_eta: points(grid.n_eta) },
-  };
+  const [n_xi, n_eta] = fewerPoints(grid);
+  const quick = { monitor: { kind: "arc_length", u: monitor.u, smoothing: QUICK_SMOOTHING }, grid: { n_xi, n_eta } };
   return domain ? { ...quick, domain } : quick;
 }
 

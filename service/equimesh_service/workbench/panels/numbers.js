@@ -6,6 +6,7 @@ import { amount, duration } from "../words.js";
 
 // The headline of a quick look, and of a mesh that follows a drawing.
 const QUICK = { tone: "", text: "A first look. The mesh with its numbers comes next." };
+const LOCAL = { tone: "", text: "A first look that this page computes itself. The service's mesh with its numbers comes next." };
 const DRAWN = { tone: "", text: "The mesh follows the density that you drew." };
 // The order of sentences: what is wrong, what to know before one uses the mesh, and everything else.
 const RANKS = ["bad", "warning", "good", "note", ""];
@@ -26,7 +27,7 @@ export function create(section, app) {
 
   app.on("problem", (problem) => {
     if (problem && !app.drawing) headline.textContent = "There is no mesh.";
-    else if (problem && app.drawing.isQuick) headline.textContent = "A first look with fewer points.";
+    else if (problem && app.drawing.isQuick) headline.textContent = app.drawing.isLocal ? "A first look that this page computes itself." : "A first look with fewer points.";
   });
   app.on("drawing", (drawing) => {
     const [first, ...others] = sentencesOf(drawing);
@@ -53,9 +54,9 @@ export function create(section, app) {
  * @param {object} drawing
  * @returns {{tone: string, text: string}[]}
  */
-export function sentencesOf({ document: facts, isQuick, state }) {
+export function sentencesOf({ document: facts, isQuick, isLocal, state }) {
   const [first, ...others] = facts.sentences ?? [];
-  if (isQuick) return [QUICK, { tone: "note", text: "This is a quick look. The requested mesh comes after it." }];
+  if (isQuick) return [isLocal ? LOCAL : QUICK, { tone: "note", text: "This is a quick look. The requested mesh comes after it." }];
   if (facts.error) return [{ tone: "bad", text: `${facts.error.title}.` }, ...(facts.sentences ?? [])];
   const rho = state?.spec.monitor?.rho ?? facts.spec?.monitor?.rho;
   if (Density.of(rho)) return [DRAWN, ...others];
@@ -88,10 +89,10 @@ function pointsOf({ blocks, points }, shape) {
   return blocks ? String(points) : `${shape[0]} × ${shape[1]}`;
 }
 
-function statusOf({ arrays, document: facts, isQuick, isStored, milliseconds }) {
+function statusOf({ arrays, document: facts, isQuick, isLocal, isStored, milliseconds }) {
   if (isStored) return "A stored picture of this mesh. The service computes it now.";
   const shape = arrays.x?.shape;
-  const what = isQuick ? "Quick look" : shape ? "Mesh" : "No mesh";
+  const what = isLocal ? "First look of the page" : isQuick ? "Quick look" : shape ? "Mesh" : "No mesh";
   const points = shape ? ` of ${pointsOf(facts, shape)} points` : "";
   return `${what}${points}, ${duration(milliseconds ?? 0)} after the change.`;
 }
