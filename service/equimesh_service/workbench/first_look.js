@@ -3,7 +3,7 @@
 import { arcLength, comparison, compile, domainOf, leastError } from "./browser/kernel.js";
 
 // Milliseconds of work until something is shown, and of each piece of work after it.
-const FIRST = 20;
+const FIRST = 12;
 const PIECE = 10;
 // Kinds that the kernel makes, and settings that its meshes do not follow.
 const METHODS = { auto: leastError, least_error: leastError, arc_length: arcLength };
