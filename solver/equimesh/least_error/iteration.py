@@ -131,6 +131,8 @@ class LeastErrorSolve:
     """The angle of corners, in degrees, below which few of them should be; ``None`` for no aim."""
     obliqueness: float = OBLIQUENESS_WEIGHT
     """The weight of corners near and beyond that angle."""
+    starts: tuple[Any, ...] = ()
+    """The starts, where they are known; none to find them."""
     _objectives: dict[tuple[int, Start, Norm, int], Objective] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
@@ -172,12 +174,20 @@ class LeastErrorSolve:
             yield from self._continue(start)
             return
         if coarse is None:
-            coarse = yield from self._coarse(levels[: last_compared(levels) + 2], None, uniform_only=uniform_only)
+            coarse = yield from self._coarse(levels[: self.last_compared(levels) + 2], None, uniform_only=uniform_only)
         elif coarse.level.is_finest:
             yield coarse.record
         finer = levels[coarse.level.number + 1 :]
         if finer:
             yield from self._climb(coarse.origin, finer, self._lifted(coarse, finer[0]))
+
+    def last_compared(self, levels: Sequence[Level]) -> int:
+        """The number of the finest of the ``levels`` up to which the descents from all starts run."""
+        return last_compared(levels, "interpolation" if self.grid is None else self.monitor.purpose)
+
+    def with_starts(self) -> LeastErrorSolve:
+        """The solve with the starts that it finds, for others of the same u."""
+        return replace(self, starts=tuple(self._starts_of(self.levels[self.last_compared(self.levels)])))
 
     def coarse(self, level: Level) -> Generator[Descent, None, DescentEnd]:
         """The records of the descent to one of the nested meshes; returns its end."""
@@ -214,13 +224,13 @@ class LeastErrorSolve:
         self, levels: Sequence[Level], start: Mesh | None, *, uniform_only: bool
     ) -> Generator[Descent, None, DescentEnd]:
         """The descents from all starts, up to the last of the ``levels`` for the best of them."""
-        last = last_compared(levels)
+        last = self.last_compared(levels)
         coarse, fine = levels[: last + 1], levels[last + 1 :]
         reached = []
         if start is not None:
             reached += yield from self._from_given(coarse[-1], start)
         if not reached:
-            for origin in [self.nest.uniform()] if uniform_only else self._starts_of(coarse[-1]):
+            for origin in [self.nest.uniform()] if uniform_only else self.starts or self._starts_of(coarse[-1]):
                 reached.append((yield from self._climb(origin, coarse)))
         if not fine:
             best = min(reached, key=lambda end: end.record.error)

@@ -29,8 +29,8 @@ GAUSS_POINTS = ((9 * 9, 4), (17 * 17, 3))
 """Gauss points a direction and cell on meshes of at most this many points."""
 GAUSS_POINTS_BEYOND = 2
 """On finer meshes."""
-MAX_COMPARED_POINTS = 17 * 17
-"""Points of the mesh, at most, on which the starts are compared."""
+MAX_COMPARED_POINTS = {"interpolation": 17 * 17, "finite_element": 9 * 9}
+"""Points of the mesh, at most, on which the starts are compared, by the purpose: the error of a solver takes longer."""
 MAX_COARSE_POINTS = 40 * 40
 """Points, at most, of the mesh on which weights and monitors are compared."""
 
@@ -94,9 +94,10 @@ def nested_levels(grid: Grid) -> list[GridLevel]:
     return levels
 
 
-def last_compared(levels: Sequence[Level]) -> int:
+def last_compared(levels: Sequence[Level], purpose: str = "interpolation") -> int:
     """The number of the finest level up to which the descents from all starts run."""
-    return max((level.number for level in levels if level.points <= MAX_COMPARED_POINTS), default=0)
+    most = MAX_COMPARED_POINTS[purpose]
+    return max((level.number for level in levels if level.points <= most), default=0)
 
 
 def coarse_level(levels: Sequence[AnyLevel]) -> AnyLevel:

@@ -11,19 +11,19 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
 
 from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells
-from equimesh.least_error.kernels import NODE_ROWS, SUMS, NodalValues, Nodes, Values, add_own, gather
+from equimesh.least_error.kernels import CELLS_AT_ONCE, SUMS, NodalValues, Nodes, Values
 from equimesh.least_error.objective import Objective
-from equimesh.numerics.compiled import vectorised
+from equimesh.numerics.compiled import inlined, vectorised
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.elements import Element, at_point, determinant, gradient
-from equimesh.quality.ritz import add_system, unknowns
+from equimesh.quality.elements import Element, determinant, gradient
+from equimesh.quality.ritz import unknowns
 
 MAX_CACHED = 16
 """Meshes whose unknowns are kept: the levels of one or two solves."""
@@ -31,6 +31,15 @@ MAX_WORK = 4.5e7
 """Unknowns times the square of the width of their band, at most: a grid of 81 x 81 points has as much."""
 MAX_CELLS = 12_000
 """Cells, at most, of a mesh whose unknowns are put in order."""
+CORNER_ROWS = 7
+"""Rows of each corner in the array of :data:`~equimesh.least_error.kernels.CELLS_AT_ONCE` elements.
+
+They are x, y, the solution, the dual solution, u and its gradient."""
+POINT_ROWS = 4 * CORNER_ROWS
+"""The first row of u and its derivatives at the points."""
+SUM_ROWS = POINT_ROWS + 6
+"""The first row of the sums."""
+Quadruple: TypeAlias = tuple[float, float, float, float]
 
 
 class Unknowns(NamedTuple):
@@ -99,46 +108,125 @@ class ProjectedObjective(Objective):
         at = Values(*(part[split:].reshape(shape) for part in values))
         self._sums.fill(0.0)
         unknowns = unknowns_of(self.cells)
-        square = projected_errors(
-            nodes, elements, element, nodal, at, unknowns.number, unknowns.size, unknowns.width, self._sums
-        )
+        elements, element = of_four_corners(elements, element)
+        places = Places(nodes, elements, nodal, at)
+        square = projected_errors(places, element, unknowns.number, unknowns.size, unknowns.width, self._sums)
         return float(square)
 
 
+def of_four_corners(elements: IntArray, element: Element) -> tuple[IntArray, Element]:
+    """The elements with four corners each: of a triangle the last one is there twice, and counts once."""
+    if elements.shape[1] == 4:
+        return elements, element
+    none = np.zeros((element.weights.size, 1))
+    shape, along_s, along_t = (np.concatenate([part, none], axis=1) for part in element[:3])
+    padded = Element(shape, along_s, along_t, element.weights)
+    return np.concatenate([elements, elements[:, -1:]], axis=1), padded
+
+
+class Places(NamedTuple):
+    """Where u is known: the nodes, the nodes of the elements, u at the nodes, and u at the points of the elements."""
+
+    nodes: Nodes
+    elements: IntArray
+    """The corners ``4 cell + corner`` of each element, shape ``(elements, 4)``."""
+    nodal: NodalValues
+    at: Values
+
+
+@inlined
+def fill_batch(places: Places, first: int, size: int, added: Array, dual: Array, batch: Array) -> None:
+    """Gather what ``size`` elements have at their corners, see :data:`CORNER_ROWS`, and set their sums to 0."""
+    m = CELLS_AT_ONCE
+    for j in range(size):
+        for k in range(4):
+            node, at = places.nodes.corners[places.elements[first + j, k]], CORNER_ROWS * k * m + j
+            batch[at], batch[at + m] = places.nodes.x[node], places.nodes.y[node]
+            batch[at + 2 * m], batch[at + 3 * m] = places.nodal.u[node] + added[node], dual[node]
+            batch[at + 4 * m], batch[at + 5 * m] = places.nodal.u[node], places.nodal.u_x[node]
+            batch[at + 6 * m] = places.nodal.u_y[node]
+    for j in range(SUM_ROWS * m, batch.size):
+        batch[j] = 0.0
+
+
+@inlined
+def at_corners(batch: Array, at: int, factors: Quadruple) -> float:
+    """The sum of the factors times one row of the four corners."""
+    step = CORNER_ROWS * CELLS_AT_ONCE
+    half = factors[0] * batch[at] + factors[1] * batch[at + step]
+    return float(half + factors[2] * batch[at + 2 * step] + factors[3] * batch[at + 3 * step])
+
+
+@inlined
+def moved(batch: Array, j: int, s: Quadruple, t: Quadruple) -> Quadruple:
+    """The derivatives of the map of the j-th element: of x by s and t, and of y."""
+    y = CELLS_AT_ONCE + j
+    return at_corners(batch, j, s), at_corners(batch, j, t), at_corners(batch, y, s), at_corners(batch, y, t)
+
+
+@inlined
+def functions_of(values: Array, q: int) -> Quadruple:
+    """Shape functions of the corners, or their derivatives, at a point."""
+    return values[q, 0], values[q, 1], values[q, 2], values[q, 3]
+
+
 @vectorised
-def assemble(
-    nodes: Nodes,
-    elements: IntArray,
-    element: Element,
-    nodal: NodalValues,
-    at: Values,
-    number: IntArray,
-    matrix: Array,
-    load: Array,
-) -> bool:
+def assemble(places: Places, element: Element, number: IntArray, matrix: Array, load: Array) -> bool:
     """Add the matrix and the load of every element.
 
     Row j of ``matrix``, of shape ``(unknowns, width + 1)``, has the entries of column j from the diagonal downwards.
     False where an element is folded.
     """
-    count = elements.shape[1]
-    corner, parts = np.empty((NODE_ROWS, count)), np.empty((2, count))
-    local, right = np.empty((count, count)), np.empty(count)
-    for c in range(elements.shape[0]):
-        gather(nodes, nodal, elements[c], corner)
-        local[:] = 0.0
-        right[:] = 0.0
-        if not add_system(element, c, corner, (at.u_x, at.u_y), parts, local, right):
+    _, along_s, along_t, weights = element
+    m, folded, none = CELLS_AT_ONCE, 0.0, np.zeros(number.size)
+    batch = np.empty((SUM_ROWS + 14) * m)
+    for first in range(0, places.elements.shape[0], m):
+        size = min(m, places.elements.shape[0] - first)
+        fill_batch(places, first, size, none, none, batch)
+        for q in range(weights.size):
+            s, t, weight = functions_of(along_s, q), functions_of(along_t, q), weights[q]
+            for j in range(size):
+                batch[POINT_ROWS * m + j] = places.at.u_x[q, first + j]
+                batch[(POINT_ROWS + 1) * m + j] = places.at.u_y[q, first + j]
+            for j in range(size):
+                by = moved(batch, j, s, t)
+                det = determinant(by)
+                folded += 1.0 if det <= 0.0 else 0.0
+                share, own = weight / det, SUM_ROWS * m + j
+                v_x, v_y = gradient(at_corners(batch, 2 * m + j, s), at_corners(batch, 2 * m + j, t), by, share)
+                e_x = weight * batch[POINT_ROWS * m + j] - v_x
+                e_y = weight * batch[(POINT_ROWS + 1) * m + j] - v_y
+                a_x, a_y = gradient(s[0], t[0], by, 1.0)
+                b_x, b_y = gradient(s[1], t[1], by, 1.0)
+                c_x, c_y = gradient(s[2], t[2], by, 1.0)
+                d_x, d_y = gradient(s[3], t[3], by, 1.0)
+                batch[own] += share * (a_x * a_x + a_y * a_y)
+                batch[own + m] += share * (b_x * a_x + b_y * a_y)
+                batch[own + 2 * m] += share * (b_x * b_x + b_y * b_y)
+                batch[own + 3 * m] += share * (c_x * a_x + c_y * a_y)
+                batch[own + 4 * m] += share * (c_x * b_x + c_y * b_y)
+                batch[own + 5 * m] += share * (c_x * c_x + c_y * c_y)
+                batch[own + 6 * m] += share * (d_x * a_x + d_y * a_y)
+                batch[own + 7 * m] += share * (d_x * b_x + d_y * b_y)
+                batch[own + 8 * m] += share * (d_x * c_x + d_y * c_y)
+                batch[own + 9 * m] += share * (d_x * d_x + d_y * d_y)
+                batch[own + 10 * m] += e_x * a_x + e_y * a_y
+                batch[own + 11 * m] += e_x * b_x + e_y * b_y
+                batch[own + 12 * m] += e_x * c_x + e_y * c_y
+                batch[own + 13 * m] += e_x * d_x + e_y * d_y
+        if folded > 0.0:
             return False
-        for k in range(count):
-            row = number[nodes.corners[elements[c, k]]]
-            if row < 0:
-                continue
-            load[row] += right[k]
-            for j in range(k + 1):
-                column = number[nodes.corners[elements[c, j]]]
-                if column >= 0:
-                    matrix[min(row, column), abs(row - column)] += local[k, j]
+        for j in range(size):
+            entry = SUM_ROWS * m + j
+            for k in range(4):
+                row = number[places.nodes.corners[places.elements[first + j, k]]]
+                if row >= 0:
+                    load[row] += batch[(SUM_ROWS + 10 + k) * m + j]
+                for i in range(k + 1):
+                    column = number[places.nodes.corners[places.elements[first + j, i]]]
+                    if row >= 0 and column >= 0:
+                        matrix[min(row, column), abs(row - column)] += batch[entry]
+                    entry += m
     return True
 
 
@@ -186,47 +274,34 @@ def spread(number: IntArray, values: Array, out: Array) -> None:
 
 
 @vectorised
-def load_of_errors(
-    nodes: Nodes,
-    elements: IntArray,
-    element: Element,
-    nodal: NodalValues,
-    at: Values,
-    number: IntArray,
-    added: Array,
-    load: Array,
-) -> None:
+def load_of_errors(places: Places, element: Element, number: IntArray, added: Array, load: Array) -> None:
     """Add the integrals of ``2 (u_h - u)`` times the shape function of each unknown."""
-    shape, weights = element.shape, element.weights
-    count = elements.shape[1]
-    corner, right = np.empty((3, count)), np.empty(count)
-    for c in range(elements.shape[0]):
-        for k in range(count):
-            node = nodes.corners[elements[c, k]]
-            corner[0, k], corner[1, k], corner[2, k] = nodes.x[node], nodes.y[node], nodal.u[node] + added[node]
-        right[:] = 0.0
+    shape, along_s, along_t, weights = element
+    m = CELLS_AT_ONCE
+    batch = np.empty((SUM_ROWS + 4) * m)
+    for first in range(0, places.elements.shape[0], m):
+        size = min(m, places.elements.shape[0] - first)
+        fill_batch(places, first, size, added, added, batch)
         for q in range(weights.size):
-            by, _, e = at_point(element, q, count, corner, 2, -at.u[q, c])
-            area = 2.0 * weights[q] * determinant(by) * e
-            for k in range(count):
-                right[k] += area * shape[q, k]
-        for k in range(count):
-            row = number[nodes.corners[elements[c, k]]]
-            if row >= 0:
-                load[row] += right[k]
+            n, s, t = functions_of(shape, q), functions_of(along_s, q), functions_of(along_t, q)
+            for j in range(size):
+                batch[POINT_ROWS * m + j] = places.at.u[q, first + j]
+            for j in range(size):
+                e = at_corners(batch, 2 * m + j, n) - batch[POINT_ROWS * m + j]
+                area, own = 2.0 * weights[q] * determinant(moved(batch, j, s, t)) * e, SUM_ROWS * m + j
+                batch[own] += area * n[0]
+                batch[own + m] += area * n[1]
+                batch[own + 2 * m] += area * n[2]
+                batch[own + 3 * m] += area * n[3]
+        for j in range(size):
+            for k in range(4):
+                row = number[places.nodes.corners[places.elements[first + j, k]]]
+                if row >= 0:
+                    load[row] += batch[(SUM_ROWS + k) * m + j]
 
 
 @vectorised
-def add_errors(
-    nodes: Nodes,
-    elements: IntArray,
-    element: Element,
-    nodal: NodalValues,
-    at: Values,
-    added: Array,
-    dual: Array,
-    sums: Array,
-) -> tuple[float, float]:
+def add_errors(places: Places, element: Element, added: Array, dual: Array, sums: Array) -> tuple[float, float]:
     """The integrals of the squared errors of the projection and of the interpolant; adds to the ``sums`` of the nodes.
 
     With e the error, N a shape function, z the dual solution and H the second derivatives of u, a corner has the share
@@ -235,86 +310,95 @@ def add_errors(
     - (grad e . grad z) grad N``.
     """
     shape, along_s, along_t, weights = element
-    total, plain, count = 0.0, 0.0, elements.shape[1]
-    corner, own = np.empty((7, count)), np.empty((SUMS, count))
-    for c in range(elements.shape[0]):
-        for k in range(count):
-            node = nodes.corners[elements[c, k]]
-            corner[0, k], corner[1, k] = nodes.x[node], nodes.y[node]
-            corner[2, k], corner[3, k], corner[4, k] = nodal.u[node], nodal.u_x[node], nodal.u_y[node]
-            corner[5, k], corner[6, k] = nodal.u[node] + added[node], dual[node]
-        own[:] = 0.0
+    m, total, plain = CELLS_AT_ONCE, 0.0, 0.0
+    batch = np.empty((SUM_ROWS + 4 * SUMS) * m)
+    for first in range(0, places.elements.shape[0], m):
+        size = min(m, places.elements.shape[0] - first)
+        fill_batch(places, first, size, added, dual, batch)
         for q in range(weights.size):
-            x_s, x_t, y_s, y_t, e, i = 0.0, 0.0, 0.0, 0.0, -at.u[q, c], -at.u[q, c]
-            v_s, v_t, z_s, z_t = 0.0, 0.0, 0.0, 0.0
-            for k in range(count):
-                s, t = along_s[q, k], along_t[q, k]
-                x_s += s * corner[0, k]
-                x_t += t * corner[0, k]
-                y_s += s * corner[1, k]
-                y_t += t * corner[1, k]
-                v_s += s * corner[5, k]
-                v_t += t * corner[5, k]
-                z_s += s * corner[6, k]
-                z_t += t * corner[6, k]
-                i += shape[q, k] * corner[2, k]
-                e += shape[q, k] * corner[5, k]
-            by = x_s, x_t, y_s, y_t
-            det = determinant(by)
-            per_det, area = 1.0 / det, weights[q] * det
-            v_x, v_y = gradient(v_s, v_t, by, per_det)
-            z_x, z_y = gradient(z_s, z_t, by, per_det)
-            u_x, u_y = at.u_x[q, c], at.u_y[q, c]
-            e_x, e_y = v_x - u_x, v_y - u_y
-            bent_x = at.u_xx[q, c] * z_x + at.u_xy[q, c] * z_y
-            bent_y = at.u_xy[q, c] * z_x + at.u_yy[q, c] * z_y
-            product, square = e_x * z_x + e_y * z_y, e * e
-            total += area * square
-            plain += area * i * i
-            for k in range(count):
-                part = shape[q, k]
-                n_x, n_y = gradient(along_s[q, k], along_t[q, k], by, per_det)
-                g_x, g_y = corner[3, k], corner[4, k]
-                d_x, d_y = g_x - u_x, g_y - u_y
-                n_z, n_e = n_x * z_x + n_y * z_y, n_x * e_x + n_y * e_y
-                own[0, k] += area * (
-                    2.0 * e * part * d_x + (square - product) * n_x + n_z * (v_x - g_x) + n_e * z_x + part * bent_x
-                )
-                own[1, k] += area * (
-                    2.0 * e * part * d_y + (square - product) * n_y + n_z * (v_y - g_y) + n_e * z_y + part * bent_y
-                )
-                factor = 2.0 * area * part * part
-                own[2, k] += factor * d_x * d_x
-                own[3, k] += factor * d_x * d_y
-                own[4, k] += factor * d_y * d_y
-        add_own(nodes, elements[c], own, sums)
+            n, s, t, weight = functions_of(shape, q), functions_of(along_s, q), functions_of(along_t, q), weights[q]
+            for j in range(size):
+                here = POINT_ROWS * m + j
+                batch[here], batch[here + m] = places.at.u[q, first + j], places.at.u_x[q, first + j]
+                batch[here + 2 * m], batch[here + 3 * m] = places.at.u_y[q, first + j], places.at.u_xx[q, first + j]
+                batch[here + 4 * m], batch[here + 5 * m] = places.at.u_xy[q, first + j], places.at.u_yy[q, first + j]
+            for j in range(size):
+                here = POINT_ROWS * m + j
+                by = moved(batch, j, s, t)
+                e, i = at_corners(batch, 2 * m + j, n) - batch[here], at_corners(batch, 4 * m + j, n) - batch[here]
+                det = determinant(by)
+                per_det, area = 1.0 / det, weight * det
+                v_x, v_y = gradient(at_corners(batch, 2 * m + j, s), at_corners(batch, 2 * m + j, t), by, per_det)
+                z_x, z_y = gradient(at_corners(batch, 3 * m + j, s), at_corners(batch, 3 * m + j, t), by, per_det)
+                u_x, u_y = batch[here + m], batch[here + 2 * m]
+                e_x, e_y = v_x - u_x, v_y - u_y
+                bent_x = batch[here + 3 * m] * z_x + batch[here + 4 * m] * z_y
+                bent_y = batch[here + 4 * m] * z_x + batch[here + 5 * m] * z_y
+                total += area * e * e
+                plain += area * i * i
+                at_point = At(u_x, u_y, v_x, v_y, z_x, z_y, e_x, e_y, bent_x, bent_y, e, area)
+                add_corner(batch, j, 0, n[0], gradient(s[0], t[0], by, per_det), at_point)
+                add_corner(batch, j, 1, n[1], gradient(s[1], t[1], by, per_det), at_point)
+                add_corner(batch, j, 2, n[2], gradient(s[2], t[2], by, per_det), at_point)
+                add_corner(batch, j, 3, n[3], gradient(s[3], t[3], by, per_det), at_point)
+        for j in range(size):
+            for k in range(4):
+                node = places.nodes.corners[places.elements[first + j, k]]
+                for entry in range(SUMS):
+                    sums[node, entry] += batch[(SUM_ROWS + SUMS * k + entry) * m + j]
     return total, plain
 
 
+class At(NamedTuple):
+    """What a point has for all corners: gradients of u, u_h, z and the error, H grad z, the error, and the area."""
+
+    u_x: float
+    u_y: float
+    v_x: float
+    v_y: float
+    z_x: float
+    z_y: float
+    e_x: float
+    e_y: float
+    bent_x: float
+    bent_y: float
+    e: float
+    area: float
+
+
+@inlined
+def add_corner(batch: Array, j: int, k: int, part: float, slope: tuple[float, float], here: At) -> None:
+    """Add what a point has for corner k, of the shape function ``part`` with this ``slope``, see :func:`add_errors`."""
+    m = CELLS_AT_ONCE
+    base, own, (n_x, n_y) = CORNER_ROWS * k * m + j, (SUM_ROWS + SUMS * k) * m + j, slope
+    g_x, g_y = batch[base + 5 * m], batch[base + 6 * m]
+    d_x, d_y = g_x - here.u_x, g_y - here.u_y
+    n_z, n_e = n_x * here.z_x + n_y * here.z_y, n_x * here.e_x + n_y * here.e_y
+    rest = here.e * here.e - here.e_x * here.z_x - here.e_y * here.z_y
+    twice, factor = 2.0 * here.e * part, 2.0 * here.area * part * part
+    batch[own] += here.area * (twice * d_x + rest * n_x + n_z * (here.v_x - g_x) + n_e * here.z_x + part * here.bent_x)
+    batch[own + m] += here.area * (
+        twice * d_y + rest * n_y + n_z * (here.v_y - g_y) + n_e * here.z_y + part * here.bent_y
+    )
+    batch[own + 2 * m] += factor * d_x * d_x
+    batch[own + 3 * m] += factor * d_x * d_y
+    batch[own + 4 * m] += factor * d_y * d_y
+
+
 @vectorised
-def projected_errors(
-    nodes: Nodes,
-    elements: IntArray,
-    element: Element,
-    nodal: NodalValues,
-    at: Values,
-    number: IntArray,
-    count: int,
-    width: int,
-    sums: Array,
-) -> float:
+def projected_errors(places: Places, element: Element, number: IntArray, count: int, width: int, sums: Array) -> float:
     """The integral of the squared error of the projection; adds its derivatives. Negative without a projection."""
     matrix, load = np.zeros((count, width + 1)), np.zeros(count)
     added, dual = np.zeros(number.size), np.zeros(number.size)
-    if not assemble(nodes, elements, element, nodal, at, number, matrix, load) or not factorise(matrix):
+    if not assemble(places, element, number, matrix, load) or not factorise(matrix):
         return -1.0
     substitute(matrix, load)
     spread(number, load, added)
     load[:] = 0.0
-    load_of_errors(nodes, elements, element, nodal, at, number, added, load)
+    load_of_errors(places, element, number, added, load)
     substitute(matrix, load)
     spread(number, load, dual)
-    total, plain = add_errors(nodes, elements, element, nodal, at, added, dual, sums)
+    total, plain = add_errors(places, element, added, dual, sums)
     if plain > 0.0:
         sums[:, 2:] *= total / plain
     return total

@@ -12,7 +12,7 @@ from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
-from equimesh.least_error.nest import Level, coarse_level, last_compared, nested_levels
+from equimesh.least_error.nest import Level, coarse_level, nested_levels
 from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import Auto, LeastError
@@ -36,18 +36,22 @@ SMOOTHING = 0.02
 """Radius of the smoothed curvature candidate, in units of the domain's shorter extent."""
 SOLVER_SETTINGS: Mapping[str, tuple[Mapping[str, Any], ...]] = {
     "l2": (
-        {"purpose": "finite_element", "distortion": 0.5, "smoothness": 0.5},
         {"purpose": "finite_element", "distortion": 2.0, "smoothness": 0.5, "obliqueness": 5.0},
         {"rectilinear": True},
+        {"purpose": "finite_element", "distortion": 0.5, "smoothness": 0.5},
     ),
     "h1": (
-        {"norm": "h1", "distortion": 0.5, "smoothness": 1.0},
         {"norm": "h1", "distortion": 2.0, "smoothness": 0.5, "obliqueness": 5.0},
-        {"purpose": "finite_element", "distortion": 0.5, "smoothness": 0.5},
         {"rectilinear": True},
+        {"norm": "h1", "distortion": 0.5, "smoothness": 1.0},
+        {"purpose": "finite_element", "distortion": 0.5, "smoothness": 0.5},
     ),
 }
-"""The settings of the least-error candidates for finite elements, by the norm of the error that is compared."""
+"""The settings of the least-error candidates for finite elements, by the norm of the error that is compared.
+
+On a grid those without a weight on angles are tried where the others have no good mesh with moderate angles."""
+MUCH_DISTORTION = 1.2
+"""The distortion of a mesh with moderate angles beyond which free ones often gain twice as much."""
 SETTINGS_OF_DEGREE: tuple[Mapping[str, Any], ...] = (
     {"distortion": 0.5, "smoothness": 0.1},
     {"distortion": 2.0, "smoothness": 0.5, "obliqueness": 5.0},
@@ -76,6 +80,8 @@ class CoarseCandidate:
     """Its coarse mesh of the domain."""
     coarse: DescentEnd | None = None
     """The coarse mesh from which a least-error solve continues."""
+    starts: tuple[Any, ...] = ()
+    """The starts of its descents."""
     solver: float = math.nan
     """How many times smaller the error of a solver is than on the uniform mesh; NaN where it is not compared."""
     angle: float = math.nan
@@ -138,13 +144,23 @@ def choose_monitor(
         metrics = []
     least = [] if metrics_only else least_errors(auto, on_blocks=in_blocks(problem))
     parts = _parts(options, [DESCENT_WORK] * len(least) + [1.0] * len(metrics))
-    tried = [coarse.descended(monitor, given, next(parts)) for given, monitor in least]
-    tried += [coarse.equidistributed(kind, given, monitor, next(parts)) for kind, given, monitor in metrics]
-    if auto.compares_solvers:
-        tried = _measured_for_solvers(tried, coarse, auto)
+    measured = _solver_measure(coarse, auto) if auto.compares_solvers else lambda one: one
+    moderate = MODERATE_ANGLE - (0.0 if coarse.level.is_finest else FINER_ANGLE)
+    tried = list[CoarseCandidate]()
+    for given, monitor in least:
+        if coarse.is_shared and not {"obliqueness", "rectilinear"} & {*given} and _is_enough(tried, auto, moderate):
+            break
+        tried.append(measured(coarse.descended(monitor, given, next(parts), tried)))
+    tried += [measured(coarse.equidistributed(kind, given, one, next(parts))) for kind, given, one in metrics]
     tried.sort(key=lambda one: -one.gain(auto))
-    margin = 0.0 if coarse.level.is_finest else FINER_ANGLE
-    return Choice(tried=tuple(tried), chosen=_straightest(tried, auto, MODERATE_ANGLE - margin))
+    return Choice(tried=tuple(tried), chosen=_straightest(tried, auto, moderate))
+
+
+def _is_enough(tried: Sequence[CoarseCandidate], auto: Auto, moderate: float) -> bool:
+    """Whether a candidate with moderate angles has nearly the best gain of a solver, and others would not have more."""
+    best = max(one.gain(auto) for one in tried)
+    good = [one for one in tried if one.angle < moderate and one.gain(auto) >= NEAR_BEST * best > 0.0]
+    return any(one.coarse is not None and one.coarse.record.distortion <= MUCH_DISTORTION for one in good)
 
 
 def _straightest(tried: Sequence[CoarseCandidate], auto: Auto, moderate: float) -> CoarseCandidate:
@@ -225,18 +241,44 @@ class _Coarse:
         nest = self.solve.nest
         return self._placed(nest.mesh(self.level, nest.initial(self.level)))
 
-    def descended(self, asked: LeastError, settings: Mapping[str, Any], options: SolveOptions) -> CoarseCandidate:
-        """The candidate that minimises the error."""
-        monitor = asked.on(self.problem.domain)
-        solve = replace(self.solve, monitor=monitor)
+    @property
+    def is_shared(self) -> bool:
+        """Whether candidates share what one before them has found, beyond its starts: bilinear elements on a grid."""
+        auto: Any = self.problem.monitor
+        return bool(auto.compares_solvers and auto.degree == 1 and not in_blocks(self.problem))
+
+    def descended(
+        self, asked: LeastError, settings: Mapping[str, Any], options: SolveOptions, tried: Sequence[CoarseCandidate]
+    ) -> CoarseCandidate:
+        """The candidate that minimises the error, after those that were ``tried``."""
+        solve = self._sharing(replace(self.solve, monitor=asked.on(self.problem.domain)), tried)
         levels = solve.levels[: self.level.number + 1]
-        reached = end_of(
-            solve.coarse(self.level), options.part(course=DescentProgress(levels, 2, last_compared(levels)))
-        )
-        mesh, errors = self._errors(self._placed(solve.nest.mesh(self.level, reached.mesh)), monitor)
+        course = DescentProgress(levels, len(solve.starts) or 2, solve.last_compared(levels))
+        reached = end_of(solve.coarse(self.level), options.part(course=course))
+        mesh, errors = self._errors(self._placed(solve.nest.mesh(self.level, reached.mesh)), solve.monitor)
         return CoarseCandidate(
-            kind="least_error", settings=settings, monitor=monitor, errors=errors, mesh=mesh, coarse=reached
+            kind="least_error",
+            settings=settings,
+            monitor=solve.monitor,
+            errors=errors,
+            mesh=mesh,
+            coarse=reached,
+            starts=solve.starts,
         )
+
+    def _sharing(self, solve: LeastErrorSolve, tried: Sequence[CoarseCandidate]) -> LeastErrorSolve:
+        """The solve with the starts that a candidate before it has found on the grid for the same norm.
+
+        For a solver straight lines begin with the best straight lines, and others where that candidate began.
+        """
+        if in_blocks(self.problem):
+            return solve
+        before = next((one for one in tried if getattr(one.monitor, "norm", "") == solve.monitor.norm), None)
+        if before is None or before.coarse is None:
+            return solve.with_starts()
+        if not self.is_shared:
+            return replace(solve, starts=before.starts)
+        return replace(solve, starts=before.starts[-1:] if solve.monitor.rectilinear else (before.coarse.origin,))
 
     def equidistributed(
         self, kind: str, settings: Mapping[str, Any], monitor: Monitor, options: SolveOptions
@@ -264,8 +306,8 @@ class _Coarse:
         return mesh, measure_errors(mesh, monitor.u, uniform=self.uniform, degree=degree_of(monitor))
 
 
-def _measured_for_solvers(tried: Sequence[CoarseCandidate], coarse: _Coarse, auto: Auto) -> list[CoarseCandidate]:
-    """The candidates with what a solver gets on the coarse mesh, and with their angles."""
+def _solver_measure(coarse: _Coarse, auto: Auto) -> Callable[[CoarseCandidate], CoarseCandidate]:
+    """A function that adds to a candidate what a solver gets on the coarse mesh, and its angles."""
     closed = closed_of(coarse.problem.domain)
 
     def errors(mesh: Mesh) -> RitzErrors:
@@ -280,7 +322,7 @@ def _measured_for_solvers(tried: Sequence[CoarseCandidate], coarse: _Coarse, aut
         angle = measure_faces(one.mesh, closed).non_orthogonality
         return replace(one, solver=errors(one.mesh).gain(there, auto.norm), angle=angle)
 
-    return [measured(one) for one in tried]
+    return measured
 
 
 # The choice of a mesh for codes with cell-centred unknowns, by the error of such a code on the candidates.

@@ -97,7 +97,7 @@ def _course(
 ) -> DescentProgress:
     """The course of a descent, by its starts and by the levels that are done before."""
     levels = solve.levels
-    compared = last_compared(levels if start is None else levels[:-1])
+    compared = solve.last_compared(levels if start is None else levels[:-1])
     starts = 1 if start is not None or coarse is not None or initial is Initial.UNIFORM else 2
     return DescentProgress(levels[0 if coarse is None else coarse.level.number + 1 :], starts, compared)
 

@@ -21,7 +21,7 @@ from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
-from equimesh.solving.auto import choose_monitor, least_errors, solve_for_finite_volumes, uniform_solution
+from equimesh.solving.auto import Choice, choose_monitor, least_errors, solve_for_finite_volumes, uniform_solution
 from equimesh.solving.least_error import (
     comparison_share,
     is_no_worse,
@@ -305,7 +305,7 @@ class Best:
             problem, options.part(0.0, share), metrics_only=self._has_metrics_only, subdomains=subdomains
         )
         solution, rest = None, options.part(0.0 if share is None else share)
-        while solution is None or not _is_no_worse(solution, auto):
+        while solution is None or not _is_no_worse(solution, auto, found):
             chosen = replace(problem, monitor=found.chosen.monitor)
             solution = self._member(chosen, found.chosen.coarse).solve(chosen, initial, rest)
             rest = options.part(None, doing="another monitor")
@@ -313,7 +313,7 @@ class Best:
             if found.least_error is None:
                 break
             found = found.least_error
-        if auto.compares_solvers and not _is_no_worse(solution, auto):
+        if auto.compares_solvers and not _is_no_worse(solution, auto, found):
             note = NO_BETTER_FOR_SOLVERS.format(problem.initial.compared_with)
             return replace(uniform_solution(problem, auto, note), comparison=found.comparison)
         return solution
@@ -360,10 +360,13 @@ def count_subdomains(problem: Problem[Any], schwarz: Schwarz) -> int:
     return int(schwarz.owner_of_cells(problem.grid).max()) + 1
 
 
-def _is_no_worse(solution: AnySolution, auto: Auto) -> bool:
+def _is_no_worse(solution: AnySolution, auto: Auto, found: Choice) -> bool:
     """Whether the mesh is no worse than the uniform one: for interpolation, and for a solver that it is meant for."""
     if not auto.compares_solvers or not is_no_worse(solution, auto.norm):
         return is_no_worse(solution, auto.norm)
+    compared = found.chosen.mesh
+    if compared is not None and np.array_equal(compared.points, solution.mesh.points):
+        return not found.chosen.solver < 1.0
     gain = solution.solver_gain
     return gain is None or not gain[auto.norm] < 1.0
 

@@ -10,7 +10,7 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes.mesh import Mesh
-from equimesh.quality.ritz import solver_gain
+from equimesh.quality.ritz import RitzErrors, solver_gain
 from equimesh.solving import auto, solve
 from equimesh.solving.solve import METRICS_ONLY
 
@@ -72,15 +72,9 @@ def test_the_candidates_are_told_with_what_a_solver_gets() -> None:
 
 
 def test_where_no_candidate_is_better_for_a_solver_the_mesh_is_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
-    worse = em.Solution.solver_gain.func  # type: ignore[attr-defined]
-
-    def halved(self: em.Solution) -> Any:
-        found = worse(self)
-        return type(found)(l2=0.5 * found.l2 if found.l2 > 1.0 else found.l2, h1=found.h1, points=found.points)
-
-    text = "sin(pi*x)*sin(pi*y)"
+    text, gain = "sin(pi*x)*sin(pi*y)", RitzErrors.gain
     kept = chosen(text, 9)
-    monkeypatch.setattr(em.Solution, "solver_gain", property(halved))
+    monkeypatch.setattr(RitzErrors, "gain", lambda *given: 0.5 * gain(*given))
     solution = chosen(text, 9)
     assert np.array_equal(solution.mesh.x, Mesh.uniform(solution.problem.grid).x)
     assert solve.NO_BETTER_FOR_SOLVERS.format("uniform") in solution.warnings
