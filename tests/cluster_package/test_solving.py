@@ -18,8 +18,11 @@ from distributed import Client
 
 import equimesh as em
 from dask_processes import DaskProcesses
+from equimesh.errors import InputError
 from equimesh.meshes import rows
+from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.numerics.types import Array
+from equimesh.testing.geometries import l_shape, obstacle
 from equimesh_cluster import (
     PARTED_FORMATS,
     ClusterError,
@@ -29,9 +32,11 @@ from equimesh_cluster import (
     read_parts,
     run_parts,
     solve,
+    solve_blocks,
     solving,
 )
 from equimesh_cluster.channel import PLUGIN
+from equimesh_cluster.mesh_part import MeshPart, cut
 from equimesh_cluster.parts.solve import coarse_solution
 from meshes_on_workers import PROBLEM, handle_on
 
@@ -293,3 +298,71 @@ def test_a_folder_that_is_not_there_is_refused(client: Client, tmp_path: Path) -
         handle.write(tmp_path / "nowhere" / "mesh.pvtu")
     with handle_on(client, em.solve(PROBLEM), 16) as handle, pytest.raises(em.InputError, match="pvtu"):
         handle.write(tmp_path / "mesh.doc")
+
+
+FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
+ON_BLOCKS = em.Problem(monitor=em.LeastError(u=FRONT), domain=obstacle(1200))
+
+
+@pytest.mark.parametrize("parts", [1, 2, None])
+def test_the_mesh_does_not_depend_on_the_number_of_workers(client: Client, parts: int | None) -> None:
+    alone, told = em.solve(ON_BLOCKS, em.Schwarz()), list[dict[str, Any]]()
+    found = solve_blocks(ON_BLOCKS, client, parts=parts, observe=told.append)
+    assert np.array_equal(found.mesh.points, alone.mesh.points)
+    assert found.status is em.Status.COMPLETED
+    assert found.interpolation == alone.interpolation
+    assert len(told) == len(found.descent)
+    assert told[-1]["error"] == found.descent[-1]["error"]
+
+
+def test_what_does_not_fit_is_refused_before_the_start(client: Client) -> None:
+    corner = em.Problem(monitor=em.LeastError(u=FRONT), domain=l_shape(300))
+    with pytest.raises(em.InputError, match="parts = 4: every part needs a subdomain, and there are 3"):
+        solve_blocks(corner, client, parts=4)
+    with pytest.raises(em.InputError, match="no block outlet"):
+        solve_blocks(corner, client, em.Schwarz(groups=[["outlet"]]))
+    with pytest.raises(em.InputError, match="no domain in blocks"):
+        solve_blocks(em.Problem(monitor=em.LeastError(u=FRONT), grid=em.Grid(n_xi=9, n_eta=9)), client)  # type: ignore[arg-type]
+
+
+def test_a_cancelled_solve_ends(client: Client) -> None:
+    cancel = threading.Event()
+    cancel.set()
+    with pytest.raises(RunCancelledError):
+        solve_blocks(ON_BLOCKS, client, cancel=cancel)
+
+
+MESH = Mesh.uniform(Grid(n_xi=9, n_eta=5))
+
+
+def test_parts_together_are_the_mesh() -> None:
+    parts = cut(MESH, [2, 3, 7])
+    assert [part.number for part in parts] == [0, 1, 2, 3]
+    assert all(part.count == 4 and part.grid == MESH.grid for part in parts)
+    assert np.array_equal(np.concatenate([part.x[part.own_rows] for part in parts]), MESH.x)
+    assert np.array_equal(np.concatenate([part.y[part.own_rows] for part in parts]), MESH.y)
+    assert sum(part.last - part.first for part in parts) == MESH.grid.n_xi
+    assert [part.is_last for part in parts] == [False, False, False, True]
+
+
+def test_every_cell_belongs_to_one_part() -> None:
+    parts = cut(MESH, [1, 6])
+    assert np.array_equal(np.concatenate([part.first_node + part.cells for part in parts]), MESH.cells)
+    assert [part.cell_rows for part in parts] == [(0, 1), (1, 6), (6, 8)]
+
+
+def test_a_mesh_without_cuts_is_one_part() -> None:
+    (part,) = cut(MESH, [])
+    assert (part.first, part.last, part.is_last) == (0, 9, True)
+    assert part.x.shape == (9, 5)
+
+
+@pytest.mark.parametrize("cuts", [[0], [4, 4], [5, 3], [9], [12]])
+def test_cuts_that_leave_a_part_without_rows_are_refused(cuts: list[int]) -> None:
+    with pytest.raises(InputError, match="are not rows of a grid"):
+        cut(MESH, cuts)
+
+
+def test_a_part_without_the_first_row_of_the_next_one_is_refused() -> None:
+    with pytest.raises(InputError, match=r"need the shape \(4, 5\)"):
+        MeshPart(grid=MESH.grid, number=0, count=2, first=0, last=3, x=MESH.x[:3], y=MESH.y[:3])

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Annotated, Any, ClassVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_type_hints
 
 import pytest
 from pydantic import TypeAdapter, ValidationError
@@ -18,7 +20,10 @@ from equimesh_client.spec.request import monitor_json
 from equimesh_schema import domains, mesh, monitors, schwarz
 from equimesh_schema.document import (
     Document,
+    Either,
     Limits,
+    Pair,
+    Shown,
     Words,
     by_kind,
     described,
@@ -27,6 +32,10 @@ from equimesh_schema.document import (
     required_of,
     types_of,
 )
+from equimesh_schema.monitors import FUNCTIONS, MEMBERS, MONITORS, REQUIRED_FUNCTIONS, LeastError, Weight
+from equimesh_schema.notebook import MAX_WARNINGS, html_of
+from equimesh_schema.settings import choices, setting_of, settings_of
+from equimesh_schema.sources import Function, functions_of
 from equimesh_service.spec.mesh import read_spec
 
 NUMBER = Annotated[float, described("A number.")]
@@ -233,3 +242,90 @@ def test_the_client_sends_the_monitor_that_was_meant(kind: str) -> None:
     }
     made: Any = monitors.MONITORS.documents[kind](**needs.get(kind, {"u": "x*y"}))
     assert build({"monitor": monitor_json(made, read, None)}) == build(DOCUMENTS[kind])
+
+
+def test_functions_are_found_by_their_types() -> None:
+    assert FUNCTIONS == ("u", "adjoint", "rho", "m11", "m12", "m22")
+    assert functions_of(MONITORS.documents["weight"]) == ("rho", "u")
+    needing = {kind for kind, names in REQUIRED_FUNCTIONS.items() if names == ("u",)}
+    assert needing == {"auto", "least_error", "nodal_solution", "arc_length", "curvature"}
+    assert {kind: names for kind, names in REQUIRED_FUNCTIONS.items() if kind not in needing} == {
+        "weight": ("rho",),
+        "tensor": ("m11", "m12", "m22"),
+        "intersection": (),
+    }
+
+
+def test_every_setting_says_what_it_is() -> None:
+    for kind, monitor in MONITORS.documents.items():
+        assert keys_of(monitor)[0] == "kind"
+        assert monitor.USE.endswith(".")
+        told = {*docs_of(monitor), "kind", "u"}
+        assert told >= {*types_of(monitor)}, kind
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thing(Document):
+    kind: Literal["thing"] = "thing"
+    u: Function = None
+    size: Annotated[float, Shown("Its size", minimum=0.0)] = 2.0
+    """How large it is."""
+    count: Annotated[int | Literal["auto"], Either("a number, or 'auto'")] = "auto"
+    word: Annotated[str, Words("first_one", "other")] = "other"
+    bound: float | None = None
+    is_on: bool = True
+    ends: Pair = (0.0, 1.0)
+    inner: Document | None = None
+    names: list[str] = field(default_factory=list)
+
+
+def test_a_setting_is_a_number_a_flag_or_a_word() -> None:
+    found = {one.key: one for one in settings_of(Thing)}
+    assert list(found) == ["size", "count", "word", "bound", "is_on"]
+    assert [one.plain for one in found.values()] == [float, int, None, float, bool]
+    assert [one.takes_null for one in found.values()] == [False, False, False, True, False]
+    assert found["count"].words == ("auto",)
+    assert setting_of(Thing, "u") is setting_of(Thing, "ends") is setting_of(Thing, "inner") is None
+
+
+def test_a_setting_as_it_is_published() -> None:
+    size, _, word, bound, _ = (one.to_json() for one in settings_of(Thing))
+    assert size == {
+        "name": "size",
+        "type": "number",
+        "default": 2.0,
+        "help": "How large it is.",
+        "words": [],
+        "title": "Its size",
+        "minimum": 0.0,
+    }
+    assert word["words"] == [{"name": "first_one", "title": "first one"}, {"name": "other", "title": "other"}]
+    assert (bound["title"], bound["words"]) == ("Bound", [{"name": None, "title": "none"}])
+
+
+def test_all_kinds_are_published_with_their_settings() -> None:
+    found: Any = json.loads(json.dumps(choices()))
+    kinds = {one["name"]: one for one in found["monitors"]}
+    assert kinds["weight"]["functions"] == ["rho", "u"]
+    assert [kind for kind, one in kinds.items() if one["member"]] == [*MEMBERS.documents]
+    for document in (LeastError, Weight):
+        shown = [one["name"] for one in kinds[document.kind]["settings"]]
+        assert shown == [one.key for one in settings_of(document)]
+    assert {one["name"] for one in found["transmissions"]} >= {"optimized", "classical"}
+
+
+def test_words_are_escaped_and_warnings_are_few() -> None:
+    page = html_of("a < b", [("u", "<script>")], [f"warning {k}" for k in range(MAX_WARNINGS + 2)], b"PNG", 'a "mesh"')
+    assert "a &lt; b" in page
+    assert "<script>" not in page
+    assert "warning 2" in page
+    assert "warning 3" not in page
+    assert "2 more warnings are in the certificate." in page
+    assert 'alt="a &quot;mesh&quot;"' in page
+
+
+def test_no_colour_is_set_so_that_it_is_read_in_light_and_dark() -> None:
+    page = html_of("title", [("a", "1"), ("a", "2")])
+    assert not re.search(r"colou?r|background", page)
+    assert "<img" not in page
+    assert page.count("<tr>") == 2

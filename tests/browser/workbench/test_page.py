@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
+
+from browser.workbench.panels import panel, spec_of
 
 pytestmark = pytest.mark.needs("chromium")
 SMALL = "/#u=tanh(20*(x-y))&n=17&monitor=arc_length"
@@ -100,3 +102,94 @@ def test_the_short_address_of_old_links_works(visit: Callable[..., Page]) -> Non
 def test_an_address_that_cannot_be_read_opens_the_page(visit: Callable[..., Page]) -> None:
     page = visit('/#spec={"monitor&view=7&sliders=[]')
     page.wait_for_selector("#stage[data-quick]")
+
+
+PANELS = ("gallery", "monitor", "domain", "grid", "schwarz", "copy", "downloads", "key")
+PHONE = {"width": 390, "height": 844}
+FULL = {
+    "monitor": {
+        "kind": "intersection",
+        "monitors": [
+            {"kind": "curvature", "u": {"expression": "tanh(k*(x-y))", "parameters": {"k": 9}}},
+            {"kind": "tensor", "m11": {"expression": "2"}, "m12": {"expression": "0"}, "m22": {"expression": "1"}},
+        ],
+    },
+    "domain": {
+        "kind": "quadrilateral",
+        "bottom": {"x": "3*t", "y": "h*sin(pi*t)**8", "parameters": {"h": 0.15}},
+        "right": {"points": [[3, 0], [3, 1]]},
+        "top": {"points": [[0, 1], [1.5, 1.1], [3, 1]]},
+        "left": {"points": [[0, 0], [0, 1]]},
+    },
+    "grid": {"n_xi": 17, "n_eta": 9},
+    "schwarz": {"transmission": {"kind": "linear_robin", "p": 2}},
+}
+
+
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.everything)])
+def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(scheme: str, visit: Callable[..., Page]) -> None:
+    page = visit(f"/#spec={quote(json.dumps(FULL))}", color_scheme=scheme, viewport=PHONE)
+    page.complaints.expected = ["status of 409"]  # type: ignore[attr-defined]  # a preview that took too long
+    expect(page.locator(".gallery button")).to_have_count(14)
+    for name in PANELS:
+        panel(page, name)
+    assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    found = Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+
+
+def test_the_panels_are_used_by_keys_alone(page: Page) -> None:
+    summary = page.locator("#panel-grid summary").first
+    summary.focus()
+    page.keyboard.press("Enter")
+    for _ in range(2):  # the kind of the grid, and the first button
+        page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    assert spec_of(page)["grid"] == {"n_xi": 33, "n_eta": 33}
+
+
+def test_a_problem_of_the_gallery_is_chosen_and_marked(page: Page) -> None:
+    box = panel(page, "gallery")
+    buttons = box.locator(".gallery button")
+    expect(buttons).to_have_count(14)
+    page.wait_for_function(
+        """() => [...document.querySelectorAll('.gallery canvas')].every((one) =>
+          one.getContext('2d').getImageData(0, 0, one.width, one.height).data.some((value) => value > 0))"""
+    )
+    for name, sliders in (("bump", 2), ("moving-front", 2)):
+        button = box.locator(f"[data-name={name}]")
+        button.click()
+        expect(button).to_have_attribute("aria-pressed", "true")
+        expect(box.get_by_text(button.get_attribute("title") or "")).to_be_visible()
+        assert page.locator("#panel-function input[type=range]").count() == sliders - (name == "bump")
+    assert spec_of(page)["monitor"]["u"]["t"] == 0.3
+    panel(page, "monitor").get_by_label("Error to make small").select_option("h1")
+    expect(box.locator("[data-name=moving-front]")).to_have_attribute("aria-pressed", "true")
+
+
+def test_a_key_is_sent_with_requests_and_kept_by_the_tab_alone(page: Page) -> None:
+    expect(page.locator("#status")).to_contain_text("17")
+    box = panel(page, "key")
+    box.get_by_label("API key").fill(" emk_of_mine ")
+    with page.expect_request("**/v1/previews*") as found:
+        page.keyboard.press("Enter")
+    assert found.value.headers["authorization"] == "Bearer emk_of_mine"
+    assert page.evaluate("sessionStorage.getItem('equimesh-key')") == "emk_of_mine"
+    assert page.evaluate("localStorage.length") == 0
+    assert "emk_of_mine" not in page.url
+    with page.expect_request("**/v1/previews*") as found:
+        box.get_by_role("button", name="Forget it").click()
+    assert "authorization" not in found.value.headers
+    assert page.evaluate("sessionStorage.getItem('equimesh-key')") is None
+
+
+def test_a_service_that_wants_a_key_opens_the_field(page: Page) -> None:
+    expect(page.locator("#status")).to_contain_text("17")
+    page.complaints.expected = ["status of 401"]  # type: ignore[attr-defined]
+    problem = '{"title": "unauthorized", "detail": "API key required.", "status": 401}'
+    page.route("**/v1/previews*", lambda route: route.fulfill(status=401, body=problem))
+    details = page.locator("#panel-key details")
+    assert details.get_attribute("open") is None
+    page.locator("#panel-function textarea").fill("x*y")
+    expect(details).to_have_attribute("open", "")
+    expect(details.get_by_text("API key required.")).to_be_visible()

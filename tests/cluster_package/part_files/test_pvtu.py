@@ -1,21 +1,29 @@
-"""Unstructured grids in parts: their bytes, cells by the nodes of their part, numbers in the whole mesh, the sides."""
+"""Each format of meshes in parts: its bytes, its cells, and its numbers in the whole mesh."""
 
 from __future__ import annotations
 
 import mmap
 import pickle
+import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
+import dask.array as da
+import h5py
 import numpy as np
 import pytest
+import zarr
 
-from cluster_package.part_files.parted import ARRAYS, CUTS, DATA, parts_of, written
-from equimesh.errors import SamplesError
+from cluster_package.part_files.parted import ARRAYS, CUTS, DATA, N_ETA, N_XI, data_of, parts_of, subdomains, written
+from equimesh.errors import InputError, SamplesError
 from equimesh.io.reading.vtk import VtkXml
 from equimesh.io.write import node_groups
+from equimesh_cluster import write_head, write_part
+from equimesh_cluster.part_files import zarr_parts
 from equimesh_cluster.part_files.pvtu import Piece, Pieces, RawArray, described, head_text, vtk_type, write_raw
+from equimesh_cluster.part_files.vtkhdf import FlatDatasets, Source, add_virtual, create
+from equimesh_cluster.part_files.zarr_parts import CHUNK_ROWS, Chunks, unfinished
 
 A, B = np.arange(6.0), np.array([[1, 2, 3]], dtype=np.int32)
 
@@ -105,6 +113,104 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 
 def test_rows_are_read_by_a_copy_in_another_process(tmp_path: Path) -> None:
     rows = Pieces.of(written(tmp_path, "pvtu", CUTS[1]))
+    copy = pickle.loads(pickle.dumps(rows))
+    np.testing.assert_array_equal(copy.rows("y", 40, 42), ARRAYS["y"][40:42])
+    assert copy.parted.cuts == CUTS[1]
+
+
+@pytest.mark.parametrize("cuts", CUTS, ids=str)
+def test_h5py_reads_one_grid(tmp_path: Path, cuts: tuple[int, ...]) -> None:
+    with h5py.File(written(tmp_path, "vtkhdf", cuts)) as file:
+        root = file["VTKHDF"]
+        assert (root.attrs["Type"], root.attrs["Version"].tolist()) == (b"UnstructuredGrid", [1, 0])
+        grid = DATA.mesh.grid
+        counts = [root[f"NumberOf{name}"][:].tolist() for name in ("Points", "Cells", "ConnectivityIds")]
+        assert counts == [[grid.points], [grid.cells], [4 * grid.cells]]
+        np.testing.assert_array_equal(root["Points"][:, :2], DATA.mesh.points)
+        assert not root["Points"][:, 2].any()
+        np.testing.assert_array_equal(root["Connectivity"][:].reshape(-1, 4), DATA.mesh.cells)
+        np.testing.assert_array_equal(root["Offsets"][:], 4 * np.arange(grid.cells + 1))
+        assert np.all(root["Types"][:] == 9)
+        for name in ("u", "v"):
+            np.testing.assert_array_equal(root[f"PointData/{name}"][:], ARRAYS[name].ravel())
+        np.testing.assert_array_equal(root["PointData/node_groups"][:], node_groups(DATA))
+        np.testing.assert_array_equal(root["CellData/Q_eq"][:], ARRAYS["Q_eq"].ravel())
+        np.testing.assert_array_equal(root["CellData/subdomain"][:], subdomains(cuts).ravel())
+
+
+def test_rows_of_several_files_are_one_dataset(tmp_path: Path) -> None:
+    for number, rows in enumerate((2, 3)):
+        with create(tmp_path / f"{number}.h5") as file:
+            file["a/u"] = np.full((rows, 4), float(number))
+    sources = [Source(file="0.h5", first=0, last=2), Source(file="1.h5", first=2, last=5)]
+    with create(tmp_path / "head.h5") as file:
+        add_virtual(file, "a/u", (5, 4), np.float64, sources)
+    with h5py.File(tmp_path / "head.h5") as file:
+        assert file["a/u"].is_virtual
+        np.testing.assert_array_equal(file["a/u"][:, 1], [0, 0, 1, 1, 1])
+    (tmp_path / "0.h5").unlink()
+    with h5py.File(tmp_path / "head.h5") as file:
+        np.testing.assert_array_equal(file["a/u"][:, 1], [np.nan, np.nan, 1, 1, 1])
+
+
+def test_old_libraries_can_read_the_files(tmp_path: Path) -> None:
+    with create(tmp_path / "a.h5") as file:
+        assert file.libver == ("v110", "v110")
+
+
+def test_rows_of_vtkhdf_are_read_by_a_copy_in_another_process(tmp_path: Path) -> None:
+    rows = FlatDatasets.of(written(tmp_path, "vtkhdf", CUTS[1]))
+    copy = pickle.loads(pickle.dumps(rows))
+    np.testing.assert_array_equal(copy.rows("y", 40, 42), ARRAYS["y"][40:42])
+    assert copy.parted.cuts == CUTS[1]
+
+
+@pytest.mark.parametrize("cuts", [*CUTS, (32, 64), (1, 2, 3, 31, 33, 95, 96)], ids=str)
+def test_zarr_reads_one_group(tmp_path: Path, cuts: tuple[int, ...]) -> None:
+    """Parts end where chunks end, inside of them, and several within one chunk."""
+    head = written(tmp_path, "zarr", cuts)
+    group = zarr.open_group(head, mode="r")
+    for name, values in {**ARRAYS, "subdomain": subdomains(cuts)}.items():
+        np.testing.assert_array_equal(group[name][:], values)
+        in_cells = name in ("Q_eq", "subdomain")
+        assert group[name].metadata.dimension_names == (("xi_cell", "eta_cell") if in_cells else ("xi", "eta"))
+    np.testing.assert_array_equal(group["xi"][:], np.linspace(0, 1, N_XI))
+    np.testing.assert_array_equal(group["eta"][:], np.linspace(0, 1, N_ETA))
+    assert group.attrs["sides"] == {"left": {"xi": 0}, "right": {"xi": -1}, "bottom": {"eta": 0}, "top": {"eta": -1}}
+    np.testing.assert_array_equal(da.from_zarr(head, component="u").compute(), ARRAYS["u"])
+    assert [*tmp_path.iterdir()] == [head]
+    assert "seams" not in {path.name for path in head.iterdir()}
+
+
+def test_parts_leave_only_rows_of_chunks_that_they_share(tmp_path: Path) -> None:
+    head = tmp_path / "mesh.zarr"
+    for part in parts_of(CUTS[2]):
+        write_part(head, part, data_of(part))
+    with np.load(unfinished(head) / "seams" / "part-0002.npz") as file:  # of the rows 33 to 65
+        assert {name: len(file[name]) for name in file.files if name.startswith("x ")} == {
+            "x 1": 2 * CHUNK_ROWS - 33,
+            "x 2": 66 - 2 * CHUNK_ROWS,
+        }
+
+
+def test_parts_of_another_mesh_are_refused(tmp_path: Path) -> None:
+    head, cuts = tmp_path / "mesh.zarr", CUTS[1]
+    for part in parts_of(cuts):
+        write_part(head, part, data_of(part))
+    with pytest.raises(InputError, match="have other arrays"):
+        write_head(head, grid=DATA.mesh.grid, cuts=cuts, nodes=("u",), cells=("Q_eq",))
+    with pytest.raises(InputError, match=r"part 1 below .* has other rows"):
+        write_head(head, grid=DATA.mesh.grid, cuts=(33, 50), nodes=("u", "v"), cells=("Q_eq",))
+
+
+def test_a_missing_zarr_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(InputError, match=r"zarr is not installed: pip install 'equimesh\[dask\]'"):
+        zarr_parts.write_part(tmp_path / "mesh.zarr", parts_of(())[0], data_of(parts_of(())[0]))
+
+
+def test_rows_of_zarr_are_read_by_a_copy_in_another_process(tmp_path: Path) -> None:
+    rows = Chunks.of(written(tmp_path, "zarr", CUTS[1]))
     copy = pickle.loads(pickle.dumps(rows))
     np.testing.assert_array_equal(copy.rows("y", 40, 42), ARRAYS["y"][40:42])
     assert copy.parted.cuts == CUTS[1]

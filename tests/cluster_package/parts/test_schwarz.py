@@ -1,4 +1,4 @@
-"""A Schwarz iteration in parts: the mesh of one process, its records, and what happens after a loss."""
+"""Schwarz iterations and least error in parts: the mesh of one process, its records, and what happens after a loss."""
 
 from __future__ import annotations
 
@@ -11,11 +11,22 @@ import pytest
 
 import equimesh as em
 from cases import problem
+from equimesh.least_error.cells import Region, cells_of_grid, regions_of
+from equimesh.least_error.charts import DomainChart
+from equimesh.least_error.descent import Descent
+from equimesh.least_error.iteration import LeastErrorSolve
+from equimesh.least_error.kernels import Rule
+from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.restricted import RestrictedDescent
+from equimesh.least_error.subdomains import Subdomains
+from equimesh.numerics.types import Array
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.solving.status import Event
 from equimesh.testing.geometries import obstacle
 from equimesh_cluster.messages import Channel, ThreadChannels
-from equimesh_cluster.parts.checkpoints import Checkpoints
+from equimesh_cluster.parts.checkpoints import Checkpoints, keep, resumed
+from equimesh_cluster.parts.holding import OnChannel
+from equimesh_cluster.parts.least_error import PartDescent, PartSubdomains, holders
 from equimesh_cluster.parts.schwarz import (
     BlocksResult,
     SchwarzPart,
@@ -24,6 +35,7 @@ from equimesh_cluster.parts.schwarz import (
     plain,
     solve_part_of_blocks,
 )
+from solver.bent import objective_on, uniform
 from solver.schwarz.bent import bent
 
 SECTOR = em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0))
@@ -223,3 +235,145 @@ def test_an_error_of_the_leader_ends_the_parts_that_follow() -> None:
 
     with pytest.raises(RuntimeError, match="tired"):
         ThreadChannels(2).run(work)
+
+
+STRIPS = em.Decomposition(grid=em.Grid(n_xi=20, n_eta=6), subdomains=(5, 1), overlap=2)
+
+
+def mesh(iteration: int) -> em.Mesh:
+    uniform = em.Mesh.uniform(STRIPS.grid)
+    return em.Mesh(uniform.x + iteration, uniform.y - iteration)
+
+
+def kept_by(parts: int, iterations: int) -> list[Checkpoints]:
+    def work(channel: Channel) -> Checkpoints:
+        holding, kept = OnChannel(channel, STRIPS), Checkpoints()
+        for iteration in range(1, iterations + 1):
+            keep(holding, kept, iteration, holding.cut(mesh(iteration)))
+        return kept
+
+    return ThreadChannels(parts).run(work)
+
+
+def found(kept: list[Checkpoints], most: int = 99) -> int | None:
+    """The iteration that is found; every part gets its windows of it."""
+
+    def work(channel: Channel) -> int | None:
+        holding = OnChannel(channel, STRIPS)
+        here = resumed(holding, kept[channel.number], most)
+        if here is None:
+            return None
+        expected = holding.cut(mesh(here[0]))
+        assert np.array_equal(here[1].x, expected.x)
+        assert np.array_equal(here[1].y, expected.y)
+        return here[0]
+
+    results = ThreadChannels(len(kept)).run(work)
+    assert len(set(results)) == 1
+    return results[0]
+
+
+def test_two_iterates_are_kept_here_and_at_the_partner() -> None:
+    kept = kept_by(4, 3)
+    assert {iteration for iteration, _ in kept[0].known} == {2, 3}
+    assert {k for _, k in kept[0].known} == {0, 1, 3}, "its own two, and the one of the part two further"
+
+
+def test_any_part_may_be_lost() -> None:
+    for lost in range(4):
+        kept = [one for number, one in enumerate(kept_by(4, 3)) if number != lost]
+        assert found(kept) == 3
+        assert found(kept, most=2) == 2
+        assert found(kept, most=1) is None
+
+
+def test_partners_that_are_both_lost_take_their_windows_with_them() -> None:
+    kept = kept_by(4, 3)
+    assert found([kept[0], kept[1]]) == 3
+    assert found([kept[0], kept[2]]) is None
+    assert found([Checkpoints(), Checkpoints()]) is None
+
+
+def test_an_iterate_that_not_all_have_kept_is_left_for_the_one_before() -> None:
+    kept = kept_by(2, 3)
+    kept[0].put(4, 0, [np.zeros((2, 2)), np.zeros((2, 2))])
+    assert found(kept) == 3
+
+
+GRID = em.Grid(n_xi=25, n_eta=21)
+DESCENT = em.Schwarz(overlap=3, local_steps=4, max_exchanges=2)
+BLOCKS = obstacle(1500)
+
+
+def regions(closed: tuple[bool, bool] = (False, False)) -> tuple[Region, ...]:
+    i, j = np.arange(GRID.n_xi - 1) * 3 // GRID.n_xi, np.arange(GRID.n_eta - 1) * 2 // GRID.n_eta
+    return regions_of(cells_of_grid(GRID.shape, closed), (i[:, None] * 2 + j).ravel(), 4)
+
+
+def objective(is_closed: bool) -> Objective:
+    if not is_closed:
+        return objective_on(GRID)
+    weights, cells = Weights(distortion=0.06, smoothness=0.1), cells_of_grid(GRID.shape, (True, False))
+    wave = em.Expression("tanh(10*(y - 0.5 - 0.2*sin(2*pi*x)))")
+    return Objective(wave, DomainChart(em.Rectangle()), cells, uniform(GRID), weights, Rule())
+
+
+@pytest.mark.parametrize("parts", [2, 3, 6])
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_the_mesh_does_not_depend_on_parts(parts: int, is_closed: bool) -> None:
+    shared = regions((is_closed, False))
+
+    def mesh_of(descent: RestrictedDescent) -> Array:
+        return descent.whole(list(descent.descend(uniform(GRID), 2, 4, 0.0))[-1][0])
+
+    def work(channel: Channel) -> Array:
+        return mesh_of(PartDescent(objective(is_closed), shared, 1, channel))
+
+    one = mesh_of(RestrictedDescent(objective(is_closed), shared))
+    for other in ThreadChannels(parts).run(work):
+        assert np.array_equal(other, one)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 4, 6, 7])
+def test_parts_hold_consecutive_regions_of_about_as_many_cells(parts: int) -> None:
+    found = holders(regions(), parts)
+    assert found == sorted(found)
+    assert set(found) == set(range(min(parts, 6)))
+
+
+# One part that leads, and others that follow.
+
+
+def solve_on(channel: Channel | None, smoothness: float = 1.0) -> LeastErrorSolve:
+    subdomains = Subdomains(settings=DESCENT) if channel is None else PartSubdomains(settings=DESCENT, channel=channel)
+    monitor = em.LeastError(u=FRONT, smoothness=smoothness).on(BLOCKS)
+    return LeastErrorSolve(monitor=monitor, domain=BLOCKS, subdomains=subdomains)
+
+
+def points_of(records: list[Descent]) -> Array:
+    mesh = records[-1].mesh
+    assert isinstance(mesh, em.Mesh)
+    return mesh.points
+
+
+@pytest.mark.parametrize("parts", [2, 3])
+def test_parts_that_follow_share_the_work_and_the_mesh_stays_the_same(parts: int) -> None:
+    alone = list(solve_on(None, 0.5).steps())
+
+    def work(channel: Channel) -> list[Descent] | int:
+        if channel.number == 0:
+            records = list(solve_on(channel, 0.5).steps())
+            PartSubdomains(settings=DESCENT, channel=channel).dismiss()
+            return records
+        followed = 0
+        for weights, start, first in PartSubdomains(settings=DESCENT, channel=channel).orders():
+            assert weights[:2] == [em.LeastError.distortion, 0.5]
+            solve_on(channel).with_weights(weights).follow(start, first)
+            followed += 1
+        return followed
+
+    records, *followed = ThreadChannels(parts).run(work)
+    assert isinstance(records, list)
+    assert np.array_equal(points_of(records), points_of(alone))
+    assert [record.error for record in records] == [record.error for record in alone]
+    assert followed == [1] * (parts - 1)

@@ -1,15 +1,21 @@
-"""What may be requested of a mesh in parts, and which meshes are computed so."""
+"""What may be requested of a mesh in parts, its formats, and when two requests are equal."""
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NoReturn
 
 import pytest
 
 from equimesh_schema.monitors import MONITORS
 from equimesh_service import Settings
+from equimesh_service.admission import admit, tasks
 from equimesh_service.admission.admit import NO_PARTS, assign_parts
+from equimesh_service.admission.formats import check_format, check_head, check_part, check_whole, known_format
+from equimesh_service.assembly.samples import convert_mesh
+from equimesh_service.errors import TimeLimitError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.spec.mesh import read_spec
 
@@ -104,3 +110,58 @@ def test_meshes_in_other_parts_are_other_meshes() -> None:
     assert len(digests) == 4
     plain = read_spec({"monitor": CURVATURE})
     assert plain.points_digest == read_spec(documents[0]).points_digest
+
+
+WHOLE, PARTED = {"parts": None, "cells": "quad"}, {"parts": "auto", "cells": "quad"}
+
+
+def test_formats_that_fit() -> None:
+    check_format("vtu", WHOLE)
+    check_format("pvtu", PARTED)
+    check_part("npz")
+    assert [known_format(name) for name in ("vtu", "pvtu", "npz")] == ["vtu", "pvtu", "npz"]
+
+
+def test_formats_that_do_not() -> None:
+    with pytest.raises(Problem, match="A pvtu file is the head of a mesh in parts, and this mesh is whole"):
+        check_format("pvtu", WHOLE)
+    with pytest.raises(Problem, match=r"A mesh in parts is no npz file\. Request one of pvtu, vtkhdf"):
+        check_format("npz", PARTED)
+    with pytest.raises(Problem, match="A vts file holds no triangles"):
+        check_format("vts", {**WHOLE, "cells": "triangle"})
+    with pytest.raises(
+        Problem,
+        match=r"holds cells of order 1\. Request one of vtu, hdf, msh, abaqus, hohqmesh, re2, specfem, or order=1",
+    ):
+        check_whole("su2", "quad", order=2)
+    with pytest.raises(Problem, match=r"in parts hold cells of order 1\. Request order=1"):
+        check_head("pvtu", order=2)
+    with pytest.raises(Problem, match=r"'vtu' is not a format of parts; .*did you mean 'pvtu'"):
+        check_part("vtu")
+    with pytest.raises(Problem, match=r"'xyz' is not a mesh format; there are vtu, .*pvtu"):
+        known_format("xyz")
+    for suffix, name in (("inp", "abaqus"), ("MESH", "medit")):
+        with pytest.raises(Problem, match=f"did you mean '{name}'"):
+            known_format(suffix)
+
+
+def test_a_retry_may_meet_a_newer_release(monkeypatch: pytest.MonkeyPatch) -> None:
+    admitted = tasks.AdmittedSpec({"label": None, "cells": "quad"}, {}, "digest")
+    request, points = admitted.fingerprint("vtu"), admitted.points_fingerprint
+    monkeypatch.setattr(tasks, "_VERSION", "next")
+    assert admitted.fingerprint("vtu") == request
+    assert admitted.points_fingerprint != points  # its points may be other ones
+
+
+@pytest.mark.parametrize(
+    ("function", "remedy"), [(convert_mesh, "send a mesh with fewer cells"), (print, "send fewer samples")]
+)
+def test_what_takes_too_long_has_a_remedy_for_what_was_sent(function: Any, remedy: str) -> None:
+    class SlowWorkers:
+        def submit(self, *_arguments: Any, **_limits: Any) -> NoReturn:
+            raise TimeLimitError("the time limit was reached")
+
+    admission: Any = SimpleNamespace(side_workers=SlowWorkers(), while_waiting=lambda _: nullcontext())
+    with pytest.raises(Problem) as caught:
+        admit.ServiceAdmission.work(admission, "/domain/file", function)
+    assert remedy in str(caught.value.detail)

@@ -1,19 +1,24 @@
-"""Worker processes keep the contract of the engine port."""
+"""Worker processes keep the contract of the engine port, with calls and outcomes as bytes."""
 
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from equimesh_service import Settings
+from equimesh_service.engine import port
+from equimesh_service.engine.port import PackedCall, Preparation, open_outcome, pack_error, pack_outcome
 from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import MemoryLimitError
 from equimesh_service.service import PRELOAD
 from service.conftest import until
-from service.engine.check_engine import allocate, check_engine, expect_closed
+from service.engine.check_engine import add, allocate, check_engine, expect_closed, fail
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
@@ -108,3 +113,43 @@ def test_a_worker_that_has_reached_its_limit_of_memory_is_replaced() -> None:
         assert engine.submit(os.getpid).result(300.0) != first
     finally:
         engine.close()
+
+
+class Unsendable(Exception):
+    """An exception that can be pickled and not be unpickled."""
+
+    def __init__(self, first: str, second: str) -> None:
+        super().__init__(first + second)
+
+
+def unsendable() -> None:
+    raise Unsendable("a", "b")
+
+
+def out_of_memory() -> None:
+    raise MemoryError
+
+
+def test_results_and_exceptions_come_back() -> None:
+    assert open_outcome(pack_outcome(PackedCall.of(add, 2, 3))) == 5
+    with pytest.raises(ValueError, match="bad"):
+        open_outcome(pack_outcome(PackedCall.of(fail, "bad")))
+    with pytest.raises(RuntimeError, match="Unsendable: ab"):
+        open_outcome(pack_outcome(PackedCall.of(unsendable)))
+    with pytest.raises(RuntimeError, match="closed"):
+        open_outcome(pack_error(RuntimeError("closed")))
+
+
+def test_a_lack_of_memory_is_left_to_the_process() -> None:
+    with pytest.raises(MemoryError):
+        pack_outcome(PackedCall.of(out_of_memory))
+
+
+def test_a_worker_gets_the_log_and_the_tracer_of_the_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[Any] = []
+    monkeypatch.setattr(port.logs, "configure", lambda *given: done.append(given))
+    monkeypatch.setattr(port, "open_tracer", lambda *given: given)
+    monkeypatch.setattr(port.tracing, "use", done.append)
+    settings = Settings(log_level="error", log_format="json", trace_endpoint="http://traces:4318")
+    pickle.loads(pickle.dumps(Preparation.of(settings)))()
+    assert done == [("error", "json"), ("http://traces:4318", "worker")]

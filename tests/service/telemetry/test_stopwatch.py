@@ -1,13 +1,15 @@
-"""The parts of a request: their sum is the time between the first and the last of them."""
+"""Durations of steps, and the context of a log."""
 
 from __future__ import annotations
 
+import re
 from contextvars import copy_context
 from types import SimpleNamespace
 
 import pytest
 
 from equimesh_service.telemetry import stopwatch
+from equimesh_service.telemetry.log_context import LogContext, choose_request_id, current, enter
 
 
 def test_parts_follow_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,3 +42,22 @@ def test_the_current_stopwatch_is_that_of_the_task() -> None:
     mine.run(stopwatch.lap, "check")
     mine.run(stopwatch.include, {"solve": 0.5})
     assert [*watch.laps] == ["check", "solve"]
+
+
+def test_ids_of_clients_are_taken_when_they_are_sane() -> None:
+    for good in ("a", "Run_7.b:c-d", "x" * 64):
+        assert choose_request_id(good) == good
+    for bad in (None, "", "x" * 65, "a b", "a\n", "ä", 'a"b'):
+        assert re.fullmatch("[0-9a-f]{24}", choose_request_id(bad))
+    assert choose_request_id(None) != choose_request_id(None)
+
+
+def test_a_context_lasts_as_long_as_its_with() -> None:
+    outer, inner = LogContext(request_id="r-1"), LogContext(request_id="r-2", mesh_id="m-1")
+    with enter(outer):
+        with enter(inner):
+            assert current() is inner
+        assert current() is outer
+        outer.key_id = "k-1"  # known later than the request
+        assert current().to_fields() == {"request_id": "r-1", "key_id": "k-1"}
+    assert current().to_fields() == {}

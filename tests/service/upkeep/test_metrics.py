@@ -21,12 +21,16 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families 
 from prometheus_client.parser import text_string_to_metric_families as read_text
 from starlette.responses import Response
 
-from equimesh_service import Settings
+from equimesh_cli import main
+from equimesh_service import Settings, running
 from equimesh_service.admission.callers import ANYONE
 from equimesh_service.admission.intake import Intake
 from equimesh_service.api.app import create_app
 from equimesh_service.api.middleware import Observation
+from equimesh_service.errors import ExposedError
 from equimesh_service.store.rows import STATUSES, Ending, QueueCounts
+from equimesh_service.store.store import Store
+from equimesh_service.upkeep.exposure import check_exposure, is_loopback
 from equimesh_service.upkeep.metrics import Metrics, Snapshot
 from service.conftest import SLOW, small, until
 from service.processes import children
@@ -320,3 +324,29 @@ def test_the_alerts_of_the_document_are_the_rules() -> None:
     told = {query for where, query in queries() if where == "docs/how-to/observe.md"}
     assert told <= rules
     assert all('up{job="equimesh"}' in rule for rule in rules - told)  # whether Prometheus finds the services at all
+
+
+@pytest.mark.parametrize(
+    ("host", "inside"),
+    [("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("::", False),
+     ("10.0.0.7", False), ("", False), ("service.example", False), ("localhost.example", False)],
+)  # fmt: skip
+def test_which_addresses_only_this_machine_reaches(host: str, inside: bool) -> None:
+    assert is_loopback(host) is inside
+
+
+def test_others_are_not_served_without_a_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    public = ["serve", "--host", "0.0.0.0", "--port", "0", "--data-dir", str(tmp_path)]
+    assert main(public) == 2
+    told = capsys.readouterr().err
+    assert f"`equimesh keys create --name NAME --scope write --data-dir {tmp_path}`" in told
+    assert "--allow-anonymous true" in told
+    settings = Settings(data_dir=tmp_path, host="0.0.0.0")
+    with pytest.raises(ExposedError), running(settings):
+        pass
+    check_exposure(settings.model_copy(update={"allow_anonymous": True}))
+    store = Store(settings.database)
+    row, _ = store.keys.create("only", ["admin"])
+    store.keys.revoke(row.id)  # it closed the service, and its end does not open it
+    store.close()
+    check_exposure(settings)

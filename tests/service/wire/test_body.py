@@ -1,8 +1,12 @@
-"""Bodies that are refused: not JSON, too large, of a wrong type, or broken multipart."""
+"""Bodies of requests as they are read, and of answers as they are sent."""
 
 from __future__ import annotations
 
 import asyncio
+import hashlib
+import os
+import re
+import sys
 import tracemalloc
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
@@ -12,10 +16,20 @@ from typing import Any
 
 import httpx
 import pytest
+from starlette.applications import Starlette
 from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
 
+from equimesh_service.files.folder import FolderFiles
+from equimesh_service.files.port import Files, StoredFile
+from equimesh_service.files.s3 import S3Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.wire.body import MEMORY_BYTES, BodyPlace, BodyRoom, is_quick, read_body
+from equimesh_service.wire.sending import Span, parse_ranges, send_file
+from service.files.check_files import keep
+from service.s3_server import S3Server
+from service.storages import CONTENT
 
 MALFORMED: dict[str, bytes] = {
     "nothing": b"",
@@ -172,3 +186,184 @@ def test_only_what_takes_milliseconds_is_taken_apart_on_the_event_loop() -> None
     assert is_quick("multipart/form-data; boundary=x", lines[:60_000])
     assert not is_quick("multipart/form-data; boundary=x", lines)
     assert not is_quick("application/x-npz", b"no zip")
+
+
+def answered(files: Files, file: StoredFile, *requests: dict[str, str], method: str = "GET") -> list[httpx.Response]:
+    """The answers to requests for a file with these headers."""
+
+    async def route(request: Request) -> Response:
+        try:
+            return await send_file(request, files, file, "model/mesh", filename="mesh.bin")
+        except Problem as problem:
+            return problem.response()
+
+    async def ask() -> list[httpx.Response]:
+        transport = httpx.ASGITransport(Starlette(routes=[Route("/", route)]))
+        async with httpx.AsyncClient(transport=transport, base_url="http://test") as client:
+            return [await client.request(method, "/", headers=headers) for headers in requests]
+
+    return asyncio.run(ask())
+
+
+def test_a_file_over_http(files: Files) -> None:
+    file = keep(files, CONTENT)
+    etag = f'"{file.sha256}"'
+    [whole] = answered(files, file, {})
+    assert (whole.status_code, whole.content, whole.headers["etag"]) == (200, CONTENT, etag)
+    assert etag == f'"{hashlib.sha256(whole.content).hexdigest()}"'
+    assert {name: whole.headers[name] for name in ("content-length", "content-type", "accept-ranges")} == {
+        "content-length": str(len(CONTENT)),
+        "content-type": "model/mesh",
+        "accept-ranges": "bytes",
+    }
+    assert whole.headers["content-disposition"] == 'attachment; filename="mesh.bin"'
+    [head] = answered(files, file, {"Range": "bytes=1-2"}, method="HEAD")
+    assert (head.status_code, head.content, head.headers["content-length"]) == (200, b"", str(len(CONTENT)))
+    for same in answered(
+        files, file, *({"If-None-Match": named} for named in (etag, f'"other", W/{etag}', "*", f'{etag},"x"'))
+    ):
+        assert (same.status_code, same.content, same.headers["etag"]) == (304, b"", etag)
+    for other in answered(files, file, {"If-None-Match": '"other"'}, {"If-Match": f'"x", {etag}'}, {"If-Match": "*"}):
+        assert other.status_code == 200
+    for failed in answered(files, file, {"If-Match": '"other"'}, {"If-Match": f"W/{etag}", "Range": "bytes=0-1"}):
+        assert (failed.status_code, failed.json()["type"]) == (412, "/problems/precondition-failed")
+        assert failed.headers["etag"] == etag
+    files.remove(file.sha256)
+    [gone] = answered(files, file, {})
+    assert (gone.status_code, gone.json()["type"]) == (404, "/problems/not-found")
+
+
+@pytest.mark.parametrize(
+    ("header", "start", "end"),
+    [("bytes=10-19", 10, 20), ("bytes=10000-", 10000, 10240), ("bytes=-3", 10237, 10240), ("bytes=0-99999", 0, 10240)],
+)
+def test_a_part_of_a_file(files: Files, header: str, start: int, end: int) -> None:
+    file = keep(files, CONTENT)
+    etag = f'"{file.sha256}"'
+    for part in answered(files, file, {"Range": header}, {"Range": header, "If-Range": etag}):
+        assert (part.status_code, part.content) == (206, CONTENT[start:end])
+        assert part.headers["content-range"] == f"bytes {start}-{end - 1}/{len(CONTENT)}"
+        assert (part.headers["content-length"], part.headers["etag"]) == (str(end - start), etag)
+    for named in ('"other"', f"W/{etag}", "Sat, 21 Nov 2026 00:00:00 GMT"):
+        [whole] = answered(files, file, {"Range": header, "If-Range": named})
+        assert (whole.status_code, whole.content) == (200, CONTENT)
+
+
+def test_several_parts_of_a_file(files: Files) -> None:
+    file = keep(files, CONTENT)
+    several, last = answered(files, file, {"Range": "bytes=0-4, 99999-, -2 ,20-29"}, {"Range": "bytes=99999-,5-6"})
+    assert several.status_code == 206
+    found = re.fullmatch(r"multipart/byteranges; boundary=(\w+)", several.headers["content-type"])
+    assert found is not None
+    before, *parts, after = several.content.split(f"--{found[1]}".encode())
+    assert (before, after, len(several.content)) == (b"\r\n", b"--\r\n", int(several.headers["content-length"]))
+    expected = [(0, 5), (10238, 10240), (20, 30)]
+    for part, (start, end) in zip(parts, expected, strict=True):
+        head, _, body = part.partition(b"\r\n\r\n")
+        assert body == CONTENT[start:end] + b"\r\n"
+        assert head.decode() == f"\r\nContent-Type: model/mesh\r\nContent-Range: bytes {start}-{end - 1}/{len(CONTENT)}"
+    assert (last.status_code, last.content) == (206, CONTENT[5:7])
+
+
+def test_ranges_that_get_the_whole_file_or_a_problem(tmp_path: Path) -> None:
+    files = FolderFiles(tmp_path)
+    files.prepare(alone=True)
+    file = keep(files, CONTENT)
+    many = "bytes=" + ",".join(f"{2 * k}-{2 * k}" for k in range(17))
+    ignored = ("bytes=5-2", "bytes=x", "items=0-1", "bytes=--5", "bytes=0-9,5-12", "bytes=0-,0-,0-", many)
+    for answer in answered(files, file, *({"Range": header} for header in ignored)):
+        assert (answer.status_code, answer.content) == (200, CONTENT)
+    past = ("bytes=10240-", "bytes=-0", f"bytes={'9' * 5000}-")
+    for answer in answered(files, file, *({"Range": header} for header in past)):
+        assert (answer.status_code, answer.headers["content-range"]) == (416, f"bytes */{len(CONTENT)}")
+        assert answer.json()["type"] == "/problems/range-not-satisfiable"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak of a process is read as Linux tells it")
+def test_memory_does_not_grow_with_the_file(files: Files, s3: S3Server) -> None:
+    size = 200_000_000
+    with files.unfinished(".bin") as path:
+        os.truncate(path, size)  # zeros, which take no room
+        file = StoredFile("0" * 64, size)
+        if isinstance(files, S3Files):
+            shelf = s3.folder / files.bucket.name / files.bucket.prefix / "00"
+            shelf.mkdir(parents=True)
+            path.rename(shelf / file.sha256)
+        else:
+            files.publish(path, file, lambda _: False)
+    sent = 0
+
+    async def send(message: dict[str, Any]) -> None:
+        nonlocal sent
+        sent += len(message.get("body", b""))
+
+    async def receive() -> dict[str, Any]:
+        await asyncio.sleep(60.0)
+        raise AssertionError
+
+    async def download(until: int) -> None:
+        scope = {"type": "http", "method": "GET", "headers": [(b"range", f"bytes=0-{until - 1}".encode())]}
+        response = await send_file(Request(scope), files, file, "model/mesh")
+        await response(scope, receive, send)  # type: ignore[arg-type]
+
+    asyncio.run(download(4_000_000))  # what is loaded and started once
+    Path("/proc/self/clear_refs").write_text("5")  # the peak starts at what is held now
+    before = _peak()
+    asyncio.run(download(size))
+    assert sent == 4_000_000 + size
+    assert _peak() - before < 16_000_000
+
+
+def _peak() -> int:
+    """The peak of the memory of this process in bytes, since it was cleared."""
+    text = Path("/proc/self/status").read_text()
+    return int(re.search(r"VmHWM:\s*(\d+) kB", text)[1]) * 1024  # type: ignore[index]
+
+
+# Ranges of a file over HTTP.
+
+
+@pytest.mark.parametrize("header", ["bytes=5-2", "bytes=abc", "bytes=", "items=0-1", "bytes=--5", "bytes=1-,x"])
+def test_a_range_that_is_none_is_ignored(http: httpx.Client, finished: dict[str, Any], header: str) -> None:
+    url = finished["links"]["file"]
+    answer = http.get(url, headers={"Range": header})
+    assert (answer.status_code, answer.content) == (200, http.get(url).content)
+
+
+@pytest.mark.parametrize("header", ["bytes=99999999-", "bytes=-0", f"bytes={'9' * 6000}-", "bytes=99999998-,-0"])
+def test_a_range_past_the_end_is_a_problem(http: httpx.Client, finished: dict[str, Any], header: str) -> None:
+    url = finished["links"]["file"]
+    answer = http.get(url, headers={"Range": header})
+    size = len(http.get(url).content)
+    assert (answer.status_code, answer.headers["content-range"]) == (416, f"bytes */{size}")
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert (answer.json()["type"], answer.json()["detail"]) == (
+        "/problems/range-not-satisfiable",
+        f"The file has {size} bytes.",
+    )
+    assert http.get(url, headers={"Range": f"{header},0-1"}).content == http.get(url).content[:2]
+
+
+@pytest.mark.parametrize(
+    ("header", "spans"),
+    [
+        (None, ()),
+        ("bytes=0-0", (Span(0, 1),)),
+        ("BYTES= 2-3 , -1", (Span(2, 4), Span(9, 10))),
+        ("bytes=-99", (Span(0, 10),)),
+        ("bytes=5-,0-1", (Span(5, 10), Span(0, 2))),
+        ("bytes=0-1,10-", (Span(0, 2),)),  # what is past the end does not count while another part is there
+        ("bytes=0-4,4-5", ()),  # one byte twice
+        ("bytes=" + ",".join(f"{k}-{k}" for k in range(9)), tuple(Span(k, k + 1) for k in range(9))),
+        ("bytes=3-2,0-1", ()),
+    ],
+)
+def test_a_header_is_read_as_parts_of_ten_bytes(header: str | None, spans: tuple[Span, ...]) -> None:
+    assert parse_ranges(header, 10) == spans
+
+
+def test_an_empty_file_has_no_part() -> None:
+    with pytest.raises(Problem) as caught:
+        parse_ranges("bytes=0-", 0)
+    assert (caught.value.name, caught.value.headers) == ("range-not-satisfiable", {"Content-Range": "bytes */0"})
+    assert Span(3, 7).content_range(10) == "bytes 3-6/10"

@@ -1,4 +1,4 @@
-"""Domains of blocks: area, box, round trips, refinement."""
+"""Domains of blocks: area, round trips, refinement, counts through opposite edges, numbering, and named sides."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ import pytest
 
 import equimesh as em
 from equimesh.blocks.blocks import Blocks
+from equimesh.blocks.counts import Plan, plan_of
+from equimesh.blocks.description import Description
+from equimesh.blocks.grading import grading_of, is_same, reversed_grading, shares
+from equimesh.blocks.layout import BOTTOM, LEFT, RIGHT, TOP, Layout, line_of
 from equimesh.blocks.sliding import FIXED, FREE
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.solver_files import su2_text
@@ -155,3 +159,218 @@ def test_a_mesh_that_folds_is_refused() -> None:
     assert not squeezed.mesh.is_folded
     with pytest.raises(em.InputError, match=r"block0 folds at .*: take a factor nearer to 1"):
         squeezed.refined(3)
+
+
+def layout_of(document: dict) -> Layout:
+    return plan_of(Description.of(document)).layout
+
+
+def test_each_node_has_one_number_and_blocks_share_those_of_their_edges() -> None:
+    for document in (documents.l_shape(), documents.ring(), documents.channel()):
+        layout = layout_of(document)
+        count, blocks = layout.numbering()
+        assert count == layout.node_count == len(set(np.concatenate([b.ravel() for b in blocks]).tolist()))
+        assert blocks[0].ravel()[0] == 0
+        assert sum((b.shape[0] - 1) * (b.shape[1] - 1) for b in blocks) == layout.cell_count
+        for b, side in np.ndindex(layout.block_count, 4):
+            other, there, falls = layout.neighbours[b, side].tolist()
+            if other >= 0 and not len(layout.joins):
+                line = line_of(blocks[other], there)[:: -1 if falls else 1]
+                assert np.array_equal(line_of(blocks[b], side), line)
+
+
+def test_one_block_is_numbered_as_a_structured_mesh() -> None:
+    document = {
+        "vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},
+        "blocks": [{"corners": ["a", "b", "c", "d"], "cells": [3, 4]}],
+    }
+    assert layout_of(document).numbering()[1][0].tolist() == np.arange(20).reshape(4, 5).tolist()
+
+
+def test_neighbours_know_where_the_index_falls() -> None:
+    turned = documents.l_shape()
+    turned["blocks"][2]["corners"] = ["h", "g", "d", "e"]  # turned by half a turn
+    assert layout_of(documents.l_shape()).neighbours[0, TOP].tolist() == [2, BOTTOM, 0]
+    assert layout_of(turned).neighbours[0, TOP].tolist() == [2, TOP, 1]
+    assert layout_of(documents.ring()).neighbours[0].tolist()[2:] == [[0, TOP, 0], [0, BOTTOM, 0]]
+    assert layout_of(documents.channel()).neighbours[0, LEFT].tolist() == [1, RIGHT, 0]
+
+
+def test_opposite_edges_are_one_class_and_change_together() -> None:
+    layout = layout_of(documents.l_shape())
+    assert sorted(layout.counts.tolist()) == [3, 4, 5, 6]
+    assert layout.coarser(2).shapes == ((3, 4), (3, 4), (3, 4))
+    assert layout.coarser(100).shapes == ((2, 2),) * 3
+    count, blocks = layout.numbering(2 * layout.counts)
+    assert [b.shape for b in blocks] == [(9, 11), (7, 11), (9, 13)]
+    assert count == layout.with_counts(2 * layout.counts).node_count
+
+
+def test_ties_have_one_original_where_joins_meet() -> None:
+    square = {
+        "vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},
+        "blocks": [{"corners": ["a", "b", "c", "d"], "cells": [3, 3]}],
+        "joins": [{"from": ["a", "d"], "to": ["b", "c"]}, {"from": ["a", "b"], "to": ["d", "c"]}],
+    }
+    layout = layout_of(square)
+    _, blocks = layout.numbering()
+    ties = dict(layout.ties(blocks).tolist())
+    block = blocks[0]
+    assert len(ties) == 16 - 9
+    assert {ties[int(block[i, j])] for i, j in ((3, 0), (0, 3), (3, 3))} == {int(block[0, 0])}
+    assert ties[int(block[3, 1])] == block[0, 1]
+    assert ties[int(block[2, 3])] == block[2, 0]
+    assert not len(layout.boundary)
+
+
+def test_counts_that_differ_are_refused() -> None:
+    layout = layout_of(documents.l_shape())
+    counts = layout.edge_counts.copy()
+    counts[layout.block_edges[0, LEFT]] += 1
+    with pytest.raises(em.InputError, match=r"the edges a-d and b-e are opposite, and have 6 and 5 cells"):
+        Layout(
+            edges=layout.edges,
+            block_edges=layout.block_edges,
+            forward=layout.forward,
+            edge_counts=counts,
+            vertex_names=layout.vertex_names,
+        )
+
+
+def plan(document: dict) -> Plan:
+    return plan_of(Description.of(document))
+
+
+def test_counts_and_gradings_spread_through_opposite_edges() -> None:
+    found = plan(documents.l_shape())
+    assert found.layout.shapes == ((5, 6), (4, 6), (5, 7))
+    graded = {found.layout.edge_name(k) for k, grading in enumerate(found.gradings) if grading[0][2] != 1}
+    assert graded == {"a-b", "d-e", "g-h"}
+    assert plan(documents.l_shape(refine=2)).layout.shapes == ((9, 11), (7, 11), (9, 13))
+    assert plan(documents.l_shape(refine=0.01)).layout.shapes == ((2, 2),) * 3
+
+
+def test_edges_give_counts_and_gradings_and_joins_carry_them() -> None:
+    document = documents.channel(edges=[{"from": "d", "to": "a", "cells": 7, "grading": 5}])
+    document["blocks"] = [{"corners": b["corners"], "cells": [6, None]} for b in document["blocks"]]
+    found = plan(document)
+    assert found.layout.shapes == ((7, 8), (7, 8))
+    edge = found.find(("c", "f"), "domain")
+    assert found.layout.edge_name(edge) == "c-f"
+    assert found.gradings[edge][0][2] == pytest.approx(1 / 5)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d["blocks"][1].update(cells=[3, 9]), r"the edge b-e has 5 cells by blocks\[0\].cells, but 9 by"),
+        (
+            lambda d: d["blocks"][0].pop("cells"),
+            "no block gives the cells along the edge a-d, .*: give a number in place of null",
+        ),
+        (lambda d: d["blocks"][2].update(grading=[3, None]), "the edge d-e has two gradings"),
+        (
+            lambda d: d["blocks"][1].update(corners=["b", "e", "f", "c"]),
+            "lie on the same side .* b-e",
+        ),
+        (lambda d: d["vertices"].update(z=[9, 9]), "vertex z is no corner of a block"),
+        (lambda d: d.update(edges=[{"from": "a", "to": "e"}]), "a-e is no edge of a block"),
+        (lambda d: d.update(edges=[{"from": "a", "to": "b"}, {"from": "b", "to": "a"}]), "b-a stands twice"),
+        (lambda d: d.update(joins=[{"from": ["a", "b"], "to": ["b", "e"]}]), "edge b-e is inside, or joined already"),
+        (lambda d: d.update(joins=[{"from": ["a", "d"], "to": ["c", "b"]}]), "c-b is inside|no copies of each other"),
+        (lambda d: d.update(joins=[{"from": ["a", "z"], "to": ["c", "f"]}]), "is no vertex"),
+        (lambda d: d.update(refine=10_000), "nodes: 50000000 are possible"),
+        (lambda d: d["blocks"].append(d["blocks"][0]), "is a side of 3 blocks|same side"),
+    ],
+)
+def test_contradictions_are_refused_by_the_name_of_the_edge(change: object, message: str) -> None:
+    document = documents.l_shape()
+    change(document)
+    with pytest.raises(em.InputError, match=message):
+        plan(document)
+
+
+def test_counts_of_opposite_edges_that_differ_name_both_entries() -> None:
+    document = documents.l_shape()
+    document["edges"] = [{"from": "c", "to": "f", "cells": 8}]
+    with pytest.raises(em.InputError, match=r"edges .*c-f.* have \d cells by .*, but \d by") as caught:
+        plan(document)
+    assert caught.value.field.endswith(".cells")
+
+
+def test_joined_edges_must_be_copies() -> None:
+    document = documents.channel()
+    document["vertices"]["f"] = [3, 1.2]
+    with pytest.raises(
+        em.InputError, match=r"a-d and c-f are no copies .* c lies \(3, 0\) from a, .* \(3, 0.2\) from d"
+    ):
+        plan(document)
+
+
+def test_cells_grow_by_one_factor_up_to_the_ratio() -> None:
+    cells = np.diff(shares(grading_of(8, "g"), 4))
+    assert cells[1:] / cells[:-1] == pytest.approx([2.0, 2.0, 2.0])
+    assert cells[-1] / cells[0] == pytest.approx(8.0)
+    assert shares(grading_of(1, "g"), 4).tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+
+
+def test_sections_share_length_and_cells() -> None:
+    places = shares(grading_of([[1, 3, 1], [3, 1, 1]], "g"), 8)
+    assert places == pytest.approx([*np.linspace(0, 0.25, 7), 0.625, 1.0])
+    assert shares(grading_of([[1, 1, 2], [1, 1, 2]], "g"), 1).tolist() == [0.0, 1.0]
+    assert len(shares(grading_of([[1, 9, 2], [1, 0.001, 2]], "g"), 3)) == 4
+
+
+def test_a_reversed_grading_gives_the_same_nodes_from_the_other_end() -> None:
+    grading = grading_of([[1, 1, 4], [2, 1, 0.5]], "g")
+    assert 1 - shares(reversed_grading(grading), 10)[::-1] == pytest.approx(shares(grading, 10))
+    assert is_same(reversed_grading(reversed_grading(grading)), grading)
+    assert not is_same(reversed_grading(grading), grading)
+
+
+@pytest.mark.parametrize("value", [0, -1, "2", None, True, [], [[1, 2]], [[1, 1, 0]], [3, 4], 1e7])
+def test_other_gradings_are_refused(value: object) -> None:
+    with pytest.raises(em.InputError, match=r"blocks\[0\]\.grading") as caught:
+        grading_of(value, "domain.blocks[0].grading")
+    assert caught.value.field.startswith("domain.blocks[0].grading")
+
+
+@pytest.mark.parametrize("document", [documents.l_shape(), documents.ring(), documents.channel()])
+def test_sides_cover_the_boundary_once_with_the_domain_on_their_left(document: dict) -> None:
+    mesh = Blocks.of(document).mesh
+    directed = {tuple(edge) for cell in mesh.cells.tolist() for edge in zip(cell, cell[1:] + cell[:1], strict=True)}
+    boundary = {edge for edge in directed if edge[::-1] not in directed}
+    named = [tuple(edge) for edges in mesh.sides.values() for edge in edges.tolist()]
+    assert len(named) == len(set(named))
+    assert set(named) == boundary
+
+
+def test_edges_follow_each_other_whatever_their_order() -> None:
+    for pairs in ([["g", "d"], ["a", "d"]], [["a", "d"], ["d", "g"]]):
+        edges = Blocks.of(documents.l_shape(sides={"inlet": pairs})).mesh.sides["inlet"]
+        assert np.array_equal(edges[1:, 0], edges[:-1, 1])
+        assert len(edges) == 11
+    ring = Blocks.of(documents.ring()).mesh.sides
+    assert list(ring) == ["hole", "boundary"]
+    assert ring["hole"][-1, 1] == ring["hole"][0, 0]
+    assert np.array_equal(ring["hole"][1:, 0], ring["hole"][:-1, 1])
+
+
+def test_edges_without_a_name_have_one_side_and_joined_ones_a_pair() -> None:
+    assert list(Blocks.of(documents.channel()).mesh.sides) == ["periodic0", "periodic0_copy", "boundary"]
+    named = documents.channel(sides={"inflow": [["a", "d"]], "boundary": [["e", "d"]]})
+    assert list(Blocks.of(named).mesh.sides) == ["inflow", "boundary", "periodic0_copy", "unnamed"]
+
+
+@pytest.mark.parametrize(
+    ("sides", "message"),
+    [
+        ({"wall": [["b", "e"]]}, "b-e is no edge of the boundary"),
+        ({"wall": [["a", "e"]]}, "a-e is no edge of a block"),
+        ({"wall": [["a", "b"]], "floor": [["b", "a"]]}, "b-a belongs to the side wall already"),
+    ],
+)
+def test_edges_that_are_no_boundary_are_refused(sides: dict, message: str) -> None:
+    with pytest.raises(em.InputError, match=message) as caught:
+        Blocks.of(documents.l_shape(sides=sides))
+    assert caught.value.field.startswith(f"domain.sides.{list(sides)[-1]}[0]")

@@ -1,4 +1,4 @@
-"""Expressions as fields: the paper's function, shapes, equality, and the check that they are finite on a domain."""
+"""Expressions as fields: shapes, equality, on the points of a domain, periodic, and finite on it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import ExpressionError, InputError
 from equimesh.fields.expression import Expression, require_field
+from equimesh.fields.on_domain import Inverse, OnDomain, recover, reference_on
+from equimesh.fields.periodic import Periodic, repeated, repeated_field, within
+from equimesh.testing import check_field
+from solver.bent import CURVED
+from solver.fields.bent_meshes import ANYWHERE, largest, smooth_mesh
 from solver.formulas.texts import refused, values
 
 
@@ -163,3 +169,97 @@ def test_a_text_that_is_no_expression_names_the_function_and_the_column() -> Non
     assert caught.value.field == "rho"
     assert caught.value.position is not None
     assert caught.value.position.column == 5
+
+
+SECTOR = em.AnnulusSector(radii=(1.0, 3.0), angles=(10.0, 100.0))
+DOMAINS = [em.Rectangle(x=(-1.0, 3.0), y=(2.0, 2.5)), SECTOR, CURVED]
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_the_inverse_gives_back_the_points_of_the_square(domain: em.Domain) -> None:
+    assert largest(Inverse(domain=domain).at(*domain.map(*ANYWHERE)), tuple(ANYWHERE)).max() < 1e-12
+
+
+def test_a_function_of_the_radius_is_one_of_s() -> None:
+    field = OnDomain(reference=em.Expression("(1 + 2*x)**2"), domain=SECTOR)
+    x, y = SECTOR.map(*ANYWHERE)
+    exact = (x * x + y * y, 2.0 * x, 2.0 * y, np.full(500, 2.0), np.zeros(500), np.full(500, 2.0))
+    assert largest(field.evaluate(x, y, order=2), exact).max() < 1e-8
+
+
+def test_it_is_a_field() -> None:
+    check_field(OnDomain(reference=em.Expression("sin(2*x)*exp(y)"), domain=SECTOR), ((1.0, 1.5), (1.0, 1.5)))
+
+
+def test_points_outside_have_the_value_of_one_next_to_them() -> None:
+    field = OnDomain(reference=em.Expression("x"), domain=SECTOR)
+    assert abs(field.evaluate(np.array([0.7]), np.array([0.7]))[0]).max() < 1e-12
+
+
+# u as a function of x and y from values at the nodes of a mesh of a domain.
+
+
+NARROW_SECTOR = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0))
+
+
+@pytest.mark.parametrize("domain", [UNIT_SQUARE, em.Rectangle(x=(-1.0, 2.0), y=(3.0, 3.5)), NARROW_SECTOR])
+def test_the_mesh_of_the_square_is_found_from_that_of_the_domain(domain: em.Domain) -> None:
+    square = smooth_mesh(12)
+    found = reference_on(map_mesh(square, domain), domain)
+    assert found.distance(square) < 1e-12
+    assert {*found.x[0]} | {*found.y[:, 0]} == {0.0}
+
+
+@pytest.mark.parametrize("domain", [UNIT_SQUARE, em.Rectangle(x=(0.0, 2.0)), NARROW_SECTOR])
+def test_the_function_has_the_values_at_the_nodes(domain: em.Domain) -> None:
+    square = smooth_mesh(17)
+    mesh = map_mesh(em.Mesh.of_unit_square(square.x, square.y), domain)
+    values = np.sin(mesh.x) * mesh.y
+    found = recover(mesh, values, domain)
+    assert found.u.evaluate(mesh.x, mesh.y)[0] == pytest.approx(values, abs=1e-9)
+    assert found.values == pytest.approx(values, abs=0.0)
+
+
+DOMAIN = em.Rectangle(x=(-1.0, 1.0), y=(0.0, 1.0), periodic="x")
+
+
+def test_points_are_moved_by_whole_periods() -> None:
+    x, y = np.array([-3.5, -1.0, 0.25, 1.0, 2.5]), np.array([2.0, 0.0, 0.5, 1.0, -1.0])
+    there = within(DOMAIN, x, y)
+    assert np.allclose(there[0], [0.5, -1.0, 0.25, 1.0, 0.5], atol=1e-15)
+    assert there[1] is y
+
+
+def test_values_repeat_and_stay_to_the_last_bit_inside() -> None:
+    u = em.Expression("sin(pi*x) + y*cos(2*pi*x)")
+    field = repeated_field(u, DOMAIN, "u")
+    x, y = np.array([-0.9, 0.3, 0.99]), np.array([0.1, 0.5, 0.7])
+    assert np.array_equal(field.evaluate(x, y, 2), u.evaluate(x, y, 2))
+    assert np.allclose(field.evaluate(x + 4.0, y, 2), u.evaluate(x, y, 2), atol=1e-10)
+
+
+def test_a_function_that_jumps_is_refused_with_both_values() -> None:
+    with pytest.raises(em.InputError, match=r"u is -1 and 1 where y = 0; take a u that repeats itself") as error:
+        em.Problem(monitor=em.ArcLength(u=em.Expression("x")), grid=em.Grid(n_xi=9, n_eta=9), domain=DOMAIN)
+    assert error.value.field == "domain.periodic"
+
+
+def test_samples_are_joined_smoothly_across_the_seam() -> None:
+    x, y = np.linspace(-1.0, 1.0, 21), np.linspace(0.0, 1.0, 9)
+    samples = em.GridSamples(x=x, y=y, values=np.sin(np.pi * x)[:, None] * (1.0 + y), box=DOMAIN.box)
+    field = repeated_field(samples, DOMAIN, "u")
+    ends, middle = np.array([-1.0, 1.0]), np.full(2, 0.5)
+    slopes = field.evaluate(ends, middle, 2)
+    assert abs(slopes[1][0] - slopes[1][1]) < 1e-4 < abs(np.subtract(*samples.evaluate(ends, middle, 2)[1])) + 1e-3
+    assert abs(slopes[3][0] - slopes[3][1]) < 0.02 * np.pi**2
+    assert np.allclose(field.evaluate(x, np.full(21, y[3]))[0], samples.values[:, 3], atol=1e-13)
+
+
+def test_all_functions_of_a_monitor_repeat_themselves_once() -> None:
+    u = em.Expression("cos(pi*x)")
+    monitor = em.Intersection(monitors=(em.Smoothed(monitor=em.Curvature(u=u)), em.Weight(rho=em.Expression("1+y"))))
+    found = repeated(monitor, DOMAIN)
+    assert isinstance(found.monitors[0].monitor.u, Periodic)
+    assert isinstance(found.monitors[1].rho, Periodic)
+    assert repeated(found, DOMAIN) is found
+    assert repeated(monitor, em.Rectangle()) is monitor

@@ -1,8 +1,9 @@
-"""Samples on a grid: accuracy, invariants of the spline, and a precise refusal of everything that cannot be used."""
+"""Samples on a grid: accuracy, invariants of the spline, noise, and a precise refusal of what cannot be used."""
 
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,12 @@ import pytest
 
 import equimesh as em
 from equimesh.errors import SamplesError
+from equimesh.fields import chunked_samples
+from equimesh.fields.chunked_samples import scan, steps_of
+from equimesh.fields.noise import noise_share
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.io.sample_arrays import SampleArray
 from solver.domains.shapes import S, T
 from solver.fields.tables import BOX, CORNERS, PROBE, errors, on_box, on_grid, refusal, scattered_points
 
@@ -324,3 +329,117 @@ class TestRefusals:
             "points[6] repeats points[4] = (0.5, 0.25)",
             "(3, not 1)",
         )
+
+
+POINTS = 65
+AXIS = np.linspace(0.0, 1.0, POINTS)
+X_LINES, Y_LINES = np.meshgrid(AXIS, AXIS, indexing="ij")
+FUNCTIONS = {
+    "front": np.tanh(20 * (X_LINES - Y_LINES**2)),
+    "waves": np.sin(4 * np.pi * X_LINES) * np.sin(4 * np.pi * Y_LINES),
+    "peak": np.exp(-200 * ((X_LINES - 0.5) ** 2 + (Y_LINES - 0.5) ** 2)),
+    "jump": np.where(X_LINES + Y_LINES < 0.9, 0.0, 1.0),
+}
+
+
+def noisy(values: np.ndarray, share: float) -> np.ndarray:
+    return values + share * np.ptp(values) * np.random.default_rng(1).standard_normal(values.shape)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("share", [1e-3, 1e-2])
+def test_noise_of_samples_on_a_grid_is_estimated_within_a_third(name: str, share: float) -> None:
+    samples = em.GridSamples(x=AXIS, y=AXIS, values=noisy(FUNCTIONS[name], share))
+    assert noise_share(samples) == pytest.approx(share, rel=0.34)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_without_noise_has_none(name: str) -> None:
+    assert noise_share(em.GridSamples(x=AXIS, y=AXIS, values=FUNCTIONS[name])) < 1e-9
+
+
+def test_nodal_values_and_scattered_samples_are_seen_too() -> None:
+    values = noisy(FUNCTIONS["front"], 1e-2)
+    mesh = em.Mesh.uniform(em.Grid(n_xi=POINTS, n_eta=POINTS))
+    assert noise_share(em.NodalField(mesh=mesh, values=values)) == pytest.approx(1e-2, rel=0.34)
+    points = np.vstack([np.random.default_rng(2).random((4000, 2)), [[0, 0], [0, 1], [1, 0], [1, 1]]])
+    u = np.tanh(20 * (points[:, 0] - points[:, 1] ** 2))
+    assert noise_share(em.ScatteredSamples(points=points, values=u)) < 1e-6
+    assert noise_share(em.ScatteredSamples(points=points, values=noisy(u, 1e-2))) == pytest.approx(1e-2, rel=0.34)
+
+
+def test_expressions_and_few_samples_have_none() -> None:
+    assert noise_share(em.Expression("tanh(20*x)")) == noise_share(None) == 0.0
+    axis = np.linspace(0.0, 1.0, 8)
+    values = np.random.default_rng(3).random((8, 8))
+    assert noise_share(em.GridSamples(x=axis, y=axis, values=values)) == 0.0
+
+
+def test_constant_samples_have_none() -> None:
+    assert noise_share(em.GridSamples(x=AXIS, y=AXIS, values=np.ones((POINTS, POINTS)))) == 0.0
+
+
+def test_the_certificate_names_the_noise() -> None:
+    samples = em.GridSamples(x=AXIS, y=AXIS, values=noisy(FUNCTIONS["front"], 1e-2))
+    problem = em.Problem(monitor=em.LeastError(u=samples), grid=em.Grid(n_xi=17, n_eta=17))
+    (warning,) = (text for text in em.solve(problem).certificate.warnings if "noise" in text)
+    assert "noise of about 1 %" in warning or "noise of about 0.9" in warning or "noise of about 1." in warning
+
+
+X, Y = np.linspace(0, 1, 31), np.linspace(0, 1, 23)
+VALUES = np.random.default_rng(3).standard_normal((31, 23))
+
+
+def stored(values: np.ndarray, chunk: tuple[int, int]) -> SampleArray:
+    return SampleArray(name="values", path=Path("u.npy"), shape=values.shape, chunk=chunk, _stored=values)
+
+
+@pytest.mark.parametrize("chunk", [(31, 23), (1, 23), (4, 5), (100, 100), (7, 1)], ids=str)
+@pytest.mark.parametrize("most", [1, 60, 1 << 22])
+def test_blocks_do_not_matter(monkeypatch: pytest.MonkeyPatch, chunk: tuple[int, int], most: int) -> None:
+    monkeypatch.setattr(chunked_samples, "MAX_BLOCK_NUMBERS", most)
+    found = scan(stored(VALUES, chunk), X, Y)
+    size, steps = steps_of(VALUES)
+    assert (found.low, found.high, found.size) == (VALUES.min(), VALUES.max(), size)
+    assert found.steps == steps
+    by_x, by_y = (np.abs(np.diff(VALUES, axis=axis)) for axis in (0, 1))
+    assert (steps[0].size, steps[1].size) == (by_x.max(), by_y.max())
+    assert by_x[steps[0].i, steps[0].j] == by_x.max()
+    assert by_y[steps[1].i, steps[1].j] == by_y.max()
+
+
+def test_every_chunk_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chunked_samples, "MAX_BLOCK_NUMBERS", 100)
+
+    class Counting:
+        reads = np.zeros(VALUES.shape, dtype=int)
+
+        def __getitem__(self, where: Any) -> np.ndarray:
+            self.reads[where] += 1
+            assert self.reads[where].size <= 100
+            return VALUES[where]
+
+    counting = Counting()
+    scan(SampleArray(name="values", path=Path("u"), shape=(31, 23), chunk=(4, 5), _stored=counting), X, Y)
+    assert np.all(counting.reads == 1)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e101])
+def test_the_first_bad_sample_is_named(monkeypatch: pytest.MonkeyPatch, bad: float) -> None:
+    monkeypatch.setattr(chunked_samples, "MAX_BLOCK_NUMBERS", 20)
+    values = VALUES.copy()
+    values[17, 11] = bad
+    with pytest.raises(SamplesError, match=r"values\[17\]\[11\] (is NaN|is infinite|= 1e\+101)"):
+        scan(stored(values, (4, 5)), X, Y)
+
+
+def test_slopes_that_are_too_large_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chunked_samples, "MAX_BLOCK_NUMBERS", 1)  # the two samples are in two blocks
+    values = np.zeros((4, 3))
+    values[2:] = 1e99
+    y = np.array([0.0, 0.5, 1.0])
+    assert scan(stored(values, (1, 3)), np.linspace(0, 1, 4), y).size == 1e99
+    with pytest.raises(SamplesError, match=r"too fast along x .*: x\[1\] and x\[2\] are 1e-09 apart"):
+        scan(stored(values, (1, 3)), np.array([0.0, 0.5, 0.5 + 1e-9, 1.0]), y)
+    with pytest.raises(SamplesError, match="too fast along y"):
+        scan(stored(values.T.copy(), (1, 1)), y, np.array([0.0, 0.5, 0.5 + 1e-9, 1.0]))

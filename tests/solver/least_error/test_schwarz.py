@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields
 from itertools import pairwise
 from typing import Any
@@ -10,11 +11,21 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.least_error.descent import Descent
-from equimesh.least_error.subdomains import owners
+from equimesh.least_error import restricted
+from equimesh.least_error.cells import Cells, Region, cells_of_grid, regions_of
+from equimesh.least_error.charts import DomainChart
+from equimesh.least_error.descent import Descent, descend
+from equimesh.least_error.iteration import LeastErrorSolve
+from equimesh.least_error.kernels import Rule
+from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.restricted import Merged, RestrictedDescent
+from equimesh.least_error.subdomains import Subdomains, owners
+from equimesh.meshes.cell_edges import originals_of
 from equimesh.meshes.mesh import Mesh, quads_of_block
+from equimesh.numerics.types import Array, IntArray
 from equimesh.specs import build, subdomains_of
-from equimesh.testing.geometries import l_shape
+from equimesh.testing.geometries import l_shape, obstacle
+from solver.bent import RING, bent, objective_on, uniform
 
 FRONT = "tanh(30*(y - 0.5 - 0.2*sin(2*pi*x)))"
 FUNCTIONS = (FRONT, "exp(-x/0.02) + exp(-y/0.05)", "exp(-60*((x - 0.4)**2 + (y - 0.6)**2))")
@@ -274,3 +285,213 @@ def test_settings_of_a_descent_are_refused_where_grids_are_equidistributed(name:
     with pytest.raises(em.InputError, match=f"^{name} is one of the settings of (blocks|least error)") as caught:
         em.solve(asked, em.Schwarz(**{name: OF_BLOCKS[name]}))
     assert caught.value.field == f"schwarz.{name}"
+
+
+STEEP_FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
+SETTINGS = em.Schwarz(overlap=3, local_steps=4, max_exchanges=2)
+DOMAIN = obstacle(1500)
+
+
+def solve() -> LeastErrorSolve:
+    monitor = em.LeastError(u=STEEP_FRONT).on(DOMAIN)
+    return LeastErrorSolve(monitor=monitor, domain=DOMAIN, subdomains=Subdomains(settings=SETTINGS))
+
+
+def test_only_the_finest_mesh_has_subdomains_and_its_records_count_exchanges() -> None:
+    subdomains, whole = (
+        list(solve().steps()),
+        list(LeastErrorSolve(monitor=solve().monitor, domain=DOMAIN).steps()),
+    )
+    finest = [record for record in subdomains if record.level == record.levels - 1]
+    coarse = [record.error for record in subdomains if record.level < record.levels - 1]
+    assert coarse == [record.error for record in whole if record.level < record.levels - 1]
+    assert [(record.step, record.steps) for record in finest] == [(0, 2), (1, 2), (2, 2)]
+    assert finest[0].error > finest[1].error > finest[2].error
+
+
+SHAPE = (14, 11)
+CLOSED = [(False, False), (True, False), (True, True)]
+
+
+def owned(columns: int = 3, rows: int = 2) -> IntArray:
+    """The owner of each cell of the grid, in blocks of unequal sizes."""
+    i, j = np.arange(SHAPE[0] - 1) * columns // SHAPE[0], np.arange(SHAPE[1] - 1) * rows // SHAPE[1]
+    return (i[:, None] * rows + j).ravel()
+
+
+def cells_in_mesh(region: Region, cells: Cells) -> IntArray:
+    """The numbers in the mesh of the cells of a region."""
+    numbers = {tuple(corners): number for number, corners in enumerate(cells.corners.tolist())}
+    return np.array([numbers[tuple(corners)] for corners in region.nodes[region.cells.corners].tolist()])
+
+
+@pytest.mark.parametrize("closed", CLOSED)
+def test_every_cell_node_and_triple_has_one_owner(closed: tuple[bool, bool]) -> None:
+    cells, owner = cells_of_grid(SHAPE, closed), owned()
+    regions = regions_of(cells, owner, 2)
+    nodes = np.concatenate([region.nodes[region.owned] for region in regions])
+    assert np.array_equal(np.sort(nodes), np.arange(cells.nodes))
+    for region in regions:
+        assert np.array_equal(cells_in_mesh(region, cells)[: region.own_cells], np.flatnonzero(owner == region.number))
+    assert sum(region.own_triples for region in regions) == len(cells.triples)
+
+
+@pytest.mark.parametrize("closed", CLOSED)
+@pytest.mark.parametrize("overlap", [1, 2, 3])
+def test_a_node_is_free_where_all_its_cells_are_within_the_overlap(closed: tuple[bool, bool], overlap: int) -> None:
+    cells, owner = cells_of_grid(SHAPE, closed), owned()
+    stands = originals_of(cells.nodes, cells.ties)
+    corners = stands[cells.corners]
+    for region in regions_of(cells, owner, overlap):
+        near = owner == region.number
+        for _ in range(overlap):
+            near = np.isin(corners, corners[near]).any(axis=1)
+        held = np.isin(stands, corners[~near])
+        expected = cells.free * np.where(held, 0.0, 1.0)
+        assert np.array_equal(region.cells.free, expected[:, region.nodes])
+        every = np.flatnonzero(np.isin(corners, corners[near]).any(axis=1))
+        assert np.array_equal(np.sort(cells_in_mesh(region, cells)), every)
+
+
+@pytest.mark.parametrize("closed", CLOSED)
+def test_all_second_differences_of_free_nodes_are_in_the_region(closed: tuple[bool, bool]) -> None:
+    cells = cells_of_grid(SHAPE, closed)
+    stands = originals_of(cells.nodes, cells.ties)
+    for region in regions_of(cells, owned(), 2):
+        there = {tuple(triple) for triple in stands[region.nodes[region.cells.triples]].tolist()}
+        free = np.unique(stands[region.nodes[region.cells.free.any(axis=0)]])
+        wanted = cells.triples[np.isin(cells.triples, free).any(axis=1)]
+        assert {tuple(triple) for triple in wanted.tolist()} <= there
+
+
+def test_copies_of_a_free_node_move_together() -> None:
+    cells = cells_of_grid(SHAPE, (True, False))
+    stands = originals_of(cells.nodes, cells.ties)
+    region = regions_of(cells, owned(), 2)[0]
+    copies, first = region.nodes[region.cells.ties].T
+    assert copies.size > 0
+    assert np.array_equal(stands[copies], stands[first])
+    assert not np.isin(region.cells.triples, region.cells.ties[:, 0]).any()
+
+
+def test_cuts_through_corners_keep_their_cells() -> None:
+    cells = cells_of_grid(SHAPE)
+    found = {}
+    for region in regions_of(cells, owned(), 1):
+        numbers = cells_in_mesh(region, cells)
+        found |= {int(numbers[cell]): cut for cell, cut in region.cells.corner_cuts.items()}
+    assert found == dict(cells.corner_cuts)
+
+
+def test_the_sides_of_a_region_are_those_of_the_mesh_that_it_has() -> None:
+    cells = cells_of_grid((9, 9))
+    owner = em.Schwarz(subdomains=(2, 2)).owner_of_cells(em.Grid(n_xi=9, n_eta=9))
+    sides = {frozenset(edge) for edge in cells.sides.tolist()}
+    found = [{frozenset(edge) for edge in r.nodes[r.cells.sides].tolist()} for r in regions_of(cells, owner, 1)]
+    assert set().union(*found) == sides
+    assert all(0 < len(here) < len(sides) for here in found)
+
+
+GRID = em.Grid(n_xi=25, n_eta=21)
+WAVE = em.Expression("tanh(10*(y - 0.5 - 0.2*sin(2*pi*x)))")
+
+
+def regions(columns: int = 3, rows: int = 2, closed: tuple[bool, bool] = (False, False)) -> tuple[Region, ...]:
+    i, j = np.arange(GRID.n_xi - 1) * columns // GRID.n_xi, np.arange(GRID.n_eta - 1) * rows // GRID.n_eta
+    return regions_of(cells_of_grid(GRID.shape, closed), (i[:, None] * rows + j).ravel(), 4)
+
+
+def closed_objective() -> Objective:
+    """The objective of a mesh whose lines along xi are closed."""
+    weights = Weights(distortion=0.06, smoothness=0.1)
+    cells = cells_of_grid(GRID.shape, (True, False))
+    return Objective(WAVE, DomainChart(em.Rectangle()), cells, uniform(GRID), weights, Rule())
+
+
+def meshes(found: Iterator[tuple[Array, Merged]]) -> list[tuple[Array, Merged]]:
+    return list(found)
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_an_exchange_is_worth_as_many_steps_of_the_whole_mesh(norm: Any) -> None:
+    objective = objective_on(GRID, rule=Rule(norm=norm))
+    whole = [now.value for _, now in descend(objective, uniform(GRID), 8, 0.0)]
+    merged = meshes(RestrictedDescent(objective, regions()).descend(uniform(GRID), 3, 8, 0.0))
+    values = [now.value for _, now in merged]
+    assert values[0] - values[1] > 0.8 * (whole[0] - whole[-1])
+    assert values == sorted(values, reverse=True)
+
+
+def test_the_objective_and_the_error_are_those_of_the_whole_mesh() -> None:
+    weights = Weights(distortion=0.03, smoothness=0.1, obliqueness=0.5, largest_cotangent=0.1)
+    objective = objective_on(GRID, domain=em.AnnulusSector(), weights=weights, rule=Rule(cells="triangle"))
+    mesh = bent(GRID, 3)
+    objective.cut(mesh)
+    here = objective.evaluate(mesh)
+    assert here is not None
+    _, now = next(RestrictedDescent(objective, regions()).descend(mesh, 1, 1, 0.0))
+    assert now.value == pytest.approx(here.value, abs=1e-13)
+    assert now.error == pytest.approx(here.error, rel=1e-13)
+    assert now.distortion == pytest.approx(here.distortion, rel=1e-13)
+    assert now.smallest_share == objective.smallest_share(mesh)
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_the_mesh_does_not_depend_on_threads(is_closed: bool) -> None:
+    found = []
+    for threads in (1, 2):
+        objective = closed_objective() if is_closed else objective_on(GRID)
+        descent = RestrictedDescent(objective, regions(closed=(is_closed, False)), threads)
+        found.append(meshes(descent.descend(uniform(GRID), 2, 4, 0.0))[-1][0])
+    assert np.array_equal(*found)
+
+
+def test_the_copies_of_tied_nodes_stay_a_period_apart() -> None:
+    descent = RestrictedDescent(closed_objective(), regions(closed=(True, False)))
+    mesh = meshes(descent.descend(uniform(GRID), 3, 8, 0.0))[-1][0].reshape(2, *GRID.shape)
+    assert np.abs(mesh[0, -1] - mesh[0, 0] - 1.0).max() < 1e-14
+    assert np.array_equal(mesh[1, -1], mesh[1, 0])
+    assert np.abs(mesh[0, 0]).max() > 1e-3  # the line on which the grid is cut moves as others do
+
+
+def test_a_merged_mesh_that_folds_is_drawn_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    def far(objective: Objective, mesh: Array, steps: int, min_decrease: float) -> Iterator[tuple[Array, Any]]:
+        for moved, now in descend(objective, mesh, steps, min_decrease):
+            yield mesh + 6.0 * (moved - mesh), now
+
+    monkeypatch.setattr(restricted, "descend", far)
+    objective = objective_on(GRID)
+    found = meshes(RestrictedDescent(objective, regions()).descend(uniform(GRID), 2, 8, 0.0))
+    assert len(found) > 1
+    assert all(now.smallest_share > 0.0 for _, now in found)
+    assert found[-1][1].value < found[0][1].value
+
+
+def test_it_ends_where_exchanges_gain_little_and_where_u_is_met_exactly() -> None:
+    descent = RestrictedDescent(objective_on(GRID), regions())
+    assert len(meshes(descent.descend(uniform(GRID), 9, 8, 1.0))) == 2
+    exact = RestrictedDescent(objective_on(GRID, em.Expression("1 + x - 2*y")), regions())
+    assert meshes(exact.descend(uniform(GRID), 9, 8, 0.0)) == []
+
+
+def test_derivatives_on_a_region_are_those_of_the_whole() -> None:
+    weights = Weights(distortion=0.03, smoothness=0.1, obliqueness=0.5, largest_cotangent=0.1)
+    for objective, closed in (
+        (objective_on(GRID, RING, em.AnnulusSector(), weights=weights), False),
+        (closed_objective(), True),
+    ):
+        mesh = uniform(GRID) + 0.02 * np.prod(np.sin(2.0 * np.pi * uniform(GRID)), axis=0)
+        whole = objective.evaluate(mesh)
+        assert whole is not None
+        for region in regions(closed=(closed, False)):
+            local = objective.on(region)
+            start = mesh[:, region.nodes]
+            sums = local.sums(start, region.own_cells, region.own_triples)
+            local.beyond = whole.error**2 - sums.every_square
+            there = local.evaluate(start)
+            assert there is not None
+            moves = region.cells.free.copy()
+            region.cells.tie(moves)
+            alone = np.setdiff1d(np.flatnonzero(moves[0] * moves[1]), region.cells.ties)
+            expected = whole.gradient[:, region.nodes[alone]]
+            assert np.abs(there.gradient[:, alone] - expected).max() < 1e-11 * np.abs(whole.gradient).max()

@@ -1,13 +1,30 @@
-"""Meshes: numbers of nodes and cells, sides, Jacobians, and folds."""
+"""Meshes: numbers of nodes and cells, sides, Jacobians, folds, their data, and cells of nine nodes."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import equimesh as em
+from block_cases import channel, data_of, l_shape
+from cases import problem
+from equimesh.errors import InputError
+from equimesh.io.write import MeshData
+from equimesh.meshes.mesh import Grid, Mesh, smallest_jacobian
+from equimesh.meshes.second_order import (
+    AT_GAUSS_POINTS,
+    CurvedEdges,
+    SecondOrderMesh,
+    every_second,
+    lattice_of,
+    nodes_of_cells,
+    smallest_shares,
+)
+from equimesh.numerics.types import Array, IntArray
+from solver.io.files import DATA, adapted, areas
 
 GRID = em.Grid(n_xi=5, n_eta=4)
 
@@ -80,3 +97,214 @@ def test_a_mesh_with_its_nodes_elsewhere_has_arrays_of_its_own() -> None:
     assert np.array_equal(moved.x, mesh.x + 1.0)
     assert np.array_equal(moved.y, mesh.y + 1.0)
     assert not np.shares_memory(moved.x, mesh.x)
+
+
+def test_the_paper_s_mesh_of_12_by_12_points() -> None:
+    grid = em.Grid(n_xi=12, n_eta=6)
+    assert (grid.shape, grid.points, grid.cells) == ((12, 6), 72, 55)
+    assert (grid.d_xi, grid.d_eta) == (1 / 11, 1 / 5)
+    assert str(grid) == "12 x 6"
+    assert grid == em.Grid(n_xi=12, n_eta=6)
+
+
+@pytest.mark.parametrize("name", ["n_xi", "n_eta"])
+def test_too_few_points_are_refused(name: str) -> None:
+    em.Grid(n_xi=4, n_eta=4)
+    with pytest.raises(em.InputError, match=f"{name} = 3: a grid needs at least 4 points") as caught:
+        em.Grid(**({"n_xi": 5, "n_eta": 5} | {name: 3}))
+    assert caught.value.field == f"grid.{name}"
+
+
+def test_smallest_jacobian_is_that_of_the_mesh() -> None:
+    mesh = em.solve(problem("paper", 12)).mesh
+    assert smallest_jacobian(mesh.x, mesh.y) * 11 * 11 == pytest.approx(mesh.corner_jacobians().min())
+    broken = mesh.x.copy()
+    broken[3, 4] = np.nan
+    assert np.isnan(smallest_jacobian(broken, mesh.y))
+    assert em.Mesh(broken, mesh.y).is_folded
+
+
+class TestTriangles:
+    def test_no_triangle_has_two_edges_on_the_boundary(self) -> None:
+        data = adapted(6, 5)
+        edges = {tuple(sorted(edge)) for side in data.mesh.sides.values() for edge in side.tolist()}
+        for row in data.triangles().tolist():
+            assert sum(tuple(sorted((row[k], row[k - 1]))) in edges for k in range(3)) < 2
+
+    @staticmethod
+    def data(*corners: tuple[float, float]) -> MeshData:
+        """One cell of interest, the middle one of nine, with the given corners counter-clockwise."""
+        x, y = (a.copy() for a in np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"))
+        for (i, j), (px, py) in zip(((1, 1), (2, 1), (2, 2), (1, 2)), corners, strict=True):
+            x[i, j], y[i, j] = px, py
+        return MeshData(mesh=Mesh(x, y), u=x, q_eq=np.ones((3, 3)), subdomain=np.zeros((3, 3), dtype=np.int64))
+
+    def first(self, *corners: tuple[float, float]) -> list[list[int]]:
+        return [sorted(t) for t in self.data(*corners).triangles()[8:10].tolist()]
+
+    def test_the_larger_smallest_angle_wins(self) -> None:
+        main, other = [[5, 9, 10], [5, 6, 10]], [[5, 6, 9], [6, 9, 10]]
+        assert self.first((0, 0), (1, 0), (1.6, 1.6), (0, 1)) == other
+        assert self.first((0.4, 0.4), (1, -0.5), (1, 1), (-0.5, 1)) == main
+
+    def test_an_even_cell_is_cut_from_its_first_corner(self) -> None:
+        assert self.first((0, 0), (1, 0), (1, 1), (0, 1)) == [[5, 9, 10], [5, 6, 10]]
+        data = adapted(18, 18)
+        xi, eta = data.computational
+        turned = Mesh(np.cos(0.3) * xi - np.sin(0.3) * eta, np.sin(0.3) * xi + np.cos(0.3) * eta)  # even up to rounding
+        even = MeshData(mesh=turned, u=data.u, q_eq=data.q_eq, subdomain=data.subdomain)
+        first = even.triangles().reshape(-1, 2, 3)[:, :, 0]
+        corners = [0, 16, 16 * 17, 17 * 17 - 1]
+        expected = np.repeat(turned.cells[:, :1], 2, axis=1)
+        np.testing.assert_array_equal(np.delete(first, corners, axis=0), np.delete(expected, corners, axis=0))
+
+    def test_a_dented_cell_keeps_both_triangles_positive(self) -> None:
+        for dent in range(4):
+            corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+            x, y = corners[dent]
+            corners[dent] = (x + 0.6 * (1 - 2 * x), y + 0.6 * (1 - 2 * y))  # beyond the middle
+            data = self.data(*corners)
+            assert np.all(areas(data.mesh.points, data.triangles()[8:10]) > 0)
+
+    def test_two_for_each_cell_in_order(self) -> None:
+        pairs = DATA.triangles().reshape(-1, 6)
+        for pair, quad in zip(pairs, DATA.mesh.cells, strict=True):
+            assert set(pair) == set(quad)
+
+
+def test_wrong_shapes() -> None:
+    with pytest.raises(InputError, match=r"q_eq has shape \(7, 5\), this mesh needs \(6, 4\)"):
+        MeshData(mesh=DATA.mesh, u=DATA.u, q_eq=DATA.u, subdomain=DATA.subdomain)
+    with pytest.raises(InputError, match=r"the field rho has shape \(7, 5\), this mesh needs \(6, 4\)"):
+        replace(DATA, cell_fields={"rho": DATA.u})
+    with pytest.raises(InputError, match=r"the field v has shape \(7, 5, 2, 1\)"):
+        replace(DATA, fields={"v": np.zeros((7, 5, 2, 1))})
+
+
+def test_blocks_have_one_value_for_each_node_and_cell() -> None:
+    data = data_of(l_shape())
+    with pytest.raises(InputError, match=r"q_eq has shape \(65,\), this mesh needs \(48,\)"):
+        replace(data, q_eq=data.u)
+    with pytest.raises(InputError, match=r"the field way has shape \(48, 2, 1\), this mesh needs \(48,\)"):
+        replace(data, cell_fields={"way": np.zeros((48, 2, 1))})
+    for needs_a_grid in ("computational", "grid_mesh"):
+        with pytest.raises(InputError, match="this needs a grid, and a mesh of blocks has no rows and columns"):
+            getattr(data, needs_a_grid)
+    assert DATA.grid_mesh is DATA.mesh
+
+
+def layers(*heights: float, sagitta: float) -> tuple[Array, IntArray, CurvedEdges]:
+    """Two columns of cells of width 1 on a floor that bends upwards between the nodes."""
+    x, y = np.meshgrid(np.arange(3.0), [0.0, *heights], indexing="ij")
+    mesh = Mesh(x, y)
+    floor = mesh.sides["bottom"]
+    middles = mesh.points[floor].mean(axis=1) + np.array([0.0, sagitta])
+    return mesh.points, mesh.cells, CurvedEdges(floor, middles)
+
+
+def test_nodes_between_straight_edges_are_those_of_the_bilinear_map() -> None:
+    mesh = l_shape()
+    second = SecondOrderMesh.of(mesh.points, mesh.cells)
+    at = mesh.points[mesh.cells]
+    np.testing.assert_array_equal(second.points[second.cells[:, :4]], at)
+    np.testing.assert_allclose(second.points[second.cells[:, 4:8]], 0.5 * (at + np.roll(at, -1, axis=1)), atol=1e-15)
+    np.testing.assert_allclose(second.points[second.cells[:, 8]], at.mean(axis=1), atol=1e-15)
+    assert np.array_equal(np.unique(second.cells), np.arange(len(second.points)))  # each node once, none without a cell
+
+
+def test_edges_are_found_in_either_direction_and_have_their_middle() -> None:
+    mesh = l_shape()
+    second = SecondOrderMesh.of(mesh.points, mesh.cells)
+    wall = mesh.sides["wall"]
+    found = second.edges(wall)
+    np.testing.assert_array_equal(found[:, :2], wall)
+    np.testing.assert_allclose(second.points[found[:, 2]], mesh.points[wall].mean(axis=1), atol=1e-15)
+    np.testing.assert_array_equal(second.edges(wall[:, ::-1])[:, 2], found[:, 2])
+
+
+def test_triangles_have_the_same_nodes_and_meet_in_the_centre() -> None:
+    mesh = l_shape()
+    second = SecondOrderMesh.of(mesh.points, mesh.cells)
+    triangles = second.triangles(mesh.triangles())
+    corners = second.points[triangles[:, :3]]
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    is_centre = np.isin(triangles[:, 3:], second.cells[:, 8])
+    np.testing.assert_array_equal(is_centre.sum(axis=1), 1)
+    np.testing.assert_allclose(second.points[triangles[:, 3:]][~is_centre], middles[~is_centre], atol=1e-15)
+    centres = np.sort(triangles[:, 3:][is_centre].reshape(-1, 2), axis=1)
+    np.testing.assert_array_equal(centres, np.column_stack([second.cells[:, 8]] * 2))
+
+
+def test_values_between_are_means_so_that_linear_ones_stay() -> None:
+    mesh = l_shape()
+    second = SecondOrderMesh.of(mesh.points, mesh.cells)
+    np.testing.assert_allclose(second.at_nodes(mesh.points @ [2.0, -1.0]), second.points @ [2.0, -1.0], atol=1e-14)
+
+
+def test_edges_inside_stay_straight_where_cells_are_thick() -> None:
+    points, cells, curved = layers(0.5, 1.0, sagitta=0.1)
+    second = SecondOrderMesh.of(points, cells, curved)
+    np.testing.assert_array_equal(second.points[second.edges(curved.edges)[:, 2]], curved.middles)
+    inner = second.edges(np.array([[1, 4], [4, 7]]))
+    np.testing.assert_allclose(second.points[inner[:, 2], 1], 0.5)
+    # the centre of a blended map lies half as far from the chord as the middle of the bent edge
+    np.testing.assert_allclose(second.points[second.cells[[0, 2], 8], 1], 0.25 + 0.05)
+
+
+def test_edges_bend_with_the_side_as_far_as_cells_would_fold() -> None:
+    points, cells, curved = layers(0.02, 0.05, 0.5, 1.0, sagitta=0.1)
+    second = SecondOrderMesh.of(points, cells, curved)
+    lines = second.edges(np.array([[k, k + 5] for k in range(5)]))
+    bends = second.points[lines[:, 2], 1] - [0.0, 0.02, 0.05, 0.5, 1.0]
+    np.testing.assert_allclose(bends, [0.1, 0.1, 0.1, 0.0, 0.0], atol=1e-15)
+    corners = second.points[second.cells[:, :4]]
+    moves = second.points[second.cells[:, 4:8]] - 0.5 * (corners + np.roll(corners, -1, axis=1))
+    assert smallest_shares(corners, moves, AT_GAUSS_POINTS).min() > 0.0
+    assert smallest_shares(corners[:1], moves[:1] * [[[1.0], [1.0], [0.0], [1.0]]], AT_GAUSS_POINTS)[0] < 0.0
+
+
+def test_a_straight_side_stays_where_it_is() -> None:
+    points, cells, curved = layers(0.1, sagitta=0.09)
+    second = SecondOrderMesh.of(points, cells, curved)
+    ceiling = second.edges(np.array([[1, 3], [3, 5]]))
+    np.testing.assert_array_equal(second.points[ceiling[:, 2], 1], 0.1)
+    points, cells, curved = layers(0.02, sagitta=0.1)
+    with pytest.raises(InputError, match="folds where its side bends"):
+        SecondOrderMesh.of(points, cells, curved)
+
+
+def test_a_cell_that_folds_all_the_same_is_refused() -> None:
+    points, cells, curved = layers(0.02, sagitta=0.1)
+    ceiling = CurvedEdges(np.array([[1, 3], [3, 5]]), np.array([[0.5, 0.02], [1.5, 0.02]]))
+    both = CurvedEdges(
+        np.concatenate([curved.edges, ceiling.edges]), np.concatenate([curved.middles, ceiling.middles - 0.01])
+    )
+    with pytest.raises(
+        InputError, match=r"the cell around \(0\.5, 0\.01\) folds where its side bends: take more"
+    ) as error:
+        SecondOrderMesh.of(points, cells, both)
+    assert error.value.field == "order"
+
+
+def test_a_lattice_has_four_cells_in_the_place_of_each() -> None:
+    grid, blocks = Mesh.uniform(Grid(n_xi=4, n_eta=5)), l_shape()
+    lattice = lattice_of(grid)
+    assert lattice.distance(Mesh.uniform(Grid(n_xi=7, n_eta=9))) < 1e-15
+    assert every_second(lattice).distance(grid) == 0.0
+    found = lattice_of(blocks)
+    assert not found.is_folded
+    assert found.cell_areas().reshape(-1, 4).sum(axis=1) == pytest.approx(blocks.cell_areas())
+    assert {name: len(edges) for name, edges in found.sides.items()} == {"inlet": 16, "outlet": 8, "wall": 40}
+    for mesh in (grid, blocks):
+        numbers, nodes = nodes_of_cells(mesh), lattice_of(mesh).points
+        np.testing.assert_allclose(nodes[numbers[:, [0, 2, 2, 0], [0, 0, 2, 2]]], mesh.points[mesh.cells], atol=1e-15)
+        np.testing.assert_allclose(nodes[numbers[:, 1, 1]], mesh.points[mesh.cells].mean(axis=1), atol=1e-15)
+
+
+def test_joined_sides_of_a_lattice_are_joined_in_their_middles_too() -> None:
+    mesh = channel()
+    ties = lattice_of(mesh).ties
+    assert len(ties) == 2 * len(mesh.ties) - 1
+    points = lattice_of(mesh).points
+    moves = points[ties[:, 0]] - points[ties[:, 1]]
+    np.testing.assert_allclose(moves, np.broadcast_to(moves[0], moves.shape), atol=1e-14)

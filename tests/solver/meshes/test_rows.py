@@ -1,4 +1,4 @@
-"""Rows cut into strips, and strips shared out among threads."""
+"""Rows: cut into strips, shared out among threads, and the rows of a mesh that are held."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import threading
 import numpy as np
 import pytest
 
-from equimesh.meshes.rows import MIN_SHARED_NODES, MIN_STRIP_ROWS, STRIP_NODES, Rows, Share
+from equimesh.meshes.mesh import Grid, Mesh, MeshRows
+from equimesh.meshes.rows import MIN_SHARED_NODES, MIN_STRIP_ROWS, STRIP_NODES, Rows, Share, subtree
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 7, 64])
@@ -97,3 +98,36 @@ def test_the_error_of_a_thread_reaches_the_caller(bad: int) -> None:
 
     with pytest.raises(ValueError, match=f"share {bad}"):
         rows.each(work)
+
+
+@pytest.mark.parametrize("strips", [1, 2, 7, 8, 33, 1024])
+def test_a_tree_has_every_strip_once(strips: int) -> None:
+    tree = subtree(0, strips)
+    assert len(tree) == strips - 1
+    assert sorted(middle for _, middle, _ in tree.tolist()) == list(range(1, strips))
+    assert (tree[:, 1] == (tree[:, 0] + tree[:, 2]) // 2).all()
+
+
+MESH = Mesh.uniform(Grid(n_xi=1400, n_eta=90))
+
+
+def test_the_uniform_mesh_is_known_by_rows() -> None:
+    rows = Rows(shape=MESH.x.shape, begin=3, end=10, first=4, last=8)
+    some = MeshRows.uniform(rows)
+    assert np.array_equal(some.x, MESH.x[3:10])
+    assert np.array_equal(some.nodes(4, 8)[1], MESH.y[4:9])
+
+
+def test_rows_within_rows_are_counted_in_the_grid() -> None:
+    every = MeshRows.of(MESH)
+    some = every.within(3, 9).within(4, 8)
+    assert (some.rows.begin, some.rows.end, some.grid) == (4, 8, MESH.grid)
+    assert (some.rows.first, some.rows.last) == (4, 7), "the cells between the rows of nodes that are here"
+    assert np.array_equal(some.x, MESH.x[4:8])
+    assert np.shares_memory(some.x, every.x)
+    assert (every.within(0, 8).rows.first, every.within(0, 8).rows.last) == (0, 7)
+
+
+def test_names_of_parts_say_where_they_are() -> None:
+    with pytest.raises(ImportError, match=r"equimesh\.meshes\.cut is equimesh_cluster\.cut now"):
+        from equimesh.meshes import cut  # noqa: F401

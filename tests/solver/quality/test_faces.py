@@ -1,4 +1,4 @@
-"""Non-orthogonality and skewness of faces, against values by hand and those that OpenFOAM 1912 prints."""
+"""Checks of cells and faces, and the error of a cell-centred code, by hand and against those of OpenFOAM 1912."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from block_cases import channel, in_blocks
 from cases import problem
 from equimesh.domains.domain import map_mesh
 from equimesh.meshes.mesh import Mesh
-from equimesh.quality.faces import measure_faces
+from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 
 
 def waves(shape: tuple[int, int], domain: em.Domain) -> Mesh:
@@ -95,3 +95,71 @@ def test_a_join_is_a_face_without_its_translation() -> None:
     found, expected = measure_faces(mesh.moved(points)), measure_faces(mesh)
     assert found.summary() == pytest.approx(expected.summary(), rel=1e-12)
     assert found.skewness == pytest.approx(expected.skewness, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "determinant", "weight", "volume_ratio"),
+    [
+        (waves((17, 13), em.Rectangle()), 0.1086889587357588, 0.444632629272834, 0.6838339028141148),
+        (waves((9, 25), em.AnnulusSector()), 0.09539239440834739, 0.4047638058692445, 0.5387267305538241),
+    ],
+)
+def test_the_numbers_of_check_mesh(mesh: Mesh, determinant: float, weight: float, volume_ratio: float) -> None:
+    """Those of ``checkMesh -allTopology -allGeometry`` of OpenFOAM 1912 for the same nodes, one cell thick."""
+    checks = check_cells(mesh)
+    assert checks.determinant == pytest.approx(determinant, rel=1e-12)
+    assert checks.weight == pytest.approx(weight, rel=1e-12)
+    assert checks.volume_ratio == pytest.approx(volume_ratio, rel=1e-12)
+    assert checks.passed
+
+
+def test_thin_cells_sudden_changes_and_folds_do_not_pass() -> None:
+    def product(x: np.ndarray, y: np.ndarray) -> Mesh:
+        return Mesh(*np.meshgrid(x, y, indexing="ij"))
+
+    even = np.linspace(0.0, 1.0, 9)
+    assert check_cells(product(even, even)).passed
+    thin = check_cells(product(even, even / 100))
+    assert thin.determinant < 0.001
+    assert not thin.passed
+    sudden = check_cells(product(np.array([0.0, 0.01, 0.5, 1.0]), np.linspace(0.0, 1.0, 4)))
+    assert sudden.weight == pytest.approx(0.01 / 0.5)
+    assert sudden.volume_ratio == pytest.approx(0.01 / 0.49)
+    assert not sudden.passed
+    folded = product(even[[0, 2, 1, 3]], even)
+    assert math.isnan(check_cells(folded).determinant)
+    assert not check_cells(folded).passed
+
+
+U = em.Expression("exp(x)*sin(3*y) + tanh(4*(x - y))")
+
+
+@pytest.mark.parametrize(
+    ("mesh", "error"),
+    [
+        (waves((17, 13), em.Rectangle()), 0.024984034231097636),
+        (waves((9, 25), em.AnnulusSector()), 0.1878909067826689),
+    ],
+)
+def test_the_error_of_open_foam(mesh: Mesh, error: float) -> None:
+    """``Gauss linear corrected`` with 120 corrections gave these, with u at the middles of the faces of the sides."""
+    assert poisson_error(mesh, U) == pytest.approx(error, rel=1e-9)
+
+
+def test_the_error_on_uniform_meshes_is_of_second_order() -> None:
+    errors = [poisson_error(Mesh.uniform(em.Grid(n_xi=n, n_eta=n)), U) for n in (17, 33, 65)]
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.03)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.01)
+    assert errors[2] < 5e-4
+
+
+def test_what_is_linear_has_no_error_on_an_orthogonal_mesh() -> None:
+    assert poisson_error(Mesh.uniform(em.Grid(n_xi=9, n_eta=7)), em.Expression("3*x - y + 2")) < 1e-13
+
+
+def test_a_folded_mesh_and_a_source_that_is_not_finite_have_none() -> None:
+    uniform = Mesh.uniform(em.Grid(n_xi=5, n_eta=5))
+    assert poisson_error(uniform, em.Expression("log((x - 0.375)**2 + (y - 0.375)**2)")) == math.inf
+    folded = Mesh(uniform.x.copy(), uniform.y)
+    folded.x[1, 1] = 0.9
+    assert poisson_error(folded, U) == math.inf

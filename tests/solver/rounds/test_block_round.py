@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.least_error.kernels import Rule
 from equimesh.rounds.candidates import PARTS
-from equimesh.rounds.recovery import KEPT, ErrorEstimate, measured
+from equimesh.rounds.recovery import KEPT, ErrorEstimate, Recovery, measured, moved_cells
 from equimesh.rounds.round import WHOLE, next_mesh
 from equimesh.testing.geometries import disc, l_shape
 
@@ -74,3 +74,43 @@ def test_a_mesh_and_a_domain_of_two_kinds_are_refused() -> None:
         em.adapt_round(grid, grid.x, DOMAIN)
     with pytest.raises(em.InputError, match="one of a grid and the domain one of blocks"):
         em.adapt_round(DOMAIN.mesh, DOMAIN.mesh.x)
+
+
+TWO_SQUARES = l_shape(300)
+
+
+def test_the_estimate_is_near_the_error_of_smooth_values() -> None:
+    mesh, u = TWO_SQUARES.mesh, em.Expression("sin(4*x + y)")
+    known = Recovery.of(mesh, u.evaluate(mesh.x, mesh.y)[0], TWO_SQUARES)
+    for norm in ("l2", "h1"):
+        wanted = measured(u, TWO_SQUARES, mesh, Rule(norm=norm, points=3))
+        assert known.estimate(norm) == pytest.approx(wanted, rel=0.1)
+
+
+def test_a_linear_function_has_no_error_but_rounding() -> None:
+    mesh = TWO_SQUARES.mesh
+    known = Recovery.of(mesh, 1 + 2 * mesh.x - mesh.y, TWO_SQUARES)
+    assert known.estimate("l2") < known.rounding
+    assert known.gradient_norm() == pytest.approx(np.sqrt(5 * TWO_SQUARES.area))
+
+
+def test_the_measured_error_is_that_of_the_quality() -> None:
+    monitor = em.LeastError(u=em.Expression("tanh(9*(x - y))"))
+    solution = em.solve(em.Problem(monitor=monitor, domain=TWO_SQUARES), threads=1)
+    for mesh, wanted in (
+        (solution.mesh, solution.interpolation.l2),
+        (TWO_SQUARES.mesh, solution.interpolation.l2_uniform),
+    ):
+        assert measured(monitor.u, TWO_SQUARES, mesh, Rule(norm="l2", points=4)) == pytest.approx(wanted, rel=1e-3)
+
+
+def test_moves_count_in_lengths_of_the_mean_cell() -> None:
+    mesh = TWO_SQUARES.mesh
+    length = np.sqrt(TWO_SQUARES.area / len(mesh.cells))
+    assert moved_cells(mesh, mesh.moved(mesh.points + np.array([0.0, 0.5 * length]))) == pytest.approx(0.5)
+
+
+def test_values_on_another_mesh_are_refused() -> None:
+    other = disc(300).mesh
+    with pytest.raises(em.InputError, match="other cells than the domain"):
+        Recovery.of(other, other.x, TWO_SQUARES)

@@ -1,6 +1,8 @@
-"""One round from nodal values to the next mesh."""
+"""One round from nodal values to the next mesh: recovery, candidates, and the shape of a grid."""
 
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 import pytest
@@ -8,11 +10,17 @@ import pytest
 import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError, SamplesError
+from equimesh.fields.on_domain import OnDomain
 from equimesh.least_error.kernels import Norm, Rule
+from equimesh.least_error.starts import mesh_of, rectilinear
 from equimesh.meshes.second_order import lattice_of
-from equimesh.rounds.candidates import Search
-from equimesh.rounds.recovery import KEPT, Recovery, Round, measured
+from equimesh.quality.interpolation import interpolation_errors
+from equimesh.quality.measures import measure_errors
+from equimesh.rounds.candidates import LINE_FLOORS, LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
+from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells
 from equimesh.rounds.round import adapt_round
+from equimesh.rounds.shape import FixedPoints, ShapeSearch, best_grid, grid_of, on_grid, ratio_of, require_budget
+from solver.fields.bent_meshes import smooth_mesh
 
 FRONT = em.Expression("tanh(20*(x + y/2 - 0.75))")
 SECTOR = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0))
@@ -142,3 +150,204 @@ def test_values_of_another_degree_are_refused_with_the_shape_that_is_needed() ->
         adapt_round(mesh, mesh.x, degree=2)
     with pytest.raises(InputError, match="degree = 3: give 1 or 2, the degree of the elements at whose nodes"):
         adapt_round(mesh, mesh.x, degree=3)
+
+
+def test_a_round_has_all_numbers_of_the_next_mesh() -> None:
+    names = {field.name for field in dataclasses.fields(NextMesh)}
+    assert names < {field.name for field in dataclasses.fields(Round)}
+    assert em.Round is Round
+
+
+def test_a_round_carries_what_was_chosen() -> None:
+    mesh = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    found = em.adapt_round(mesh, mesh.x**2)
+    assert isinstance(found, Round)
+    assert found.chosen in found.candidates
+    assert found.gain > 1.0
+
+
+SLOPED_FRONT = em.Expression("tanh(8*(x + y/2 - 0.75))")
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+@pytest.mark.parametrize("domain", [UNIT_SQUARE, em.Rectangle(x=(0.0, 2.0)), SECTOR])
+def test_the_estimate_is_the_error_where_the_mesh_resolves_u(domain: em.Domain, norm: str) -> None:
+    square = smooth_mesh(33)
+    mesh = map_mesh(em.Mesh.of_unit_square(square.x, square.y), domain)
+    known = Recovery.of(mesh, SLOPED_FRONT.evaluate(mesh.x, mesh.y)[0], domain)
+    exact = measured(SLOPED_FRONT, domain, known.mesh, Rule(norm=norm))
+    assert 0.8 < known.estimate(norm) / exact < 1.3
+
+
+def test_the_estimate_of_a_linear_function_is_rounding() -> None:
+    mesh = smooth_mesh(17)
+    known = Recovery.of(mesh, 3.0 * mesh.x - mesh.y, UNIT_SQUARE)
+    assert known.estimate("l2") < 1e-13
+
+
+def test_moves_are_measured_in_spacings() -> None:
+    mesh = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=9))
+    assert moved_cells(mesh, em.Mesh(mesh.x + 0.25, mesh.y)) == pytest.approx(1.0)
+    assert moved_cells(mesh, em.Mesh(mesh.x, mesh.y + 0.25)) == pytest.approx(2.0)
+    assert moved_cells(mesh, mesh) == 0.0
+    assert np.isfinite(moved_cells(mesh, em.Mesh(mesh.x * 0.5, mesh.y)))
+
+
+@pytest.mark.parametrize("domain", [UNIT_SQUARE, em.Rectangle(x=(0.0, 2.0), y=(1.0, 1.5)), SECTOR])
+def test_the_norm_of_the_gradient_is_that_of_a_linear_function(domain: em.Domain) -> None:
+    mesh = map_mesh(em.Mesh.uniform(em.Grid(n_xi=33, n_eta=40)), domain)
+    known = Recovery.of(mesh, 3.0 * mesh.x - 4.0 * mesh.y, domain)
+    assert known.gradient_norm() == pytest.approx(5.0 * np.sqrt(domain.area), rel=1e-3)
+
+
+NAMES = [*(name for name, *_ in SAMPLED), LINES, STRAIGHT]
+STEEP_FRONT, LAYERS = em.Expression("tanh(20*(x + y/2 - 0.75))"), em.Expression("exp(50*(x - 1)) + exp(50*(y - 1))")
+
+
+def search(u: em.Field, n: int, m: int, norm: str = "l2") -> Search:
+    return Search(u=u, domain=UNIT_SQUARE, before=em.Mesh.uniform(em.Grid(n_xi=n, n_eta=m)), norm=norm)
+
+
+def test_the_best_of_the_candidates_have_their_measured_errors() -> None:
+    found = list(search(STEEP_FRONT, 33, 33).candidates())
+    names = [one.name for one in found]
+    assert len(names) == len({*names}) == MAX_CLIMBING + 1
+    assert {*names} < {*NAMES}
+    for one in found:
+        mesh = mesh_of(one.mesh, em.Grid(n_xi=33, n_eta=33))
+        assert mesh.min_jacobian > 0
+        assert one.error == pytest.approx(interpolation_errors(mesh, STEEP_FRONT).l2, rel=0.15)
+
+
+def test_straight_lines_are_as_good_as_any_for_layers_and_poor_for_an_oblique_front() -> None:
+    for u, low, high in ((STEEP_FRONT, 2.0, 20.0), (LAYERS, 1.0, 1.3)):
+        errors = {one.name: one.error for one in search(u, 33, 33).candidates()}
+        assert low <= errors[STRAIGHT] / min(errors.values()) <= high
+
+
+def test_the_last_steps_lower_the_error() -> None:
+    here = search(STEEP_FRONT, 33, 25)
+    best = min(here.candidates(), key=lambda one: one.error)
+    finished = here.finished(best)
+    assert finished.error < 0.97 * best.error
+    assert not mesh_of(finished.mesh, here.before.grid).is_folded
+
+
+@pytest.mark.parametrize(("n", "m"), [(4, 4), (9, 9), (12, 30), (17, 65)])
+def test_every_grid_has_candidates(n: int, m: int) -> None:
+    here = search(STEEP_FRONT, n, m)
+    found = list(here.candidates())
+    assert len(found) >= 3
+    assert len({one.name for one in found}) == len(found)
+    assert here.finished(found[0]).mesh.shape == (2, n * m)
+
+
+def test_a_mesh_that_folds_on_coarse_grids_still_has_candidates_that_begin_with_it() -> None:
+    uniform = em.Mesh.uniform(em.Grid(n_xi=65, n_eta=65))
+    x, y = uniform.x - 0.5, uniform.y - 0.5
+    turn = 2.2 * np.maximum(0.0, 1.0 - (x * x + y * y) / 0.2) ** 2  # a whirl
+    whirl = em.Mesh(0.5 + np.cos(turn) * x - np.sin(turn) * y, 0.5 + np.sin(turn) * x + np.cos(turn) * y)
+    assert not whirl.is_folded
+    assert em.Mesh(whirl.x[::8, ::8], whirl.y[::8, ::8]).is_folded
+    names = {one.name for one in Search(u=STEEP_FRONT, domain=UNIT_SQUARE, before=whirl, norm="l2").candidates()}
+    assert names & {name for name, *_ in SAMPLED}
+
+
+def test_candidates_of_a_domain_with_curved_sides_are_not_folded() -> None:
+    domain = em.AnnulusSector(radii=(1.0, 2.0))
+    ring = em.Expression("tanh(40*(sqrt(x**2 + y**2) - 1.5))")
+    here = Search(u=ring, domain=domain, before=em.Mesh.uniform(em.Grid(n_xi=33, n_eta=33)), norm="l2")
+    errors = {}
+    for one in here.candidates():
+        mesh = map_mesh(mesh_of(one.mesh, here.before.grid), domain)
+        assert not mesh.is_folded
+        errors[one.name] = one.error
+    assert errors[STRAIGHT] < 0.9 * max(errors.values())
+
+
+def test_candidates_that_are_folded_on_the_domain_alone_are_left_out() -> None:
+    domain = em.AnnulusSector(radii=(0.5, 1.0), angles=(0.0, 350.0))
+    # Straight lines crowd at the last angles; the first cell then spans more than half a turn.
+    steep = OnDomain(reference=em.Expression("tanh(200*(y - 0.95))"), domain=domain)
+    before = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    lines = rectilinear(steep, domain, before.grid.shape, "l2", LINE_FLOORS[-1])
+    assert lines is not None
+    straight = em.Mesh(*np.meshgrid(*lines, indexing="ij"))
+    assert not straight.is_folded
+    assert map_mesh(straight, domain).is_folded
+    for one in Search(u=steep, domain=domain, before=before, norm="l2").candidates():
+        assert not map_mesh(mesh_of(one.mesh, before.grid), domain).is_folded
+
+
+SQUARE = em.Mesh.uniform(em.Grid(17))
+
+
+def layer(power: float) -> em.Expression:
+    return em.Expression(f"exp(-30*x) + {power}*exp(-30*y)")
+
+
+@pytest.mark.parametrize(("u", "low", "high"), [("exp(-30*x)", 10.0, 20.0), ("exp(-30*y)", 1 / 20.0, 1 / 10.0)])
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_one_direction_gets_nearly_all_lines_of_a_function_of_it(u: str, low: float, high: float, norm: str) -> None:
+    found = best_grid(em.Expression(u), UNIT_SQUARE, 400, norm, SQUARE)
+    assert low < ratio_of(found) < high
+    assert 300 < found.points <= 400
+
+
+def test_equal_directions_keep_the_grid() -> None:
+    assert best_grid(layer(1.0), UNIT_SQUARE, 289, "l2", SQUARE) == SQUARE.grid
+
+
+@pytest.mark.parametrize("points", [25, 289, 4000])
+@pytest.mark.parametrize("ratio", [1e-6, 0.3, 1.0, 50.0, 1e6])
+def test_a_grid_has_at_most_its_points(points: int, ratio: float) -> None:
+    grid = grid_of(points, ratio)
+    assert grid.points <= points
+    assert min(grid.shape) >= 5
+
+
+@pytest.mark.parametrize("points", [24, 0, -5, 100.5, True, "100", None])
+def test_a_budget_without_a_grid_is_refused(points: object) -> None:
+    with pytest.raises(em.InputError, match="at least 25 points") as refused:
+        require_budget(points)
+    assert refused.value.field == "points"
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_the_error_at_fixed_points_is_that_of_the_interpolant(norm: str) -> None:
+    domain, u = em.Rectangle(x=(0.0, 2.0), y=(-1.0, 2.0)), em.Expression("sin(3*x + 2*y)")
+    fine = em.Mesh.uniform(em.Grid(65))
+    mesh = em.Mesh.uniform(em.Grid(17, 9))
+    x, y = domain.map(mesh.x, mesh.y)
+    measured = FixedPoints.of(u, domain, fine).error(mesh, u.evaluate(x, y)[0], norm)
+    errors = measure_errors(em.Mesh(x, y), u, alone=True)
+    assert measured == pytest.approx({"l2": errors.l2, "h1": errors.h1}[norm], rel=0.01)
+
+
+def test_a_peak_inside_a_cell_is_an_error() -> None:
+    peak = em.Expression("exp(-1000*((x - 0.52)**2 + (y - 0.52)**2))")
+    seeing, blind = em.Mesh.uniform(em.Grid(129)), em.Mesh.uniform(em.Grid(5))
+    fixed = FixedPoints.of(peak, UNIT_SQUARE, seeing)
+    size = fixed.error(blind, np.zeros((5, 5)), "l2")
+    assert size == pytest.approx(np.sqrt(np.pi / 2000.0), rel=1e-3)
+
+
+def test_a_mesh_goes_to_another_grid() -> None:
+    mesh = em.Mesh(*np.meshgrid(np.linspace(0, 1, 9) ** 2, np.linspace(0, 1, 9), indexing="ij"))
+    found = on_grid(mesh, em.Grid(17, 5))
+    assert found.grid == em.Grid(17, 5)
+    assert found.x[:, 2] == pytest.approx(np.linspace(0, 1, 17) ** 2, abs=1e-3)
+    assert on_grid(mesh, mesh.grid) is mesh
+
+
+def test_a_loop_searches_once_the_solution_is_resolved_and_until_a_shape_is_kept() -> None:
+    search = ShapeSearch(points=289)
+    mesh = em.Mesh.uniform(search.first(UNIT_SQUARE))
+    thin, even = (ErrorEstimate.of(mesh, f.evaluate(mesh.x, mesh.y)[0], UNIT_SQUARE) for f in THIN_AND_EVEN)
+    assert search.grid(thin, "l2", 1) == mesh.grid
+    assert not search.is_settled
+    assert search.grid(even, "l2", 1) == mesh.grid
+    assert search.is_settled
+
+
+THIN_AND_EVEN = em.Expression("exp(-500*x)"), em.Expression("sin(3*x)*sin(3*y)")

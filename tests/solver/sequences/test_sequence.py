@@ -1,4 +1,4 @@
-"""Meshes that follow a solution in time, in one process."""
+"""Meshes that follow a solution in time: their steps, what lies between, how far nodes move, and integrals."""
 
 from __future__ import annotations
 
@@ -9,6 +9,20 @@ import pytest
 
 import equimesh as em
 from equimesh.errors import InputError, SamplesError
+from equimesh.sequences.pursuit import (
+    Between,
+    blocks_between,
+    cells_moved,
+    displacement,
+    largest_jump,
+    mesh_between,
+    stays_valid,
+)
+from equimesh.sequences.sequence import about_integrals
+from equimesh.testing import check_field
+from equimesh.testing.geometries import l_shape
+from solver.fields.bent_meshes import smooth_mesh
+from solver.meshes.quad_cases import corner, disc, turned
 
 FRONT = "tanh(20*(x + y/2 - 0.6 - t))"
 GRID = em.Grid(n_xi=17, n_eta=17)
@@ -180,3 +194,115 @@ def test_cells_do_not_become_flatter_from_step_to_step() -> None:
     for number in range(1, 9):
         step = meshes.step(em.Expression(ring, t=0.004 * number).evaluate(meshes.mesh.x, meshes.mesh.y)[0])
     assert step.solution.angles.smallest > 15.0
+
+
+def test_a_step_tells_how_its_solve_ended_and_what_to_read() -> None:
+    problem = em.Problem(monitor=em.LeastError(u=em.Expression("tanh(20*(x-0.4))")), grid=em.Grid(n_xi=9, n_eta=9))
+    solution = em.solve(problem, threads=1)
+    step = em.SequenceStep(
+        number=3,
+        mesh=solution.mesh,
+        solution=solution,
+        fields={},
+        velocity=None,
+        moved=None,
+        substeps=1,
+        notes=("Note.",),
+    )
+    assert step.status is em.Status.COMPLETED
+    assert step.certificate.status is step.status
+    assert step.warnings == ("Note.", *solution.certificate.warnings)
+    assert repr(step) == "<SequenceStep 3: 9 x 9 points, completed>"
+
+
+def test_u_between_two_times_is_a_field() -> None:
+    field = Between(earlier=em.Expression("x*x"), later=em.Expression("sin(y)"), share=0.25)
+    check_field(field, ((0.0, 1.0), (0.0, 1.0)))
+    (u,) = field.evaluate(np.array([0.5]), np.array([0.3]))
+    assert u[0] == 0.75 * 0.25 + 0.25 * np.sin(0.3)
+
+
+def test_a_smoothed_mesh_has_a_share_of_the_one_before() -> None:
+    before, new = smooth_mesh(9), smooth_mesh(9, depth=-0.05)
+    mesh = mesh_between(before, new, 0.3)
+    assert np.abs(mesh.x - (0.7 * new.x + 0.3 * before.x)).max() < 1e-14
+
+
+def test_the_share_falls_where_a_cell_would_fold() -> None:
+    uniform = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5))
+    x, y = uniform.x - 0.5, uniform.y - 0.5
+    inner = np.pad(np.ones((3, 3)), 1)
+    before = em.Mesh(uniform.x + 9.0 * inner * y, uniform.y - 9.0 * inner * x)
+    mesh = mesh_between(before, uniform, 0.9)
+    assert not mesh.is_folded
+    assert 0.0 <= np.abs(mesh.x - uniform.x).max() < 0.9 * 9.0 * 0.25
+
+
+def test_a_mesh_of_blocks_between_two_is_not_folded() -> None:
+    domain = l_shape(300)
+    mesh = domain.mesh
+    far = mesh.moved(mesh.points[::-1].copy())
+    for share in (0.9, 0.5):
+        assert not blocks_between(domain, far, mesh, share).is_folded
+    assert blocks_between(domain, mesh, mesh, 0.5).distance(mesh) < 1e-12
+    shifted = mesh.points.copy()
+    shifted[domain.node_curve == -1] += 0.01
+    middle = blocks_between(domain, mesh.moved(shifted), mesh, 0.5)
+    assert np.abs(middle.points - mesh.points)[domain.node_curve == -1] == pytest.approx(0.005)
+
+
+def test_moves_are_counted_in_cells() -> None:
+    old = em.Mesh.uniform(em.Grid(n_xi=21, n_eta=11))
+    new = em.Mesh(old.x + 0.1, old.y - 0.05)
+    assert cells_moved(old, new) == pytest.approx(2.0)
+    assert displacement(old, new)[3, 4].tolist() == pytest.approx([0.1, -0.05])
+    few = old.x.copy()
+    few[7, 3] += 0.3  # one node is no front
+    assert cells_moved(old, em.Mesh(few, old.y)) < 0.01
+
+
+def test_a_way_on_which_a_cell_folds_is_seen() -> None:
+    old = smooth_mesh(9)
+    assert stays_valid(old, smooth_mesh(9, depth=-0.08))
+    turned = em.Mesh(-old.x, -old.y)  # a half turn: valid at both ends, and flat in the middle
+    assert not turned.is_folded
+    assert not stays_valid(old, turned)
+
+
+def test_the_largest_jump_is_a_share_of_the_range() -> None:
+    cells = em.Mesh(*np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij")).cells
+    assert largest_jump(np.array([[0.0, 0.1], [0.5, 2.0]]), cells) == pytest.approx(1.9 / 2.0)
+    assert largest_jump(np.ones((2, 2)), cells) == 0.0
+
+
+def test_moves_on_blocks_count_in_cells_too() -> None:
+    mesh = corner(4)
+    far = mesh.moved(mesh.points + np.array([0.125, 0.0]))
+    assert cells_moved(mesh, far) == pytest.approx(0.5)
+    assert displacement(mesh, far).shape == (len(mesh.points), 2)
+    assert stays_valid(mesh, far)
+    assert largest_jump(mesh.x, mesh.cells) == pytest.approx(0.125)
+    assert largest_jump(0 * mesh.x, mesh.cells) == 0.0
+
+
+def test_cells_of_blocks_that_fold_on_the_way_are_found() -> None:
+    mesh = disc(4)
+    assert stays_valid(mesh, turned(mesh, 0.5))
+    assert not stays_valid(mesh, turned(mesh, np.pi))  # both ends are valid, and half way all nodes meet
+
+
+def test_a_changed_integral_is_told_with_its_size() -> None:
+    old, new = disc(4), turned(disc(4), 0.1)
+    field = {"rho": em.MeshValues(np.ones(len(old.points)), transfer="conservative")}
+    assert list(about_integrals((old, new), field, {"rho": np.ones(len(new.points))})) == []
+    (said,) = about_integrals((old, new), field, {"rho": np.full(len(new.points), 1.1)})
+    assert said.startswith("The integral of rho changed by 1.0e-01 of itself")
+
+
+def test_each_component_counts_and_splines_are_not_told() -> None:
+    mesh = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
+    values = np.ones((5, 4, 2))
+    other = values * [1.0, 2.0]
+    for transfer, count in (("spline", 0), ("conservative", 1)):
+        field = {"u": em.MeshValues(values, transfer=transfer)}
+        assert len(list(about_integrals((mesh, mesh), field, {"u": other}))) == count

@@ -1,7 +1,8 @@
-"""Solves on domains in blocks: never worse than the initial mesh, from given meshes, by chosen weights, and told."""
+"""Solves on domains in blocks, and rounds: never worse than the initial mesh, from given meshes, by chosen weights."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 import equimesh as em
 from equimesh.least_error.descent import Descent
 from equimesh.quality.faces import measure_faces
+from equimesh.rounds.round import adapt_round
 from equimesh.solving import least_error as module
+from equimesh.solving.least_error import NOT_BETTER
 from equimesh.testing.geometries import disc, l_shape, naca0012_o, pitz_daily
 
 FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
@@ -178,3 +181,119 @@ def test_a_uniform_start_is_the_initial_mesh_alone() -> None:
     both = em.solve(problem(nodes=400), threads=1)
     assert {record["start"] for record in both.descent} == {"initial", "rectilinear"}
     assert solution.newton_steps == sum(record["level"] == solution.descent[-1]["level"] for record in solution.descent)
+
+
+@pytest.fixture(scope="module")
+def solution() -> em.Solution[em.Blocks]:
+    u = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
+    return em.solve(em.Problem(monitor=em.LeastError(u=u), domain=l_shape(600)))
+
+
+def test_errors_are_compared_with_the_initial_mesh(solution: em.Solution[em.Blocks]) -> None:
+    comparison, errors = solution.against_uniform, solution.interpolation
+    assert errors is not None
+    assert comparison.uniform.mesh is solution.initial
+    for measured, l2 in ((comparison.adapted, errors.l2), (comparison.uniform, errors.l2_uniform)):
+        assert measured.error is not None
+        mesh = measured.mesh
+        assert not mesh.is_grid
+        assert np.sqrt((measured.error**2 * mesh.cell_areas()).sum()) == pytest.approx(l2, rel=1e-6)
+
+
+def test_the_certificate_and_the_history_are_plain_numbers(solution: em.Solution[em.Blocks]) -> None:
+    summary = json.loads(json.dumps(solution.certificate.summary()))
+    assert summary["status"] == "completed"
+    assert summary["interpolation_gain"]["l2"] > 1.5
+    assert summary["min_jacobian"] == pytest.approx(solution.mesh.min_jacobian)
+    assert summary["compared_with"] == "initial"
+    assert solution.warnings == solution.certificate.warnings
+    said = str(solution.certificate)
+    assert "(error on the initial mesh over that on this one)" in said
+    assert "(1 for a parallelogram of the mean area)" in said
+    assert "uniform" not in said
+    history = json.loads(json.dumps(solution.convergence()))
+    assert history["descent"][-1]["points"] == solution.problem.points
+    assert str(solution.problem.points) in repr(solution)
+
+
+def test_the_contents_of_a_file_have_the_block_of_every_cell(solution: em.Solution[em.Blocks]) -> None:
+    data = solution.data()
+    assert data.u is not None
+    assert data.u == pytest.approx(solution.problem.monitor.u.evaluate(solution.mesh.x, solution.mesh.y)[0])
+    assert data.q_eq.shape == (len(solution.mesh.cells),)
+    counts = np.bincount(data.subdomain)
+    assert counts.tolist() == [cells.size for cells in solution.mesh.block_cells]
+
+
+def test_a_coarse_mesh_of_a_steep_function_is_warned_about() -> None:
+    u = em.Expression("tanh(300*(x + 0.31*y + 0.123))")
+    coarse = em.solve(em.Problem(monitor=em.LeastError(u=u), domain=l_shape(100)))
+    assert any("does not resolve it" in text or "inside a cell" in text for text in coarse.warnings)
+
+
+GRID = em.Grid(n_xi=17, n_eta=17)
+NODES = em.Mesh.uniform(GRID)
+VALUES = np.tanh(10.0 * (NODES.x + NODES.y / 2 - 0.75))
+
+
+def solved(values: np.ndarray, norm: str = "l2") -> em.Solution:
+    monitor = em.NodalSolution(u=em.NodalField(mesh=NODES, values=values), norm=norm)
+    return em.solve(em.Problem(monitor=monitor, grid=GRID))
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_the_solution_is_the_mesh_of_the_round(norm: str) -> None:
+    solution, found = solved(VALUES, norm), adapt_round(NODES, VALUES, norm=norm)
+    assert solution.status is em.Status.COMPLETED
+    assert np.array_equal(solution.mesh.x, found.mesh.x)
+    assert np.array_equal(solution.mesh.y, found.mesh.y)
+    estimate = solution.certificate.estimate
+    assert estimate is not None
+    assert (estimate.l2, estimate.h1) == (found.estimate, found.estimate_h1)
+    assert (estimate.unresolved, estimate.moved_cells) == (found.unresolved, found.moved_cells)
+    first, *others = solution.comparison
+    assert (first.settings["start"], first.chosen, any(one.chosen for one in others)) == (found.chosen, True, False)
+    gains = [one.gain_l2 if norm == "l2" else one.gain_h1 for one in solution.comparison]
+    assert gains == sorted(gains, reverse=True)
+    assert solution.certificate.equation_residual is None
+    assert solution.certificate.summary()["estimate"]["l2"] == found.estimate
+    assert "of the given values, on their own mesh" in str(solution.certificate)
+
+
+def test_values_of_a_linear_function_keep_their_mesh() -> None:
+    solution = solved(2.0 * NODES.x - NODES.y)
+    assert solution.mesh.distance(NODES) == 0.0
+    assert solution.note == NOT_BETTER
+
+
+def test_what_a_round_cannot_have() -> None:
+    monitor = em.NodalSolution(u=em.NodalField(mesh=NODES, values=VALUES))
+    with pytest.raises(em.InputError, match="the grid has 9 x 9 points, the values are 17 x 17"):
+        em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=9, n_eta=9)))
+    with pytest.raises(em.InputError, match="leave the Schwarz settings out"):
+        em.solve(em.Problem(monitor=monitor, grid=GRID), em.Schwarz(subdomains=(2, 1)))
+
+
+def test_on_blocks_the_solution_is_that_of_the_round() -> None:
+    domain = l_shape(300)
+    mesh = domain.mesh
+    values = np.tanh(9 * (mesh.x + mesh.y - 1))
+    problem = em.Problem(monitor=em.NodalSolution(u=em.QuadField(mesh=mesh, values=values)), domain=domain)
+    solution = em.solve(problem, threads=1)
+    found = em.adapt_round(mesh, values, domain)
+    assert np.array_equal(solution.mesh.points, found.mesh.points)
+    assert solution.estimate is not None
+    assert (solution.estimate.l2, solution.status) == (found.estimate, em.Status.COMPLETED)
+    assert solution.certificate.comparison[0].chosen
+    assert solution.interpolation.gain_l2 > 1.5
+    assert solution.data().u.shape == mesh.node_shape
+
+
+def test_values_on_a_mesh_of_another_kind_are_refused() -> None:
+    domain, grid = l_shape(300), em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    of_grid = em.NodalSolution(u=em.NodalField(mesh=grid, values=grid.x))
+    of_blocks = em.NodalSolution(u=em.QuadField(mesh=domain.mesh, values=domain.mesh.x))
+    with pytest.raises(em.InputError, match="on a mesh of a grid and the domain is in blocks"):
+        em.Problem(monitor=of_grid, domain=domain)
+    with pytest.raises(em.InputError, match="on a mesh of a grid and the domain is in blocks"):
+        em.solve(em.Problem(monitor=of_blocks, grid=grid.grid))

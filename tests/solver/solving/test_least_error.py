@@ -1,8 +1,9 @@
-"""Least-error solves: never worse than the uniform mesh, with records, and what goes with them."""
+"""Least-error solves: never worse than the uniform mesh, for a requested error, and within a bound of angles."""
 
 from __future__ import annotations
 
 import json
+import math
 import pickle
 from dataclasses import replace
 from typing import Any
@@ -13,9 +14,13 @@ import pytest
 import equimesh as em
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.nest import nested_levels
+from equimesh.quality.faces import measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.solving import least_error
+from equimesh.rounds.shape import proportions
+from equimesh.solving import least_error, orthogonality
 from equimesh.solving.solution import Solution
+from equimesh.solving.target import require_reachable
+from equimesh.testing.geometries import l_shape
 
 FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")
 GRID = em.Grid(n_xi=25, n_eta=21)
@@ -246,3 +251,274 @@ def test_a_given_mesh_is_kept_where_it_is_better_for_the_degree() -> None:
     assert first.interpolation is not None
     assert again.interpolation is not None
     assert again.interpolation.l2 <= first.interpolation.l2
+
+
+PAPER = em.Expression("(1-exp(15*(x-1)))*sin(pi*y)")
+MONITOR = em.LeastError(u=PAPER)
+
+
+@pytest.mark.parametrize(("norm", "error"), [("l2", 1e-4), ("h1", 0.06)])
+def test_the_error_is_reached_on_the_predicted_grid(norm: Any, error: float) -> None:
+    grids: list[em.Grid] = []
+    target = em.Target(norm=norm, error=error)
+    solution = em.solve_to(target, monitor=em.LeastError(u=PAPER, norm=norm), began=grids.append, threads=1)
+    aim = solution.certificate.target
+    assert aim is not None
+    assert aim.grid == solution.problem.grid.shape == grids[-1].shape
+    assert grids[0] == em.Grid(n_xi=33, n_eta=33)
+    assert aim.solves == len(grids) <= 4
+    assert solution.interpolation is not None
+    assert aim.reached == getattr(solution.interpolation, norm)
+    assert 0.8 * error <= aim.reached <= error
+    assert aim.predicted == pytest.approx(aim.reached, rel=0.05)
+    assert solution.certificate.summary()["target"]["grid"] == [*aim.grid]
+    assert f"reached on {solution.problem.grid} points" in str(solution.certificate)
+
+
+@pytest.mark.parametrize("kind", [em.LeastError, em.Auto])
+def test_the_least_error_on_so_many_points_takes_a_shape_for_it(kind: Any) -> None:
+    u, grids = em.Expression("exp(-30*y)"), list[em.Grid]()
+    solution = em.solve_to(em.Target(max_points=300), monitor=kind(u), began=grids.append, threads=1)
+    square = em.solve(em.Problem(monitor=kind(u), grid=grids[0]), threads=1)
+    assert (grids[0], grids[-1]) == (em.Grid(17), solution.problem.grid)
+    assert solution.problem.grid.n_eta > 6 * solution.problem.grid.n_xi
+    assert solution.interpolation is not None
+    assert square.interpolation is not None
+    assert solution.interpolation.l2 < 0.3 * square.interpolation.l2
+
+
+def test_a_target_needs_an_error_or_points() -> None:
+    with pytest.raises(em.InputError, match="an error is required, or max_points") as refused:
+        em.Target()
+    assert refused.value.field == "error"
+
+
+def test_the_order_of_the_degree_predicts_the_grid() -> None:
+    solution = em.solve_to(em.Target(error=2e-6), monitor=em.LeastError(PAPER, degree=3), threads=1)
+    aim = solution.certificate.target
+    assert aim is not None
+    assert aim.predicted == pytest.approx(aim.reached, rel=0.1)
+    assert 0.8 * 2e-6 <= aim.reached <= 2e-6  # the first grid of 33 x 33 has a hundredth of that
+    assert solution.problem.grid.points < 20 * 20
+    assert solution.interpolation is not None
+    assert (solution.interpolation.degree, aim.reached) == (3, solution.interpolation.l2)
+
+
+def test_a_large_error_takes_a_coarse_grid() -> None:
+    solution = em.solve_to(em.Target(error=3e-3), monitor=MONITOR, threads=1)
+    assert solution.problem.grid.points < 33 * 33
+    assert solution.target is not None
+    assert solution.target.reached <= 3e-3
+
+
+def test_what_no_allowed_grid_reaches_is_refused_with_the_error_that_it_would_give() -> None:
+    target = em.Target(error=1e-6, max_points=50 * 50)
+    with pytest.raises(em.InputError, match="the largest allowed grid, 50 x 50, would give about") as caught:
+        em.solve_to(target, monitor=MONITOR, threads=1)
+    assert caught.value.field == "target.error"
+    told = float(caught.value.message.rsplit(" ", 1)[1])
+    largest = em.solve(em.Problem(monitor=MONITOR, grid=em.Grid(n_xi=50, n_eta=50)), threads=1)
+    assert largest.interpolation is not None
+    assert told == pytest.approx(largest.interpolation.l2, rel=0.1)
+    with pytest.raises(em.InputError, match="would give about"):
+        require_reachable(target, monitor=MONITOR)
+    require_reachable(em.Target(error=1e-4), monitor=MONITOR)
+
+
+def test_the_largest_grid_is_within_the_limit() -> None:
+    for most in (25, 100, 1089, 54321):
+        for domain in (em.Rectangle(), em.Rectangle(x=(0, 7)), em.Rectangle(y=(0, 3))):
+            target = em.Target(error=1.0, max_points=most)
+            grid = target.grid(domain, target.largest_cells(domain))
+            assert grid.points <= most or grid.points == 25 or min(grid.shape) == 5
+
+
+@pytest.mark.parametrize(
+    ("domain", "ratio"),
+    [
+        (em.Rectangle(), 1.0),
+        (em.Rectangle(x=(0, 4)), 4.0),
+        (em.Rectangle(x=(0, 1), y=(0, 1000)), 1 / 64),
+        (em.AnnulusSector(radii=(1, 2), angles=(0, 90)), 1 / (1.5 * math.pi / 2)),
+    ],
+)
+def test_cells_have_the_proportions_of_the_domain(domain: em.Domain, ratio: float) -> None:
+    along_xi, along_eta = proportions(domain)
+    assert along_xi / along_eta == pytest.approx(ratio, rel=0.01)
+    assert along_xi * along_eta == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "field"),
+    [({"error": 0.0}, "error"), ({"error": math.inf}, "error"), ({"error": 1.0, "norm": "max"}, "norm"),
+     ({"error": 1.0, "max_points": 24}, "max_points"), ({"error": "1"}, "error")],
+)  # fmt: skip
+def test_a_target_that_cannot_be_used_is_refused(values: dict[str, Any], field: str) -> None:
+    with pytest.raises(em.InputError) as caught:
+        em.Target(**values)
+    assert caught.value.field == field
+
+
+def test_a_target_needs_a_function_and_no_mesh() -> None:
+    target = em.Target(error=1e-3)
+    with pytest.raises(em.InputError, match="this monitor has no u"):
+        em.solve_to(target, monitor=em.Weight(rho=PAPER))
+    with pytest.raises(em.InputError, match="no mesh to start from"):
+        em.solve_to(target, monitor=MONITOR, initial=em.Mesh.uniform(em.Grid(n_xi=33, n_eta=33)))
+
+
+def test_the_second_grid_begins_where_the_first_has_ended() -> None:
+    told: list[em.Event] = []
+    target = em.Target(error=2e-4)
+    u = em.Expression("(1-exp(15*(x-1)))*sin(pi*y)")
+    solution = em.solve_to(target, monitor=em.LeastError(u=u), observe=told.append, threads=1)
+    first = [event for event in told if event.phase.startswith("grid 1 for the target: ")]
+    second = [event.fraction for event in told if event.phase.startswith("grid 2 for the target: ")]
+    assert {event.fraction for event in first} == {None}  # how large the second grid is, is not known yet
+    known = [share for share in second if share is not None]
+    assert known == sorted(known)
+    assert known[0] >= 33 * 33 / (33 * 33 + solution.problem.grid.points) / 2
+    assert known[-1] > 0.5
+
+
+def test_blocks_have_no_grid_to_find() -> None:
+    corners = {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]}
+    blocks = em.Blocks.of({"vertices": corners, "blocks": [{"corners": list("abcd"), "cells": [4, 4]}]})
+    with pytest.raises(em.InputError, match="refine the blocks, and solve a Problem of them") as caught:
+        em.solve_to(em.Target(error=1e-3), monitor=MONITOR, domain=blocks)  # type: ignore[arg-type]
+    assert caught.value.field == "domain"
+
+
+STEEP = em.Expression("tanh(30*(y - 0.5 - 0.25*sin(2*pi*x)))")
+SHARP_PEAK = em.Expression("1 + 60*exp(-300*(x + y - 1)**2)")
+BOUND = 25.0
+MONITORS: dict[str, em.Monitor] = {
+    "auto": em.Auto(u=STEEP, orthogonality=BOUND),
+    "least_error": em.LeastError(u=STEEP, orthogonality=BOUND),
+    "h1": em.LeastError(u=STEEP, norm="h1", orthogonality=BOUND),
+    "arc_length": em.ArcLength(u=STEEP, orthogonality=BOUND),
+    "curvature": em.Curvature(u=STEEP, isotropic=True, orthogonality=BOUND),
+    "smoothed": em.Smoothed(monitor=em.ArcLength(u=STEEP, orthogonality=BOUND), radius=0.02),
+    "weight": em.Weight(rho=SHARP_PEAK, orthogonality=BOUND),
+    "gradient": em.Weight(rho=SHARP_PEAK, map="gradient", orthogonality=BOUND),
+    "tensor": em.Tensor(m11=SHARP_PEAK, m12=em.Expression("0.5"), m22=SHARP_PEAK, orthogonality=BOUND),
+    "intersection": em.Intersection(monitors=(em.Weight(rho=SHARP_PEAK), em.ArcLength(u=STEEP, orthogonality=BOUND))),
+    "own": em.Intersection(monitors=(em.Weight(rho=SHARP_PEAK), em.ArcLength(u=STEEP)), orthogonality=BOUND),
+}
+
+
+def solved(monitor: em.Monitor, schwarz: em.Schwarz | None = None, **more: Any) -> em.Solution:
+    problem = em.Problem(monitor=monitor, grid=em.Grid(n_xi=17, n_eta=17), domain=more.pop("domain", em.Rectangle()))
+    return em.solve(problem, schwarz, **more)
+
+
+@pytest.mark.parametrize("name", MONITORS)
+def test_the_bound_holds_and_the_certificate_says_what_it_cost(name: str) -> None:
+    solution = solved(MONITORS[name])
+    assert measure_faces(solution.mesh).non_orthogonality <= BOUND
+    assert solution.faces.non_orthogonality > 0.3 * BOUND or solution.relaxed[0].what == "rectilinear"
+    assert solution.relaxed, "without a price the bound would be no bound for this monitor"
+    (said,) = (text for text in solution.certificate.warnings if f"The bound of {BOUND:g} degrees" in text)
+    assert solution.status in (em.Status.RELAXED, em.Status.COMPLETED)
+    assert solution.problem.monitor == em.solve(solution.problem).problem.monitor
+    assert said in solution.message
+
+
+def test_a_uniform_mesh_that_a_bound_leaves_is_not_laid_on_the_monitor() -> None:
+    problem = em.Problem(monitor=em.ArcLength(u=STEEP, orthogonality=0.02), grid=em.Grid(n_xi=9, n_eta=9))
+    (said,) = (text for text in em.solve(problem).certificate.warnings if "is uniform" in text)
+    assert "the bound of 0.02 degrees of non-orthogonality leaves next to nothing" in said
+    assert said.endswith("Raise orthogonality.")
+
+
+def test_a_round_of_a_solver_keeps_the_bound() -> None:
+    nodes = em.Mesh.uniform(em.Grid(n_xi=17, n_eta=17))
+    values = STEEP.evaluate(nodes.x, nodes.y)[0]
+    u = em.NodalField(mesh=nodes, values=values)
+    free, bounded = solved(em.NodalSolution(u=u)), solved(em.NodalSolution(u=u, orthogonality=BOUND))
+    assert free.faces.non_orthogonality > BOUND >= bounded.faces.non_orthogonality
+    assert bounded.estimate == free.estimate
+    assert [text for text in bounded.certificate.warnings if f"The bound of {BOUND:g} degrees" in text]
+
+
+def test_a_bound_that_holds_changes_nothing() -> None:
+    for free in (em.ArcLength(u=em.Expression("tanh(5*(x - y))")), em.LeastError(u=em.Expression("exp(x*y)"))):
+        plain = solved(free)
+        bounded = solved(type(free)(u=free.u, orthogonality=plain.faces.non_orthogonality + 0.1))
+        assert np.array_equal(bounded.mesh.x, plain.mesh.x)
+        assert bounded.relaxed == plain.relaxed == ()
+        assert bounded.status is plain.status
+
+
+def test_it_holds_with_subdomains_and_on_a_bent_domain() -> None:
+    front = em.Expression("tanh(20*(hypot(x, y) - 1.5 + 0.2*sin(5*x)))")
+    arc = em.ArcLength(u=front, orthogonality=BOUND)
+    for schwarz in (None, em.Schwarz(subdomains=(2, 1))):
+        solution = solved(arc, schwarz, domain=em.AnnulusSector())
+        assert 0.8 * BOUND < solution.faces.non_orthogonality <= BOUND
+        assert solution.relaxed[0].what == "a"
+        assert 0.0 < solution.relaxed[0].reached < solution.relaxed[0].asked
+        assert solution.status is em.Status.RELAXED
+
+
+def test_a_given_mesh_with_larger_angles_is_not_kept() -> None:
+    free = solved(em.LeastError(u=STEEP))
+    assert free.faces.non_orthogonality > BOUND
+    for name in ("least_error", "arc_length"):
+        assert solved(MONITORS[name], initial=free.reference).faces.non_orthogonality <= BOUND
+
+
+@pytest.mark.everything
+def test_a_target_reaches_its_error_within_the_bound() -> None:
+    monitor = em.LeastError(u=em.Expression("tanh(9*(x - y*y))"), orthogonality=BOUND)
+    aimed = em.solve_to(em.Target(error=2e-3), monitor=monitor)
+    assert aimed.faces.non_orthogonality <= BOUND
+    assert aimed.certificate.target.reached <= 2e-3
+
+
+def test_a_domain_whose_uniform_mesh_is_beyond_the_bound_is_refused() -> None:
+    sheared = em.Quadrilateral(
+        bottom=em.Curve.through([[0, 0], [1, 0]]),
+        right=em.Curve.through([[1, 0], [2, 1]]),
+        top=em.Curve.through([[1, 1], [2, 1]]),
+        left=em.Curve.through([[0, 0], [1, 1]]),
+    )
+    with pytest.raises(em.InputError, match="45 degrees on this domain already") as caught:
+        solved(em.ArcLength(u=em.Expression("x*y"), orthogonality=40.0), domain=sheared)
+    assert caught.value.field == "monitor.orthogonality"
+    assert solved(em.ArcLength(u=em.Expression("x*y"), orthogonality=50.0), domain=sheared).status.succeeded
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, 91.0, float("nan"), True, "50"])
+def test_a_bound_that_is_no_angle_is_refused(bad: Any) -> None:
+    for make in (em.ArcLength, em.Curvature, em.LeastError, em.Auto):
+        with pytest.raises(em.InputError, match="angle of non-orthogonality") as caught:
+            make(u=STEEP, orthogonality=bad)
+        assert caught.value.field == "orthogonality"
+
+
+DIAGONAL = em.Expression("tanh(25*(x + 0.7*y - 0.1))")
+
+
+@pytest.mark.parametrize("bound", [60.0, 45.0])
+def test_on_blocks_oblique_corners_become_dearer_until_the_bound_holds(bound: float) -> None:
+    domain = l_shape(1000)
+    free = em.solve(em.Problem(monitor=em.LeastError(u=DIAGONAL), domain=domain))
+    assert free.faces.non_orthogonality > 60.0
+    monitor = em.LeastError(u=DIAGONAL, orthogonality=bound)
+    solution = em.solve(em.Problem(monitor=monitor, domain=domain))
+    assert solution.faces.non_orthogonality <= bound
+    assert any("oblique corners" in text for text in solution.certificate.warnings)
+    assert solution.interpolation is not None
+    assert free.interpolation is not None
+    assert 1.5 < solution.interpolation.gain_l2 < free.interpolation.gain_l2
+    assert solution.angles.share_within > 0.99
+    assert free.angles.share_within < 0.95
+
+
+def test_on_blocks_the_initial_mesh_is_left_where_no_weight_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(orthogonality, "OBLIQUENESS_TRIALS", ())
+    monitor = em.LeastError(u=DIAGONAL, orthogonality=45.0)
+    solution = em.solve(em.Problem(monitor=monitor, domain=l_shape(300)))
+    assert solution.mesh is solution.initial
+    assert "left no mesh but the initial one" in solution.note

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 import pytest
@@ -10,11 +11,14 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import Cells
+from equimesh.equations.problem import Problem
 from equimesh.meshes.nested import Closed, padded
 from equimesh.meshes.rows import Rows
-from equimesh.single_domain import iteration
+from equimesh.numerics.types import Array
+from equimesh.single_domain import iteration, level
 from equimesh.sweeps.deviation import deviation
 from equimesh.sweeps.kernels import copy_ends
+from equimesh.sweeps.one_strip import MAX_SWEEPS_AT_ONCE, NOT_GIVEN, Patches, is_one_strip
 from equimesh.sweeps.sweep import (
     CONTRACTION,
     DONE,
@@ -25,9 +29,11 @@ from equimesh.sweeps.sweep import (
     LOST,
     MAX_SLOW_SWEEPS,
     RESIDUAL,
+    WHOLE,
     Correction,
     Frame,
     Rules,
+    SideNodes,
     Sweep,
     error_left,
     halve_moves,
@@ -233,3 +239,191 @@ def test_slow_sweeps_are_halved_and_then_given_up() -> None:
     assert verdicts == [GO_ON] * (MAX_SLOW_SWEEPS + 2)
     again = [judge(RULES, known, 1.0, 1.0, 3.0, record) for _ in range(MAX_SLOW_SWEEPS + 2)]
     assert again == [GO_ON] * (MAX_SLOW_SWEEPS + 1) + [LOST]
+
+
+Found: TypeAlias = list[tuple[object, ...]]
+
+
+class Saddle:
+    """A function of a user, whose code is not compiled."""
+
+    def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
+        u = x * y + np.sin(3 * x)
+        return (u,) if order == 0 else (u, y + 3 * np.cos(3 * x), x + 0.0 * y)
+
+
+def samples(points: int = 65, steepness: float = 20.0) -> em.GridSamples:
+    line = np.linspace(0.0, 1.0, points)
+    return em.GridSamples(x=line, y=line, values=np.tanh(steepness * (np.add.outer(line, line / 2) - 0.75)))
+
+
+def arc_length(u: em.Field, n_xi: int, n_eta: int, domain: em.Domain | None = None, **options: str) -> em.Problem:
+    boundary = em.Boundary(options.get("boundary", "trace"))
+    monitor, grid = em.ArcLength(u=u), em.Grid(n_xi=n_xi, n_eta=n_eta)
+    return em.Problem(monitor=monitor, grid=grid, boundary=boundary, domain=domain or em.Rectangle())
+
+
+STEEP = em.Expression("tanh(200*(x - y))")
+CASES = {
+    "samples": arc_length(samples(), 65, 65),
+    "few nodes": arc_length(samples(), 20, 24),
+    "no common nodes": arc_length(samples(), 50, 70),
+    "many samples": arc_length(samples(200), 33, 33),
+    "formula": problem("ring", 65),
+    "long": problem("tanh20", 20, 90),
+    "halved moves": arc_length(samples(129, 60.0), 33, 33),
+    "lost": arc_length(STEEP, 33, 33),
+    "flat sides": arc_length(samples(), 33, 40, boundary="equidistributed_1d"),
+    "domain": arc_length(em.Expression("sin(3*x)*y"), 33, 33, em.Rectangle(x=(0, 2), y=(-1, 1))),
+    "own code": arc_length(Saddle(), 40, 40),
+    "metric of points": em.Problem(monitor=em.Curvature(u=STEEP), grid=em.Grid(n_xi=20, n_eta=20)),
+}
+
+
+def found(case: em.Problem, mode: em.Mode) -> Found:
+    """The numbers and the meshes of all steps."""
+    steps = []
+    for step in iteration.single_domain_steps(case, mode=mode):
+        numbers = (step.residual, step.algebraic_error, step.discretization_error, step.contraction)
+        mesh = step.snapshot().mesh
+        steps.append((step.level, step.step, step.converged, *map(str, numbers), mesh.x.tobytes(), mesh.y.tobytes()))
+    return steps
+
+
+@pytest.mark.parametrize("mode", em.Mode)
+@pytest.mark.parametrize("name", CASES)
+def test_steps_are_those_of_sweeps_one_by_one(name: str, mode: em.Mode, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = found(CASES[name], mode)
+    monkeypatch.setattr(level, "is_one_strip", lambda *_: False)
+    there = found(CASES[name], mode)
+    assert [step[:7] for step in here] == [step[:7] for step in there]
+    assert here == there
+
+
+def test_a_spline_is_evaluated_inside() -> None:
+    assert Patches.of(CASES["samples"].metric).given
+    assert Patches.of(CASES["many samples"].metric) is NOT_GIVEN, "its polynomials would not stay in the cache"
+    assert Patches.of(CASES["formula"].metric) is NOT_GIVEN
+
+
+def test_every_step_has_its_own_mesh() -> None:
+    """An observer may hear of several sweeps at a time."""
+    meshes = [step.snapshot().mesh for step in iteration.single_domain_steps(CASES["halved moves"])]
+    assert len(meshes) > 2 * MAX_SWEEPS_AT_ONCE
+    assert len({mesh.x.tobytes() for mesh in meshes}) >= len(meshes) - 4, "the last steps of levels may be at rest"
+
+
+def test_larger_grids_and_orthogonal_sides_are_swept_one_by_one() -> None:
+    case = CASES["samples"]
+    assert is_one_strip(case, Rows.whole((181, 181)))
+    assert not is_one_strip(case, Rows.whole((257, 257)))
+    orthogonal = arc_length(samples(), 33, 33, boundary="orthogonal")
+    assert not is_one_strip(orthogonal, Rows.whole((33, 33)))
+
+
+def test_nodes_that_are_nowhere_end_the_sweeps() -> None:
+    x, y = np.meshgrid(np.linspace(0, 1, 17), np.linspace(0, 1, 17), indexing="ij")
+    x[3, 4] = np.nan
+    case = arc_length(samples(), 17, 17)
+    *_, last = iteration.steps_from(case, em.Mesh(x, y))
+    assert last.converged
+    assert not last.mesh.is_folded
+
+
+U = em.Expression("tanh(9*(x + y/2 - 0.7))")
+
+
+def on_domain(shape: tuple[int, int], domain: em.Domain, monitor: em.Monitor) -> Problem:
+    return Problem(monitor=monitor, grid=em.Grid(n_xi=shape[0], n_eta=shape[1]), domain=domain)
+
+
+def bent(shape: tuple[int, int]) -> em.Mesh:
+    """A smooth mesh of the reference square that solves nothing."""
+    start = em.Mesh.uniform(em.Grid(n_xi=shape[0], n_eta=shape[1]))
+    x, y = start.x, start.y
+    return em.Mesh(x + 0.1 * x * (1 - x) * (1 + y), y - 0.1 * np.sin(np.pi * y) * np.sin(3 * x))
+
+
+@pytest.mark.parametrize("domain", [em.Rectangle(), em.AnnulusSector()], ids=["square", "sector"])
+@pytest.mark.parametrize("monitor", [em.ArcLength(u=U), em.Weight(rho=em.Expression("1 + x*y"))])
+@pytest.mark.parametrize("shape", [(4, 4), (40, 7), (301, 150)])
+def test_it_is_that_of_a_sweep(domain: em.Domain, monitor: em.Monitor, shape: tuple[int, int]) -> None:
+    case, mesh = on_domain(shape, domain, monitor), bent(shape)
+    swept = Sweep(case.metric, case.boundary, Rows.whole(shape), np.empty(memory_needed(shape))).correct(mesh.x, mesh.y)
+    found = deviation(case.metric, case.boundary, mesh)
+    assert found == pytest.approx(swept.deviation, rel=1e-12)
+    assert deviation(case.metric, case.boundary, mesh, threads=3) == found
+    u = case.metric.u(mesh.x, mesh.y)
+    assert deviation(case.metric, case.boundary, mesh, u=u) == pytest.approx(found, rel=1e-12)
+    assert found > 1e-3
+
+
+def test_a_length_that_is_not_a_number_makes_it_infinite() -> None:
+    case, mesh = on_domain((9, 9), em.Rectangle(), em.ArcLength(u=U)), bent((9, 9))
+    x = mesh.x.copy()
+    x[4, 4] = math.nan
+    assert deviation(case.metric, case.boundary, em.Mesh(x, mesh.y)) == math.inf
+
+
+# The deviation of a mesh with closed lines, against lengths that are computed one by one.
+
+
+def test_the_deviation_is_the_largest_one_of_all_lines() -> None:
+    on_domain = em.Problem(
+        monitor=em.Weight(rho=em.Expression("1")), grid=em.Grid(n_xi=5, n_eta=6), domain=em.Rectangle(periodic="both")
+    )
+    mesh = em.Mesh.uniform(on_domain.grid)
+    mesh.x[0] -= 0.05  # the seam of the xi-lines
+    mesh.x[-1] -= 0.05
+    found = deviation(on_domain.metric, on_domain.boundary, mesh)
+    lengths = np.array([0.3, 0.25, 0.25, 0.2]) ** 2
+    assert found == pytest.approx(np.abs(lengths - lengths.mean()).max() / lengths.mean())
+
+
+def test_a_node_that_is_no_number_has_no_deviation() -> None:
+    on_domain = em.Problem(
+        monitor=em.Weight(rho=em.Expression("1")), grid=em.Grid(n_xi=5, n_eta=6), domain=em.Rectangle(periodic="y")
+    )
+    mesh = em.Mesh.uniform(on_domain.grid)
+    mesh.x[2, 2] = np.nan
+    assert deviation(on_domain.metric, on_domain.boundary, mesh) == np.inf
+
+
+def test_the_sides_move_with_the_interior() -> None:
+    """Nodes on the sides go where the equations of the sides want them, also at right angles to a moving interior."""
+    for boundary in em.Boundary:
+        case = problem("tanh20", 33, boundary=boundary, b=0.5)
+        *_, last = iteration.single_domain_steps(case)
+        equations = case.equations()
+        assert abs(equations.residual(equations.vector(last.mesh))).max() < 1e-9 * equations.mean_flux(
+            equations.vector(last.mesh)
+        )
+        assert abs(last.mesh.x[:, 0] - np.linspace(0, 1, 33)).max() > 1e-3
+
+
+# Frames: where the lines of a window begin and end.
+
+
+def test_lines_end_one_node_before_a_side_that_yields() -> None:
+    frame = Frame(physical=((False, True), (False, False)), beyond=((7.0, 0.0), (0.0, 3.0)))
+    assert frame.span(0, 12) == (1, 11)
+    assert frame.span(1, 9) == (0, 7)
+
+
+def test_the_lines_of_the_whole_grid_are_whole() -> None:
+    assert WHOLE.physical == ((True, True), (True, True))
+    assert (WHOLE.span(0, 12), WHOLE.span(1, 9)) == ((0, 11), (0, 8))
+
+
+# The nodes along the sides, in full.
+
+
+SHAPE = (130, 2049)
+X, Y = np.random.default_rng(5).random((2, *SHAPE))
+
+
+def test_moved_sides_are_new_ones() -> None:
+    whole = SideNodes.of(X, Y)
+    moved = whole.moved(whole.along_eta, -whole.along_xi)
+    assert np.array_equal(moved.along_eta, 2 * Y[[0, -1]])
+    assert not moved.along_xi.any()

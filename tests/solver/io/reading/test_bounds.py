@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import logging
@@ -15,13 +16,16 @@ import numpy as np
 import pytest
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.errors import InputError
+from equimesh.errors import InputError, SamplesError
 from equimesh.io.reading import bounds
 from equimesh.io.reading.bounds import MAX_MESSAGE, floats, integers, line_of, open_zip, refusing
 from equimesh.io.reading.read import read_bytes, read_description
+from equimesh.io.reading.vtk import VtkXml
 from equimesh.io.solver_files import gmsh_text, su2_text
 from solver.io.reading.plain import small
 from solver.io.reading.test_foam import files as poly_mesh_files
+from solver.upload.bombs import check_bomb_is_refused
+from solver.upload.files import refused
 
 MEGABYTE = 1 << 20
 MOST_SECONDS = 8.0
@@ -59,7 +63,7 @@ COSTLY: dict[str, tuple[str, Callable[[], bytes]]] = {
         "msh",
         lambda: (
             b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n999999 1 1 1\n"
-            + b"0 1 0 0\n" * MEGABYTE
+            + b"0 1 0 0\n" * (MEGABYTE // 4)
             + b"$EndNodes\n$Elements\n0 0 0 0\n$EndElements\n"
         ),
     ),
@@ -67,7 +71,7 @@ COSTLY: dict[str, tuple[str, Callable[[], bytes]]] = {
         "msh",
         lambda: (
             b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n1\n1 0 0 0\n$EndNodes\n$Elements\n999999\n"
-            + b"1 1 1 1 1 1\n2 15 0 1\n" * 500_000
+            + b"1 1 1 1 1 1\n2 15 0 1\n" * 150_000
             + b"$EndElements\n"
         ),
     ),
@@ -76,8 +80,8 @@ COSTLY: dict[str, tuple[str, Callable[[], bytes]]] = {
     "records of no length": ("p3d", lambda: bytes(12 * MEGABYTE)),
     "repetitions": ("p3d", lambda: b"4472 4472 19999998*0.5 19999998*x "),
     "many repetitions": ("p3d", lambda: b"2 2 " + b"1*1 " * (12 * MEGABYTE)),
-    "one bad word at the end": ("p3d", lambda: b"2 2 " + b"1 " * (8 * MEGABYTE) + b"x"),
-    "many words in a boundary": ("zip", lambda: with_boundary(b"1(a{b c;}" + b" d" * (24 * MEGABYTE) + b")")),
+    "one bad word at the end": ("p3d", lambda: b"2 2 " + b"1 " * (2 * MEGABYTE) + b"x"),
+    "many words in a boundary": ("zip", lambda: with_boundary(b"1(a{b c;}" + b" d" * (8 * MEGABYTE) + b")")),
 }
 
 
@@ -93,7 +97,7 @@ def test_a_file_that_declares_too_much_is_refused_soon(name: str) -> None:
 
 
 DESCRIPTIONS: dict[str, tuple[str, Callable[[], str]]] = {
-    "many words": ("blockMeshDict", lambda: "vertices (" + "a " * (6 * MEGABYTE) + ");"),
+    "many words": ("blockMeshDict", lambda: "vertices (" + "a " * (2 * MEGABYTE) + ");"),
     "variables of variables": (
         "blockMeshDict",
         lambda: "v0 (a);" + "".join(f"v{k} ($v{k - 1});" for k in range(1, 5000)) + "vertices ($v4999);",
@@ -272,3 +276,71 @@ def test_plain_files_have_the_limits_of_others() -> None:
     total = sum(map(len, found.values()))
     assert members(data, total) == found
     assert "more than the bytes allowed" in str(members(data, total - 1))
+
+
+PACKED = base64.b64encode(struct.pack("<I3i", 12, 5, -6, 2**30)).decode()
+
+
+def reader(array: str, limit: int = 1000) -> VtkXml:
+    return VtkXml(f'<VTKFile byte_order="LittleEndian"><a>{array}</a></VTKFile>'.encode(), limit)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        f'<DataArray type="Int32" format="binary">{PACKED}</DataArray>',
+        f'<DataArray type="Int64" format="ascii">5 -6 {2**30}</DataArray>',
+    ],
+)
+def test_numbers_of_both_encodings(array: str) -> None:
+    found = reader(array)
+    np.testing.assert_array_equal(found.array(found.root[0][0], 3), [5, -6, 2**30])
+    with pytest.raises(SamplesError, match=r"where 4 are expected|ends too early"):
+        found.array(found.root[0][0], 4)
+
+
+def test_more_than_the_limit_is_refused_before_it_is_read() -> None:
+    found = reader('<DataArray type="Int64" Name="q" format="ascii">5</DataArray>', limit=7)
+    with pytest.raises(SamplesError, match="more data than the limit allows"):
+        found.array(found.root[0][0], 1)
+
+
+def test_another_compressor_is_named() -> None:
+    with pytest.raises(SamplesError, match="compressed by vtkLZ4"):
+        VtkXml(b'<VTKFile compressor="vtkLZ4"></VTKFile>', 10)
+
+
+def test_more_blocks_than_bytes_are_refused() -> None:
+    packed = base64.b64encode(struct.pack("<1003I", 1000, 1, 0, *[0] * 1000)).decode()
+    array = f'<DataArray type="Int32" Name="q" format="binary">{packed}</DataArray>'
+    file = f'<VTKFile compressor="vtkZLibDataCompressor" byte_order="LittleEndian"><a>{array}</a></VTKFile>'
+    found = VtkXml(file.encode(), 1000)
+    with pytest.raises(SamplesError, match="has 1000 blocks for 12 bytes: save larger blocks"):
+        found.array(found.root[0][0], 3)
+
+
+def test_entities_are_refused() -> None:
+    laughs = b'<!DOCTYPE a [<!ENTITY b "bbbb">]><VTKFile>&b;</VTKFile>'
+    refused(laughs, "u.vtu", "entities")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_entities_are_refused_in_any_encoding(encoding: str) -> None:
+    head = f"<?xml version='1.0' encoding='{encoding}'?>"
+    laughs = f'{head}<!DOCTYPE a [<!ENTITY b "bbbb">]><VTKFile>&b;</VTKFile>'
+    refused(laughs.encode(encoding), "u.vtu", "entities")
+
+
+BOMBS = {
+    "deep": (b"<VTKFile>" + b"<a>" * 1_000_000 + b"</a>" * 1_000_000 + b"</VTKFile>", "more than 100000"),
+    "not quite as deep": (b"<VTKFile>" + b"<a>" * 40_000 + b"</a>" * 40_000 + b"</VTKFile>", "levels deep"),
+    "wide": (b"<VTKFile>" + b"<a/>" * 1_000_000 + b"</VTKFile>", "more than 100000 elements"),
+    "many attributes": (b"<VTKFile " + b"".join(b"a%d='' " % k for k in range(500_000)) + b"/>", "attributes"),
+    "entities": (b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile>&b;</VTKFile>', "or entities: save it again"),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_bomb_is_refused(name: str) -> None:
+    data, match = BOMBS[name]
+    check_bomb_is_refused(data, "u.vtu", match)

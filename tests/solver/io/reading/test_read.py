@@ -1,4 +1,4 @@
-"""A mesh from a file: the format by the suffix, and whatever is broken becomes one kind of error."""
+"""A mesh from a file: the format by the suffix, SU2, and whatever is broken becomes one kind of error."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import equimesh as em
 from block_cases import data_of
 from equimesh.blocks.blocks import Blocks
 from equimesh.errors import InputError
-from equimesh.io.reading.plain_mesh import PlainMesh
+from equimesh.io.reading.plain_mesh import PlainMesh, refuse_cell
 from equimesh.io.reading.read import READERS, description_format, read_bytes, read_description, read_mesh
 from equimesh.io.solver_files import foam_files, gmsh_text, su2_text
 from equimesh.io.vtk import write_vtu
@@ -498,3 +498,129 @@ def test_sides_that_share_an_array_are_counted_soon() -> None:
     began = time.process_time()
     assert "named sides: 1000 are possible" in refusal(data + bytes(1 << 26) + b"</AppendedData></VTKFile>", "vtu")
     assert time.process_time() - began < 8.0
+
+
+POINTS = np.array([[9.0, 9], [0, 0], [1, 0], [7, 7], [1, 1], [0, 1]])
+CELLS = np.array([[1, 2, 4, 5]])
+
+
+def test_points_that_no_cell_uses_are_left_out() -> None:
+    mesh = PlainMesh.of(POINTS, CELLS, {"low": np.array([[1, 2]])}, {"te": 4, "centre": 3})
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert mesh.cells.tolist() == [[0, 1, 2, 3]]
+    assert mesh.sides["low"].tolist() == [[0, 1]]
+    assert mesh.places == {"te": 2}
+
+
+def test_a_third_coordinate_must_be_constant_where_it_is_used() -> None:
+    space = np.pad(POINTS, ((0, 0), (0, 1)), constant_values=2.0)
+    space[0, 2] = 5.0
+    assert PlainMesh.of(space, CELLS, {}).points.shape == (4, 2)
+    space[2, 2] = 2.5
+    with pytest.raises(InputError, match=r"node 2 has z = 2.5, node 1 has z = 2;"):
+        PlainMesh.of(space, CELLS, {})
+
+
+def test_faults_are_named() -> None:
+    with pytest.raises(InputError, match="no quadrilaterals"):
+        PlainMesh.of(POINTS, np.empty((0, 4), int), {})
+    with pytest.raises(InputError, match=r"the cells: number 0 has the nodes \[1, 2, 4, 6\], but the file has 6 nodes"):
+        PlainMesh.of(POINTS, np.array([[1, 2, 4, 6]]), {})
+    with pytest.raises(InputError, match=r"the side 'low' has the edge \[1, 3\] of nodes that no cell has"):
+        PlainMesh.of(POINTS, CELLS, {"low": np.array([[1, 3]])})
+    bad = POINTS.copy()
+    bad[4, 1] = np.inf
+    with pytest.raises(InputError, match=r"node 4 has the coordinates \[1.0, inf\]"):
+        PlainMesh.of(bad, CELLS, {})
+
+
+def test_the_place_of_another_cell_is_named_where_it_is_known() -> None:
+    assert (
+        "cell 3 of the file near (0.5, 0) is a triangle" in refuse_cell("triangle", 3, POINTS, np.array([1, 2])).message
+    )
+    assert "cell 3 of the file is a triangle" in refuse_cell("triangle", 3, POINTS, np.array([-1, 99])).message
+
+
+def test_too_many_sides_are_refused() -> None:
+    mesh = small()
+    sides = {f"s{k}": mesh.cells[:1, :2] for k in range(1001)}
+    with pytest.raises(InputError, match="there are 1001 named sides: 1000 are possible"):
+        PlainMesh.of(mesh.points, mesh.cells, sides)
+
+
+def test_cells_and_edges_that_are_there_often_are_refused() -> None:
+    with pytest.raises(InputError, match="the file has 5 cells of 4 nodes: some lie on each other"):
+        PlainMesh.of(POINTS, np.repeat(CELLS, 5, axis=0), {})
+    with pytest.raises(InputError, match="the sides have 42 edges, the mesh 1 cells: name each edge once"):
+        PlainMesh.of(POINTS, CELLS, {name: np.repeat(CELLS[:, :2], 21, axis=0) for name in "ab"})
+
+
+SHORT = """% comment
+NPOIN= 4
+0. 0. 0
+1. 1. 2
+1. 0. 1  % points in any order
+0. 1. 3
+NDIME= 2
+NELEM= 1
+9 0 1 2 3
+NMARK= 1
+MARKER_TAG= wall
+MARKER_ELEMS= 2
+3 0 1
+3 1 2
+"""
+
+
+def test_our_own_file_comes_back_to_the_bit() -> None:
+    mesh = small()
+    assert same(read_bytes(su2_text(mesh.points, mesh.cells, mesh.sides).encode(), "su2"), mesh)
+
+
+def test_elements_without_numbers_and_points_in_any_order() -> None:
+    mesh = read_bytes(SHORT.encode(), "su2")
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert mesh.cells.tolist() == [[0, 1, 2, 3]]
+    assert mesh.sides["wall"].tolist() == [[0, 1], [1, 2]]
+
+
+def test_a_marker_without_elements_is_no_side() -> None:
+    text = SHORT.replace("NMARK= 1", "NMARK= 2\nMARKER_TAG= gone\nMARKER_ELEMS= 0")
+    assert [*read_bytes(text.encode(), "su2").sides] == ["wall"]
+    assert "are told, but" in refusal(text.replace("MARKER_ELEMS= 0", "MARKER_ELEMS= 0\n3 0 1").encode(), "su2")
+
+
+def test_points_without_numbers() -> None:
+    mesh = small()
+    text = su2_text(mesh.points, mesh.cells, mesh.sides)
+    head, _, rest = text.partition("NPOIN= 12\n")
+    rows, marks = rest.split("NMARK")
+    plain = "\n".join(" ".join(row.split()[:2]) for row in rows.splitlines())
+    assert same(read_bytes(f"{head}NPOIN= 12\n{plain}\nNMARK{marks}".encode(), "su2"), mesh)
+
+
+BROKEN_SU2 = {
+    "line 4: 'a' is no number, among the points": SHORT.replace("1. 1. 2", "1. a 2"),
+    "no NELEM=": SHORT.replace("NELEM", "ELEM"),
+    "line 7: the SU2 mesh has 3 dimensions, not 2": SHORT.replace("NDIME= 2", "NDIME= 3"),
+    "line 2: NPOIN= 'x' is no number of rows": SHORT.replace("NPOIN= 4", "NPOIN= x"),
+    "line 2: 5 points with x and y are told": SHORT.replace("NPOIN= 4", "NPOIN= 5"),
+    "line 2: the points are not numbered from 0 to 3": SHORT.replace("0. 1. 3", "0. 1. 5"),
+    "is a triangle: only quadrilaterals": SHORT.replace("9 0 1 2 3", "5 0 1 2 0"),
+    "line 14: a triangle in a marker": SHORT.replace("3 1 2", "5 1 2"),
+    "number 1 has the nodes [1, 7], but the file has 4 nodes": SHORT.replace("3 1 2", "3 1 7"),
+}
+
+
+@pytest.mark.parametrize("told", BROKEN_SU2)
+def test_broken_files_are_refused_with_the_place(told: str) -> None:
+    assert told in refusal(BROKEN_SU2[told], "su2")
+
+
+def test_the_place_of_a_triangle_is_its_middle() -> None:
+    text = SHORT.replace("NELEM= 1\n9 0 1 2 3", "NELEM= 2\n9 0 1 2 3\n5 1 2 3")
+    assert "cell 1 of the file near (0.666667, 0.666667) is a triangle" in refusal(text, "su2")
+
+
+def test_an_empty_file_is_told_what_it_lacks() -> None:
+    assert refusal(b"", "su2") == "the SU2 file has no NDIME="
