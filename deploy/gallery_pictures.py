@@ -1,15 +1,12 @@
-"""Draws what the page shows without a solve: the small pictures of the gallery, and the first problem.
+"""Draws the small pictures of the gallery, which the page shows without a solve.
 
-    .venv/bin/python deploy/gallery_pictures.py [first]
+    .venv/bin/python deploy/gallery_pictures.py
 
-It writes the nodes of coarse meshes, and u there, and the drawing of the first problem as previews have it; with
-`first` this alone. Run it after a change of `service/equimesh_service/workbench/gallery.json`, or of what the solver
-makes of the first problem. Tests compare the files with the solver.
+It writes the nodes of coarse meshes, and u there. Run it after a change of
+`service/equimesh_service/workbench/gallery.json`. Tests compare the file with the solver.
 """
 
 import json
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +14,9 @@ import numpy as np
 
 import equimesh as em
 from equimesh import specs
-from equimesh_service.spec.mesh import read_spec
-from equimesh_service.worker.drawing import document_of_solution, draw_solution
 
 FOLDER = Path(__file__).parents[1] / "service" / "equimesh_service" / "workbench"
 PICTURES = FOLDER / "gallery_pictures.json"
-FIRST_DRAWING = FOLDER / "first.npz"
-# The first problem of the README, which `START` of the page has, too.
-FIRST = {"monitor": {"u": {"expression": "tanh(40*(y - 0.5 - 0.1*sin(2*pi*x)))"}}, "grid": {"n_xi": 33, "n_eta": 33}}
 COARSER = 3  # the grids of the problems are this many times finer
 SIZE = 240  # whole numbers of coordinates on the longer side of the box
 SHADES = 9  # u goes from 0 to this
@@ -65,14 +57,6 @@ def picture(solution: em.Solution[Any]) -> dict[str, Any]:
     return {"size": size, "blocks": [part(nodes[block], shades[block]) for block in mesh.blocks]}
 
 
-def first() -> bytes:
-    """The drawing of the first problem, as the npz of a preview."""
-    began = time.perf_counter()
-    solution = specs.build(FIRST).solve(threads=1, check=False)
-    document = document_of_solution(read_spec(FIRST).canonical, solution, time.perf_counter() - began)
-    return draw_solution(document, solution)
-
-
 def part(nodes: Any, shades: Any) -> dict[str, Any]:
     """The grid of a mesh, or one of its blocks."""
     return {
@@ -83,10 +67,6 @@ def part(nodes: Any, shades: Any) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    FIRST_DRAWING.write_bytes(first())
-    print(f"wrote {FIRST_DRAWING.name}: {FIRST_DRAWING.stat().st_size} bytes")
-    if "first" in sys.argv[1:]:
-        sys.exit()
     drawn = {problem["name"]: picture(solve(problem)) for problem in problems()}
     lines = [f"  {json.dumps(name)}: {json.dumps(one, separators=(',', ':'))}" for name, one in drawn.items()]
     PICTURES.write_text("{\n" + ",\n".join(lines) + "\n}\n")

@@ -179,7 +179,6 @@ _TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
     ".json": "application/json",
-    ".npz": "application/octet-stream",
     ".svg": "image/svg+xml",
 }
 # Pictures of the page are made in the browser, as blobs.

@@ -3,7 +3,6 @@
 import { createLook } from "./first_look.js";
 import { waitingOf } from "./notice.js";
 import { hasBlocks } from "./sides.js";
-import { START } from "./store.js";
 
 // Kinds that compare candidates or descend: they take longer than one may wait while typing.
 const SLOW_KINDS = new Set([undefined, "auto", "least_error"]);
@@ -69,12 +68,12 @@ export function createLive(app) {
   function change(state) {
     forgetSlow();
     clearTimeout(againTimer);
-    if (!isAnswered(state)) app.emit("stale", true);
+    app.emit("stale", true);
     wanted = { state, changed: performance.now() };
     look.end();
     looked = null;
     if (isPaused) return;
-    const shape = isAnswered(state) ? null : lookShape(state.spec);
+    const shape = lookShape(state.spec);
     if (shape && look.begin(state, shape, isSlowSpec(state.spec, slowKinds) ? 0 : NEAR)) looked = wanted;
     if (flight && (flight.isSlow || performance.now() - flight.began > PATIENCE)) flight.controller.abort();
     if (!flight || flight.controller.signal.aborted) next();
@@ -86,7 +85,7 @@ export function createLive(app) {
     const isLooked = wanted === looked;
     wanted = null;
     const quick = quickSpec(state.spec);
-    if (!quick || !isSlowSpec(state.spec, slowKinds) || isAnswered(state)) {
+    if (!quick || !isSlowSpec(state.spec, slowKinds)) {
       fly(state, state.spec, { changed, isQuick: false });
       return;
     }
@@ -138,11 +137,6 @@ export function createLive(app) {
         if (wanted && !isPaused) next();
       }
     }
-  }
-
-  // The stored drawing of the first problem answers its question, and needs no quick look.
-  function isAnswered(state) {
-    return Boolean(app.drawing?.isStored) && state.spec === START.spec;
   }
 
   async function tellBusy(error) {

@@ -6,7 +6,7 @@ import { createLive } from "./live.js";
 import { createNotice } from "./notice.js";
 import { actionsOf, sentenceOf } from "./remedies.js";
 import { createService } from "./service.js";
-import { START, alone, createStore } from "./store.js";
+import { alone, createStore } from "./store.js";
 import * as copyPanel from "./panels/copy.js";
 import * as domainPanel from "./panels/domain.js";
 import * as downloadsPanel from "./panels/downloads.js";
@@ -117,7 +117,7 @@ function main() {
   app.address = followAddress(app.store, (hash) => queueMicrotask(() => follow(hash)));
   app.store.subscribe((state, before) => state.spec !== before.spec && ["link", "domain"].forEach((source) => app.notice(source, null)));
   follow(location.hash);
-  showFirst(app).finally(() => app.live.refresh());
+  app.live.refresh();
 }
 
 // What is wrong with the request, unless it is told at the function; the last mesh stays.
@@ -136,13 +136,6 @@ function isOfFunction({ store }, pointer) {
 function tellOfLink(app, fault) {
   const close = { text: "Close", act: () => app.notice("link", null) };
   app.notice("link", fault && { text: `${fault} The first problem is shown in its place.`, actions: [close] });
-}
-
-// The first problem is drawn from a file, so that a page without an address is never empty.
-async function showFirst(app) {
-  if (app.store.get().spec !== START.spec) return;
-  const drawing = await app.service.first().catch(() => null);
-  if (drawing && !app.drawing && app.store.get().spec === START.spec) app.show({ ...drawing, isStored: true });
 }
 
 main();

@@ -87,8 +87,6 @@ export function createService(root = new URL("./", document.baseURI)) {
         return null;
       }
     },
-    /** The stored drawing of the first problem, which is there before the service can compute. */
-    first: async () => drawingOf(await send("workbench/first.npz")),
     /** Request a mesh that the service keeps; `wait` in seconds. */
     requestMesh(spec, { samples = null, wait = 0, signal } = {}) {
       const options = samples ? { method: "POST", body: multipart(spec, samples), signal } : post(spec, signal);

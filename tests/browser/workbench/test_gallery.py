@@ -6,7 +6,6 @@ import json
 import runpy
 from collections.abc import Callable
 from importlib.resources import files
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -59,18 +58,6 @@ def test_the_mesh_of_a_problem_is_that_of_its_picture_with_a_much_smaller_error(
         # Descents amplify rounding: some nodes lie a little elsewhere on another processor.
         assert np.abs(np.subtract(one["nodes"], kept["nodes"])).mean() <= 1
         assert np.abs(np.subtract([*map(int, one["u"])], [*map(int, kept["u"])])).mean() <= 0.2
-
-
-def test_the_first_problem_is_that_of_the_page_and_its_stored_drawing() -> None:
-    text = files("equimesh_service").joinpath("workbench", "store.js").read_text()
-    with np.load(BytesIO(files("equimesh_service").joinpath("workbench", "first.npz").read_bytes())) as file:
-        document = json.loads(file["document"].tobytes())
-        assert file["x"].shape == (33, 33)
-    first = SCRIPT["FIRST"]
-    assert document["spec"]["monitor"]["u"]["expression"] == first["monitor"]["u"]["expression"]
-    assert f'expression: "{first["monitor"]["u"]["expression"]}"' in text
-    assert "grid: { n_xi: 33, n_eta: 33 }" in text
-    assert document["certificate"]["interpolation_gain"]["l2"] > 5
 
 
 @pytest.mark.needs("chromium")

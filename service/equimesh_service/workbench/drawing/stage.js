@@ -126,8 +126,7 @@ export function createStage(stage, app) {
   function tell() {
     isFresh = false;
     drawings += 1;
-    const { isQuick, isStored } = app.drawing;
-    Object.assign(stage.dataset, { drawings, uploads, points: self.mesh.shape.join(" "), quick: Boolean(isQuick || isStored) });
+    Object.assign(stage.dataset, { drawings, uploads, points: self.mesh.shape.join(" "), quick: Boolean(app.drawing.isQuick) });
   }
 
   function resize() {

@@ -135,8 +135,8 @@ export function create(section, app) {
   }
 
   // The formula as the service has read it, where that is not what was typed.
-  function showUnderstood({ document: facts, isIterate, isStored }) {
-    if (isIterate || isStored || document.activeElement !== text) return;
+  function showUnderstood({ document: facts, isIterate, isLocal }) {
+    if (isIterate || isLocal || document.activeElement !== text) return;
     const read = facts.certificate?.understood?.[path()?.slice(1).join(".")];
     understood.replaceChildren(...(read ? ["understood as ", element("code", {}, read)] : []));
     place();

@@ -89,8 +89,7 @@ function pointsOf({ blocks, points }, shape) {
   return blocks ? String(points) : `${shape[0]} × ${shape[1]}`;
 }
 
-function statusOf({ arrays, document: facts, isQuick, isLocal, isStored, milliseconds }) {
-  if (isStored) return "A stored picture of this mesh. The service computes it now.";
+function statusOf({ arrays, document: facts, isQuick, isLocal, milliseconds }) {
   const shape = arrays.x?.shape;
   const what = isLocal ? "First look of the page" : isQuick ? "Quick look" : shape ? "Mesh" : "No mesh";
   const points = shape ? ` of ${pointsOf(facts, shape)} points` : "";
