@@ -16,6 +16,7 @@ import bench
 import cluster
 import cold_start
 import convection
+import goals
 import golden
 import latency
 import least_error_gains
@@ -435,3 +436,13 @@ def test_the_elements_against_refinement_converge(equation: dict[str, object]) -
     orders = [math.log2(coarse / fine) for coarse, fine in zip(*errors, strict=True)]
     assert 1.7 < orders[0] < 2.5  # of an L the finer mesh has a little more than twice the cells
     assert 0.9 < orders[1] < 1.3
+
+
+def test_the_error_of_a_functional_is_that_of_an_adjoint_of_degree_2() -> None:
+    problem = goals.Problem(
+        goals.POISSON, em.Goal.point(*goals.POINT, diffusion=1.0), goals.POINT_VALUE, goals.ring((2, 4, 4))
+    )
+    mesh = problem.domain.mesh
+    returned = problem.solve(mesh, has_error=True)
+    assert returned.error is not None
+    assert 0.6 < returned.error / (problem.exact - problem.goal.on(mesh) @ returned.u) < 1.0

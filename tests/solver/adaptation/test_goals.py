@@ -76,6 +76,25 @@ def test_an_adjoint_of_the_solver_gives_the_mesh_of_its_matrix() -> None:
     assert one.goal.value == pytest.approx(other.goal.value)
 
 
+def test_a_flux_through_a_side_has_the_order_of_the_solution() -> None:
+    def solve(mesh: em.Mesh) -> em.WithAdjoint:
+        basis = skfem.Basis(mesh.to_skfem(), skfem.ElementQuad1(), intorder=5)
+        matrix = skfem.BilinearForm(lambda u, v, _: dot(grad(u), grad(v))).assemble(basis)
+        load = skfem.LinearForm(lambda v, w: 2.0 * np.pi**2 * np.sin(np.pi * w.x[0]) * np.sin(np.pi * w.x[1]) * v)
+        right, fixed = load.assemble(basis), basis.get_dofs().all()
+        u = skfem.solve(*skfem.condense(matrix, right, D=fixed))
+        return em.WithAdjoint(u, matrix=matrix, fixed=fixed, load=right)
+
+    goal = em.Goal.flux("left", diffusion=1.0)
+    errors = []
+    for n in (9, 17):
+        first = em.adapt(solve, n, goal=goal, rounds=1).rounds[0].goal
+        assert first is not None
+        errors.append(-2.0 - first.value)
+    assert 3.5 < errors[0] / errors[1] < 4.5
+    assert abs(errors[1]) < 0.02
+
+
 def test_the_loop_ends_at_the_tolerance() -> None:
     loose = em.adapt(with_matrix, 25, goal=POINT, tolerance=0.02)
     assert (len(loose.rounds), loose.best) == (2, 1)
