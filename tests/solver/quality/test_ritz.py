@@ -158,3 +158,22 @@ def test_on_triangles_it_is_that_of_linear_elements() -> None:
     assert bilinear is not None
     assert solution.solver_gain == linear
     assert linear.l2 != pytest.approx(bilinear.l2, rel=0.1)
+
+
+def test_a_matrix_is_solved_alike_as_a_band_and_by_its_entries(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = coarsened(wavy(9))
+    band = ritz_errors(mesh, WAVE)
+    monkeypatch.setattr(ritz.scipy.linalg, "solveh_banded", refused)
+    monkeypatch.setattr(ritz, "MAX_BAND_WORK", 7**2 * 9**2 - 1)  # a row has 7 unknowns, and a cell meets the next row
+    assert ritz_errors(mesh, WAVE).l2 == pytest.approx(band.l2, rel=1e-12)
+    monkeypatch.setattr(ritz, "MAX_BAND_WORK", 7**2 * 9**2)
+    assert ritz_errors(mesh, WAVE).l2 == pytest.approx(band.l2, rel=1e-12)  # not definite: by its entries, too
+    assert CALLS == [9]
+
+
+CALLS: list[int] = []
+
+
+def refused(band: np.ndarray, *_: object, **__: object) -> np.ndarray:
+    CALLS.append(len(band))
+    raise np.linalg.LinAlgError
