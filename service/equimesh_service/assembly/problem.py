@@ -24,12 +24,12 @@ SamplesOf: TypeAlias = Callable[[str], Samples]
 _NUMBER = re.compile(r"\[(\d+)\]")
 
 
-def build(spec: Spec, find: SamplesOf) -> specs.BuiltSpec:
-    """The solver's objects of a spec; raises a 422 problem with pointers."""
+def build(spec: Spec, find: SamplesOf, field: Callable[[str, Box], Field] | None = None) -> specs.BuiltSpec:
+    """The solver's objects of a spec; raises a 422 problem with pointers. ``field`` makes functions of samples."""
 
     @cache
     def samples(name: str, box: Box) -> Field:  # several functions of a monitor may name the same samples
-        return field_of(find(name), box)
+        return field_of(find(name), box) if field is None else field(name, box)
 
     def mesh(name: str, settings: Mapping[str, Any]) -> Blocks:
         return blocks_of(find(name), settings)

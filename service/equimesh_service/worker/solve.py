@@ -50,6 +50,7 @@ from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.worker.in_parts import solve_in_parts
 from equimesh_service.worker.job import CONVERGENCE, MESH, Job, attempt, file_name, log_context_of
+from equimesh_service.worker.recent import FUNCTIONS, MESHES, as_read
 from equimesh_service.worker.reporter import Reporter
 from equimesh_service.worker.summary import problem_of, summary_of
 
@@ -165,8 +166,7 @@ class StepStart:
         if mesh_input.start is None:
             return None
         try:
-            with files.local(mesh_input.start) as path:
-                mesh = load_npz(path).mesh
+            mesh = MESHES.get(mesh_input.start, partial(_read_mesh, files, mesh_input.start))
         except FileNotFoundError:
             raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
         fields: Mapping[str, StepField] = {}
@@ -225,6 +225,11 @@ def moves_of(step: AnySequenceStep) -> dict[str, Any]:
     return {"substeps": step.substeps, "moved": step.moved}
 
 
+def _read_mesh(files: Files, sha256: str) -> equimesh.Mesh:
+    with files.local(sha256) as path:
+        return load_npz(path).mesh
+
+
 def _earlier(before: Mapping[str, Any] | None, spec: BuiltSpec, files: Files) -> equimesh.Earlier | None:
     """The source and the gains of the mesh before; None for steps of earlier releases."""
     if before is None:
@@ -241,8 +246,12 @@ def _u_of(before: Mapping[str, Any], spec: BuiltSpec, files: Files) -> equimesh.
         return None
 
     def find(_name: str, box: Any) -> equimesh.Field:
-        with files.local(before["samples"]) as path:
-            return field_of(path, box)
+        def read() -> equimesh.Field:
+            with files.local(before["samples"]) as path:
+                return field_of(path, box)
+
+        found: equimesh.Field = FUNCTIONS.get((before["samples"], box), read)
+        return found
 
     try:
         return build_field(source, spec.problem.domain, find, "u")
@@ -388,6 +397,9 @@ def solve_work(
             partial=failure is not None and not solution.mesh.is_folded,
             publish=output.publish,
         )
+        if step is not None:
+            made = next(file for file in artifacts if file.name == MESH)
+            MESHES.keep(made.sha256, as_read(solution.mesh))
         requested = _requested(work, outcome)
         ending = Ending(
             status=outcome.status,
@@ -426,7 +438,15 @@ def _build(job: Job, store: Store, files: Files) -> Work:
         spec: BuiltSpec = pickle.loads(job.packed)
     else:
         with ExitStack() as samples:
-            spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
+            find = samples_of(mesh_input, files, samples)
+
+            def kept(name: str, box: Any) -> equimesh.Field:
+                found: equimesh.Field = FUNCTIONS.get(
+                    (mesh_input.samples.get(name), box), lambda: field_of(find(name), box)
+                )
+                return found
+
+            spec = build(mesh_input.spec, find, None if mesh_input.start is None else kept)
     return Work(mesh_input=mesh_input, spec=spec, start=StepStart.of(mesh_input, spec, files))
 
 
