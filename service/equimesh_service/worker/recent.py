@@ -33,9 +33,11 @@ class Recent:
 
     def keep(self, key: Hashable, found: Any) -> None:
         """Keep an object, where it is one of those that a step needs again: a mesh, or a function, on a small grid."""
-        mesh = found if isinstance(found, equimesh.Mesh) else getattr(found, "mesh", None)
         # Other functions than those at nodes may be evaluated in another way after some uses.
-        if not isinstance(found, equimesh.Mesh | equimesh.NodalField) or not mesh.is_grid or mesh.x.size > MAX_POINTS:
+        if not isinstance(found, equimesh.Mesh | equimesh.NodalField):
+            return
+        mesh = found.mesh if isinstance(found, equimesh.NodalField) else found
+        if not mesh.is_grid or mesh.x.size > MAX_POINTS:
             return
         self._kept[key] = found
         self._kept.move_to_end(key)
