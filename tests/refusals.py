@@ -56,6 +56,9 @@ WEIGHT = {"kind": "weight", "rho": ONE}
 LINE = [[0, k / 10_000] for k in range(10_001)]
 EXPRESSION = "/monitor/u/expression"
 AIMED = {"monitor": {"u": "tanh(9*(x - y))"}}
+AT = [k / 4 for k in range(5)]
+NODAL: dict[str, Any] = {"nodal": {"x": [[at] * 5 for at in AT], "y": [AT] * 5, "values": [AT] * 5}}
+BENT: dict[str, Any] = {"nodal": {**NODAL["nodal"], "y": [[at**2 for at in AT]] * 5}}
 LEAST: dict[str, Any] = {"kind": "least_error", "u": {"expression": "tanh(9*(y - x))"}}
 
 
@@ -226,7 +229,21 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
             "/monitor/degree",
             "a metric knows no elements",
         ),
-        "adjoint": (monitor("curvature", u=X, adjoint=X), "/monitor/adjoint", "a metric knows no functional"),
+        "adjoint of another mesh": (
+            {**monitor("nodal_solution", u=NODAL, adjoint=BENT), "grid": {"n_xi": 5, "n_eta": 5}},
+            "/monitor/adjoint",
+            "the adjoint belongs to another mesh than u",
+        ),
+        "adjoint of degree 2": (
+            monitor("nodal_solution", u=NODAL, adjoint=NODAL, degree=2),
+            "/monitor/degree",
+            "on elements of degree 1 alone",
+        ),
+        "adjoint of a metric": (
+            monitor("curvature", u=X, adjoint=X),
+            "/monitor/adjoint",
+            "a metric knows no functional",
+        ),
         "degree inside": (both(ARC, {"u": X, "degree": 2}), "/monitor/monitors/1/degree", "a metric knows no elements"),
         "degree of finite volumes": (
             small(monitor={"u": X, "for": "finite_volume", "degree": 2}),
