@@ -5,10 +5,10 @@ The error of a functional of a Galerkin solution is ``a(u - u_h, z - z_h)``, wit
 Acta Numerica 10, 2001). It is at most the sum over the cells K of ``|e_u|_K |e_z|_K``, the norms of the errors of both
 gradients. With z = u that is the squared error in H1.
 
-The sum is larger than the error: around a point whose value is the functional, parts of both signs cancel. On step-14 of
-deal.II it fell from 9e-5 to 2e-5, and the error from 4e-5 to 3e-6. Recovered u and z tell the error of a functional to a
-factor of two where z is smooth. Around a point, estimates from u alone, from patches of cells, and from cubics fitted
-to u were no better than these: an adjoint of degree 2 is needed there.
+The sum is larger than the error: around a point whose value is the functional, parts of both signs cancel. On step-14
+of deal.II it fell from 9e-5 to 2e-5, and the error from 4e-5 to 3e-6. Recovered u and z tell the error of a functional
+to a factor of two where z is smooth. Around a point, estimates from u alone, from patches of cells, and from cubics
+fitted to u were no better than these: an adjoint of degree 2 is needed there.
 """
 
 from __future__ import annotations
