@@ -180,28 +180,15 @@ class InterpolationGain(Answer, Mapping[str, float]):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SolverGain(Answer, Mapping[str, float]):
+class SolverGain(InterpolationGain):
     """How many times smaller the error of a solver is than on the uniform mesh, or on the initial one of blocks.
 
     The solver has bilinear finite elements, on triangles linear ones, and solves Poisson's equation with u as solution.
     It is also a mapping of the two norms.
     """
 
-    l2: Number
-    """Of u itself; nan, in JSON null, where a layer of u lies inside a cell."""
-    h1: Number
-    """Of the gradient of u."""
     points: int
     """Nodes of the two meshes on which it was measured; fewer than the mesh has where that is large."""
-
-    def __getitem__(self, norm: str) -> float:
-        return {"l2": self.l2, "h1": self.h1}[norm]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(("l2", "h1"))
-
-    def __len__(self) -> int:
-        return 2
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ def real_array(value: object, name: str, *, ndim: int) -> Array:
         index = np.unravel_index(int(np.argmax(bad)), array.shape)
         found = "NaN" if np.isnan(array[index]) else "infinite"
         raise SamplesError(
-            f"{name}{_brackets(index)} is {found}: every sample must be a finite number; fill in or leave out"
+            f"{name}{brackets(index)} is {found}: every sample must be a finite number; fill in or leave out"
             f" the missing ones ({count_noun(int(bad.sum()), 'such entry', 'such entries')})",
             field=name,
         )
@@ -75,7 +75,8 @@ def count_noun(n: int, one: str = "sample", many: str = "") -> str:
     return f"{n} {one if n == 1 else many or one + 's'}"
 
 
-def _brackets(index: Sequence[Any]) -> str:
+def brackets(index: Sequence[Any]) -> str:
+    """The index of an entry as it is written behind the name of an array."""
     return "".join(f"[{int(i)}]" for i in index)
 
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.errors import InputError, SamplesError
+from equimesh.errors import SamplesError
 from equimesh.fields.bicubic import Bicubic, slopes_on_mesh
-from equimesh.fields.mesh_map import MIN_STEP_CELLS, MeshMap, Places, is_nearer, through, walk, within
+from equimesh.fields.mesh_map import MIN_STEP_CELLS, MeshMap, Places, is_nearer, require_unfolded, through, walk, within
 from equimesh.fields.patch_gradients import patch_gradients
 from equimesh.formulas.vocabulary import LIMITS
-from equimesh.inputs import real_array
+from equimesh.inputs import brackets, real_array
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled, inlined
 from equimesh.numerics.types import Array, Pair
@@ -38,7 +38,7 @@ class NodalField:
     _spline: Bicubic
 
     def __init__(self, *, mesh: Mesh, values: npt.ArrayLike) -> None:
-        checked = nodal_values(values, mesh, "values")
+        checked = nodal_values(values, mesh)
         for name, value in {
             "mesh": mesh, "values": checked, "_map": MeshMap.of(mesh), "_spline": through(checked),
         }.items():  # fmt: skip
@@ -86,22 +86,24 @@ class NodalField:
         return u, u_x, u_y, u_xx, u_xy, u_yy
 
 
-def nodal_values(values: npt.ArrayLike, mesh: Mesh, name: str) -> Array:
-    """Finite numbers at all nodes; raises :class:`~equimesh.errors.SamplesError` with ``name`` as its field."""
-    checked = real_array(values, name, ndim=2)
-    if checked.shape != mesh.x.shape:
-        hint = "; transpose it" if checked.shape == mesh.x.shape[::-1] else ""
+def nodal_values(values: npt.ArrayLike, mesh: Mesh) -> Array:
+    """Finite numbers at all nodes of any mesh; raises :class:`~equimesh.errors.SamplesError` for ``values``."""
+    checked, needed = real_array(values, "values", ndim=len(mesh.node_shape)), mesh.node_shape
+    if checked.shape != needed:
+        nodes, order = (needed, ", xi first") if mesh.is_grid else (needed[0], "")
+        hint = "; transpose it" if mesh.is_grid and checked.shape == needed[::-1] else ""
         raise SamplesError(
-            f"{name} has shape {checked.shape}, but the mesh has {mesh.x.shape} nodes: one value is needed at each,"
-            f" xi first{hint}",
-            field=name,
+            f"values has shape {checked.shape}, but the mesh has {nodes} nodes: one value is needed at each"
+            f"{order}{hint}",
+            field="values",
         )
     large = np.abs(checked) > LIMITS.magnitude
     if large.any():
-        i, j = np.argwhere(large)[0]
+        index = tuple(np.argwhere(large)[0])
         raise SamplesError(
-            f"{name}[{i}][{j}] = {checked[i, j]:.6g}: at most {LIMITS.magnitude:g} in size is allowed; rescale it",
-            field=name,
+            f"values{brackets(index)} = {checked[index]:.6g}: at most {LIMITS.magnitude:g} in size is allowed; rescale"
+            " it",
+            field="values",
         )
     return np.ascontiguousarray(checked)
 
@@ -229,13 +231,8 @@ class HermiteField:
     _bumps: EdgeBumps
 
     def __init__(self, *, mesh: Mesh, values: npt.ArrayLike, fitted: bool = False) -> None:
-        checked = nodal_values(values, mesh, "values")
-        if mesh.is_folded:
-            raise InputError(
-                "the mesh is folded, or has a coordinate that is not finite: no function on its nodes is one of x and"
-                " y; give a mesh whose min_jacobian is positive",
-                field="mesh",
-            )
+        checked = nodal_values(values, mesh)
+        require_unfolded(mesh)
         # Copies that may be written to: Numba would compile the loops again for arrays of another kind.
         own, checked = Mesh(*(np.array(q, dtype=float, order="C") for q in (mesh.x, mesh.y))), checked.copy()
         for name, value in {"mesh": own, "values": checked, "_bumps": edge_bumps(own, checked, fitted)}.items():

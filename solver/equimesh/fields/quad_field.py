@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.errors import InputError, SamplesError
-from equimesh.fields.nodal_field import COUNT, MAX_SLOPE, bend, bump, slope
+from equimesh.fields.mesh_map import require_unfolded
+from equimesh.fields.nodal_field import COUNT, MAX_SLOPE, bend, bump, nodal_values, slope
 from equimesh.fields.patch_gradients import patch_gradients
-from equimesh.formulas.vocabulary import LIMITS
-from equimesh.inputs import real_array
 from equimesh.meshes.cell_edges import MAX_SPOKES, QuadLinks, spokes_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_search import QuadPlaces, QuadSearch
@@ -184,14 +182,9 @@ class QuadField:
         fitted: bool = False,
         unrolled: Unrolled | None = None,
     ) -> None:
-        checked = values_on_nodes(values, mesh, "values")
+        checked = nodal_values(values, mesh)
         if unrolled is None:
-            if mesh.is_folded:
-                raise InputError(
-                    "the mesh is folded, or has a coordinate that is not finite: no function on its nodes is one of x"
-                    " and y; give a mesh whose min_jacobian is positive",
-                    field="mesh",
-                )
+            require_unfolded(mesh)
             unrolled = Unrolled.of(mesh)
         own = np.array(checked[unrolled.nodes])
         bumps = edge_bumps(unrolled.search, own, limited, fitted)
@@ -216,23 +209,6 @@ class QuadField:
 
     def __repr__(self) -> str:
         return f"QuadField({len(self.mesh.points)} nodes, {len(self.mesh.cells)} cells)"
-
-
-def values_on_nodes(values: npt.ArrayLike, mesh: Mesh, name: str) -> Array:
-    """Finite numbers at all nodes; raises :class:`~equimesh.errors.SamplesError` with ``name`` as its field."""
-    checked = real_array(values, name, ndim=1)
-    if checked.shape != mesh.node_shape:
-        raise SamplesError(
-            f"{name} has shape {checked.shape}, but the mesh has {len(mesh.points)} nodes: one value is needed at each",
-            field=name,
-        )
-    large = np.abs(checked) > LIMITS.magnitude
-    if large.any():
-        k = int(np.argmax(large))
-        raise SamplesError(
-            f"{name}[{k}] = {checked[k]:.6g}: at most {LIMITS.magnitude:g} in size is allowed; rescale it", field=name
-        )
-    return checked
 
 
 def edge_bumps(search: QuadSearch, values: Array, limited: bool, fitted: bool = False) -> Array:

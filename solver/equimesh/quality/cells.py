@@ -238,18 +238,23 @@ class MeshCells(Cells):
 
     @property
     @abstractmethod
+    def _measured(self) -> tuple[Array, BoolArray, float]:
+        """Area and validity of all held cells, and the smallest determinant at a corner of them."""
+
+    @property
     def area(self) -> Array:
         """Signed area of all held cells, shape ``(cells,)``; the own cells are at :meth:`places`."""
+        return self._measured[0]
 
     @property
-    @abstractmethod
     def valid(self) -> BoolArray:
         """Whether the map is one to one, of all held cells; cells where it is not are folded."""
+        return self._measured[1]
 
     @property
-    @abstractmethod
     def lowest(self) -> float:
         """The smallest determinant of the Jacobian matrix at a corner; NaN where a coordinate is not finite."""
+        return self._measured[2]
 
     @property
     def all_valid(self) -> bool:
@@ -307,16 +312,6 @@ class BilinearCells(MeshCells):
     def nodes(self) -> tuple[Array, Array]:
         """x and y of the held nodes, C-contiguous."""
         return self.window.x, self.window.y
-
-    @property
-    def area(self) -> Array:
-        """Signed area of all held cells, shape ``(cells,)``; the own cells are at :meth:`places`."""
-        return self._measured[0]
-
-    @property
-    def valid(self) -> BoolArray:
-        """Whether the map is one to one, of all held cells; cells where it is not are folded."""
-        return self._measured[1]
 
     @property
     def lowest(self) -> float:
@@ -422,21 +417,6 @@ class QuadCells(MeshCells):
     def nodes(self) -> tuple[Array, Array]:
         """x and y of the nodes, shape ``(n,)``."""
         return np.ascontiguousarray(self.mesh.x), np.ascontiguousarray(self.mesh.y)
-
-    @property
-    def area(self) -> Array:
-        """Signed area of all cells, shape ``(m,)``."""
-        return self._measured[0]
-
-    @property
-    def valid(self) -> BoolArray:
-        """Whether each cell is not folded, shape ``(m,)``."""
-        return self._measured[1]
-
-    @property
-    def lowest(self) -> float:
-        """The smallest determinant of the Jacobian matrix at a corner; NaN where a coordinate is not finite."""
-        return self._measured[2]
 
     @cached_property
     def total_area(self) -> float:

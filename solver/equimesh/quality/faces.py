@@ -15,7 +15,7 @@ import scipy
 from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh, MeshRows
-from equimesh.meshes.nested import OPEN, Closed
+from equimesh.meshes.nested import OPEN, Closed, tied_nodes
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cells import AnyMesh, QuadCells
@@ -60,11 +60,11 @@ def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
     Interfaces between blocks are faces as all others, and so are the sides of a periodic join, which are one. So are
     the seams of a grid with ``closed`` lines, whose rows are all here.
     """
+    if isinstance(mesh, Mesh) and any(closed):
+        return _of_any(Mesh(mesh.x, mesh.y, ties=tied_nodes((mesh.x.shape[0], mesh.x.shape[1]), closed)))
     if isinstance(mesh, Mesh) and not mesh.is_grid:
-        return _of_blocks(mesh)
+        return _of_any(mesh)
     window = MeshRows.of(mesh)
-    if any(closed):
-        return _of_closed(window, closed)
     strips = np.array([_strip(window, first, last) for first, last in window.rows.strips]).reshape(-1, 5)
     found = window.rows.joined(strips)
     if not found[:, 4].all():
@@ -72,26 +72,7 @@ def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
     return _faces(found[:, 0].min(), found[:, 1].sum(), found[:, 2].sum(), found[:, 3].max())
 
 
-def _of_closed(window: MeshRows, closed: Closed) -> Faces:
-    """The faces of a grid before which the last cells of its closed lines stand once more."""
-    x, y = (_with_last_cells(q, closed) for q in (window.x, window.y))
-    centres = np.empty((2, x.shape[0] - 1, x.shape[1] - 1))
-    if not place_centres(x, y, *centres):
-        return FOLDED
-    first, last = (int(closed[0]), int(closed[1])), (not closed[0], not closed[1])
-    return _faces(*survey_faces(x, y, centres, first[0], last[0], first[1], last[1]))
-
-
-def _with_last_cells(nodes: Array, closed: Closed) -> Array:
-    """One coordinate of the nodes, with the nodes before the seams, which lie a period before their originals."""
-    if closed[0]:
-        nodes = np.concatenate([nodes[-2:-1] - (nodes[-1:] - nodes[:1]), nodes])
-    if closed[1]:
-        nodes = np.concatenate([nodes[:, -2:-1] - (nodes[:, -1:] - nodes[:, :1]), nodes], axis=1)
-    return np.ascontiguousarray(nodes)
-
-
-def _of_blocks(mesh: Mesh) -> Faces:
+def _of_any(mesh: Mesh) -> Faces:
     cells, centres = QuadCells(mesh), np.empty((2, len(mesh.cells)))
     corners = cells.corners(cells.own)
     if not place_centroids(corners, *centres):
@@ -117,7 +98,7 @@ def _strip(window: MeshRows, first: int, last: int) -> tuple[float, ...]:
     x, y = window.nodes(before, last)
     centres = np.empty((2, x.shape[0] - 1, x.shape[1] - 1))
     valid = place_centres(x, y, *centres)
-    return *survey_faces(x, y, centres, first - before, last == window.rows.cells[0], 0, True), float(valid)
+    return *survey_faces(x, y, centres, first - before, last == window.rows.cells[0]), float(valid)
 
 
 def points_and_centres(mesh: Mesh) -> tuple[Array, Array | None]:
@@ -189,54 +170,47 @@ def face_sides(start: Pair, end: Pair, centres: Pair) -> float:
 
 
 @compiled
-def survey_faces(
-    x: Array, y: Array, centres: Array, first: int, to_side: bool, lowest_column: int, to_top: bool
-) -> tuple[float, float, float, float]:
+def survey_faces(x: Array, y: Array, centres: Array, first: int, to_side: bool) -> tuple[float, float, float, float]:
     """The smallest cosine of inner faces, the sum of their cosines and their number, and the largest skewness.
 
     These are the faces from the ``first`` row of nodes on, and with ``to_side`` also those on the last row. The first
-    row is on a side if it is row 0. ``lowest_column`` and ``to_top`` are the same of the columns. ``centres`` of shape
-    ``(2, rows of cells, columns)`` are those of the cells.
+    row is on a side if it is row 0. ``centres`` of shape ``(2, rows of cells, columns)`` are those of the cells.
     """
     at_x, at_y = centres[0], centres[1]
     rows, columns = at_x.shape
     cosine, skewness = np.empty(2 * columns), np.empty(2 * columns)
     lowest, total, largest, count = 1.0, 0.0, 0.0, 0.0
-    low, left = lowest_column, max(lowest_column, 1)
     for i in range(first, rows + (1 if to_side else 0)):
         from_x, from_y, found = x[i], y[i], 0
         if i < rows:  # the edges that leave the nodes of the row along xi
             to_x, to_y, cx, cy = x[i + 1], y[i + 1], at_x[i], at_y[i]
-            found = max(columns - left, 0)
+            found = columns - 1
             cross_faces(
-                (from_x[left:columns], from_y[left:columns]),
-                (to_x[left:columns], to_y[left:columns]),
-                (cx[left - 1 : columns - 1], cy[left - 1 : columns - 1]),
-                (cx[left:], cy[left:]),
+                (from_x[1:columns], from_y[1:columns]),
+                (to_x[1:columns], to_y[1:columns]),
+                (cx[: columns - 1], cy[: columns - 1]),
+                (cx[1:], cy[1:]),
                 cosine[:found],
                 skewness[:found],
             )
-            if low == 0:
-                one = face_sides((from_x[:1], from_y[:1]), (to_x[:1], to_y[:1]), (cx[:1], cy[:1]))
-                largest = max(largest, one)
-            if to_top:
-                one = face_sides((from_x[-1:], from_y[-1:]), (to_x[-1:], to_y[-1:]), (cx[-1:], cy[-1:]))
-                largest = max(largest, one)
-        start, end = (from_x[low:columns], from_y[low:columns]), (from_x[low + 1 :], from_y[low + 1 :])
+            one = face_sides((from_x[:1], from_y[:1]), (to_x[:1], to_y[:1]), (cx[:1], cy[:1]))
+            other = face_sides((from_x[-1:], from_y[-1:]), (to_x[-1:], to_y[-1:]), (cx[-1:], cy[-1:]))
+            largest = max(largest, one, other)
+        start, end = (from_x[:columns], from_y[:columns]), (from_x[1:], from_y[1:])
         after = min(i, rows - 1)
         if 0 < i < rows:  # those along eta
             before, place = i - 1, found
-            found += columns - low
+            found += columns
             cross_faces(
                 start,
                 end,
-                (at_x[before][low:], at_y[before][low:]),
-                (at_x[after][low:], at_y[after][low:]),
+                (at_x[before], at_y[before]),
+                (at_x[after], at_y[after]),
                 cosine[place:found],
                 skewness[place:found],
             )
         else:
-            largest = max(largest, face_sides(start, end, (at_x[after][low:], at_y[after][low:])))
+            largest = max(largest, face_sides(start, end, (at_x[after], at_y[after])))
         for k in range(found):
             lowest, largest = min(lowest, cosine[k]), max(largest, skewness[k])
             total += cosine[k]

@@ -65,7 +65,7 @@ def checked_nodes(*, x: Any, y: Any, values: Any, box: Box | None = None) -> tup
             raise SamplesError("these are values at the nodes of a mesh of another domain", field=name)
     mesh = Mesh(x, y)
     require_unfolded(mesh)
-    return mesh, nodal_values(values, mesh, "values")
+    return mesh, nodal_values(values, mesh)
 
 
 NEEDS_BLOCKS = "these are values at the nodes of a mesh of blocks: give the domain of that mesh, which has its cells"
