@@ -4,19 +4,11 @@
 // so that strict policies allow it.
 
 import { colourAt, legendOf, scaleOf, tableOf } from "./colours.js";
-import { FormulaError, arcLength, comparison, compile, domainOf, leastError } from "./kernel.js";
+import { FormulaError } from "./kernel.js";
+import { METHODS, createWork } from "./work.js";
 
-/** The methods, with their words. */
-export const METHODS = { least_error: ["least error", leastError], arc_length: ["arc length", arcLength] };
 /** Points along the shorter direction that the reader can choose. */
 export const POINTS = [33, 65];
-// Milliseconds of work between two frames, and without a change until a mesh is computed anew from its beginning.
-const SLICE = 12;
-const PAUSE = 200;
-// How many times as long as a drawing takes the work until the next one takes.
-const DRAWING = 3;
-// Steps that follow a slider from the mesh before.
-const FOLLOWING = 8;
 const SHADES = 64;
 const STEPS = 200;
 // The value and the ends of a slider of a name that was just made a parameter.
@@ -57,76 +49,6 @@ export function stateOf({ spec, sliders = {}, time }, { method = "least_error", 
 }
 
 const rangeOf = (value) => (value === 0 ? { min: -1, max: 1 } : { min: Math.min(0, 4 * value), max: Math.max(0, 4 * value) });
-
-/**
- * Computes the meshes of a state in slices, and shows each: `ask(state)` begins, `end()` ends.
- *
- * `show(preview, isLast, isConverged)` is called with what `comparison` gives; `fail(error)` with a `FormulaError`.
- */
-export function createWork({ show, fail }) {
-  let frame = 0;
-  let timer = 0;
-  let last = null; // the mesh shown, and the domain and shape that it is of
-
-  function run(steps, compare, { isShown, settle }) {
-    cancelAnimationFrame(frame);
-    let cost = 0; // of the last drawing
-    const slice = () => {
-      const until = performance.now() + Math.max(SLICE, cost * DRAWING);
-      let found = null;
-      let next;
-      do {
-        next = steps.next();
-        if (!next.done) found = next.value;
-      } while (!next.done && !found?.isLast && performance.now() < until);
-      const isLast = next.done || found.isLast;
-      const began = performance.now();
-      if (found && (isShown || found.isLast)) settle(compare(found), isLast, found.isConverged);
-      cost = performance.now() - began;
-      if (!isLast) frame = requestAnimationFrame(slice);
-    };
-    slice();
-  }
-
-  function ask(state) {
-    cancelAnimationFrame(frame);
-    clearTimeout(timer);
-    let u, domain, compare;
-    try {
-      u = compile(state.formula, state.parameters);
-      domain = domainOf(state.domain);
-      compare = comparison(u, domain, state.shape);
-    } catch (error) {
-      if (!(error instanceof FormulaError)) throw error;
-      fail(error);
-      return;
-    }
-    const kind = JSON.stringify([state.domain, state.shape, state.method]);
-    const settle = (preview, isLast, isConverged) => {
-      last = { kind, mesh: preview.mesh };
-      show(preview, isLast, isConverged);
-    };
-    const [, method] = METHODS[state.method];
-    const isNew = last?.kind !== kind;
-    const anew = () => run(method(u, state.shape, domain), compare, { isShown: isNew, settle });
-    if (isNew) {
-      anew();
-      return;
-    }
-    // The mesh before follows; the one that a reader gets who begins here comes when the hand rests.
-    const following = method(u, state.shape, domain, { start: last.mesh, steps: FOLLOWING });
-    run(following, compare, { isShown: true, settle: (preview) => settle(preview, false) });
-    timer = setTimeout(anew, PAUSE);
-  }
-
-  return {
-    ask,
-    end() {
-      cancelAnimationFrame(frame);
-      clearTimeout(timer);
-    },
-  };
-}
 
 /** What a preview says, in a sentence. */
 export function sentenceOf({ gain, shape: [n, m] }, { isLast = true, isConverged } = {}) {
@@ -225,6 +147,7 @@ export function createFigure(root, { problems = [], state: first = null, onChang
       if (isLast) onMesh(preview, state);
     },
     fail(error) {
+      if (!(error instanceof FormulaError)) throw error;
       text.setAttribute("aria-invalid", "true");
       root.dataset.state = "fault";
       fault.replaceChildren(`${error.message}. `, ...(error.unknown ? [declaration(error.unknown)] : []));

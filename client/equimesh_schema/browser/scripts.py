@@ -10,7 +10,7 @@ from pathlib import Path
 FOLDER = Path(__file__).parent
 KERNEL = ("formula.js", "kernel.js")
 """What computes meshes; it knows no page."""
-FIGURE = (*KERNEL, "colours.js", "figure.js")
+FIGURE = (*KERNEL, "work.js", "colours.js", "figure.js")
 """The figure with all that it needs."""
 _COMMENT = re.compile(r"^ *//[^\n]*\n|^ */\*\*(?:[^*]|\*(?!/))*\*/\n|^ +", re.MULTILINE)
 """Comments, and the blanks in front of lines: no text of these modules goes over lines."""

@@ -1,81 +1,40 @@
 // The first look at a mesh: the page computes it itself, so that a key is answered also where the service is far or busy.
 
-import { arcLength, comparison, compile, domainOf, leastError } from "./browser/kernel.js";
+import { createWork } from "./browser/work.js";
 
-// Milliseconds of work until something is shown, and of each piece of work after it.
-const FIRST = 12;
-const PIECE = 10;
-// Kinds that the kernel makes, and settings that its meshes do not follow.
-const METHODS = { auto: leastError, least_error: leastError, arc_length: arcLength };
+// Kinds that the kernel makes, with its methods, and settings that its meshes do not follow.
+const METHODS = { auto: "least_error", least_error: "least_error", arc_length: "arc_length" };
 const OTHERS = ["orthogonality", "rectilinear", "smoothing", "boundary", "map", "purpose", "for", "degree"];
-// Steps from the mesh before, where a parameter alone has changed.
-const FOLLOWING = 8;
 
 /**
  * The first look: `begin(state, shape, wait)` begins after so many milliseconds, and tells whether the page can make it;
- * `end()` ends it.  `show(drawing)` is called with drawings as the service has them, without its certificate.
+ * `end()` ends it.  `show(drawing, state)` is called with drawings as the service has them, without its certificate.
  *
  * @param {(drawing: object, state: object) => void} show
  */
 export function createLook(show) {
-  let timer = 0;
-  let last = null; // the last mesh, with what it is of
-
-  function begin(state, shape, wait) {
-    end();
-    const asked = askedOf(state, shape);
-    if (asked) timer = setTimeout(() => work(state, asked), wait);
-    return asked !== null;
-  }
-
-  function end() {
-    clearTimeout(timer);
-  }
-
-  function work(state, { u, domain, compare, shape, kind, method, settings }) {
-    const isFollowing = last?.kind === kind;
-    const anew = () => method(u, shape, domain, settings);
-    let steps = isFollowing ? method(u, shape, domain, { ...settings, start: last.mesh, steps: FOLLOWING }) : anew();
-    let isFresh = !isFollowing;
-    let isFirst = true;
-
-    function piece() {
-      const until = performance.now() + (isFirst ? FIRST : PIECE);
-      let found = null;
-      do found = steps.next().value ?? found;
-      while (!found?.isLast && performance.now() < until);
-      if (isFirst || found.isLast) {
-        const preview = compare(found);
-        last = { kind, mesh: preview.mesh };
-        show(drawingOf(preview, state.spec), state);
-      }
-      if (found.isLast && isFresh) return;
-      if (found.isLast) [steps, isFresh] = [anew(), true]; // the mesh that a page has that begins here
-      isFirst = false;
-      timer = setTimeout(piece, 0);
-    }
-    piece();
-  }
-
-  return { begin, end };
+  let now = null; // the state that is looked at
+  // Also a description without its parts fails: the service names what is missing.
+  const work = createWork({ show: (preview) => show(drawingOf(preview, now.spec), now), fail: () => {} });
+  return {
+    begin(state, shape, wait) {
+      work.end();
+      now = state;
+      const asked = askedOf(state, shape);
+      return asked !== null && work.ask(asked, wait);
+    },
+    end: work.end,
+  };
 }
 
-// What the kernel is asked for a state; null where it cannot make such a mesh, or the service says what is wrong.
+// What the kernel is asked for a state; null where it does not make such meshes.
 function askedOf({ spec, samples }, shape) {
   const { u, kind = "auto", norm = "l2", a, b, scaled, ...others } = spec.monitor ?? {};
-  const expression = typeof u === "string" ? u : u?.expression;
-  const method = Object.hasOwn(METHODS, kind) ? METHODS[kind] : null;
-  if (!method || samples || typeof expression !== "string" || norm !== "l2" || spec.schwarz || spec.target) return null;
+  const { expression, parameters = {}, t = 0 } = typeof u === "string" ? { expression: u } : u ?? {};
+  if (!Object.hasOwn(METHODS, kind) || samples || typeof expression !== "string" || norm !== "l2" || spec.schwarz || spec.target) return null;
   if (OTHERS.some((name) => others[name] !== undefined)) return null;
-  try {
-    const { parameters = {}, t = 0 } = typeof u === "string" ? {} : u;
-    const [formula, domain] = [compile(expression, { ...parameters, t }), domainOf(spec.domain)];
-    const settings = Object.fromEntries(Object.entries({ a, b, scaled }).filter(([, value]) => value !== undefined));
-    const compare = comparison(formula, domain, shape);
-    return { u: formula, domain, compare, shape, method, settings, kind: JSON.stringify([expression, spec.domain, shape, kind]) };
-  } catch {
-    return null; // also a description without its parts: the service names what is missing
-  }
+  const settings = Object.fromEntries(Object.entries({ a, b, scaled }).filter(([, value]) => value !== undefined));
+  return { formula: expression, parameters: { ...parameters, t }, domain: spec.domain, shape, method: METHODS[kind], settings };
 }
 
 function drawingOf(preview, spec) {
