@@ -30,6 +30,7 @@ from equimesh.least_error.starts import Patch, equidistributed, resampled
 from equimesh.least_error.subdomains import owners
 from equimesh.meshes.cell_edges import originals_of
 from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
 from equimesh_coupling.parts import cuts_at_corners
@@ -361,9 +362,19 @@ class Bilinear:
 
     def places(self, s: Array, t: Array) -> Sequence[Array]:
         """``x, y, x_s, x_t, y_s, y_t`` at places of the square."""
-        rows, columns = (n - 1 for n in self.points.shape[:2])
-        i, j = (np.clip((at * n).astype(np.int64), 0, n - 1) for at, n in ((s, rows), (t, columns)))
-        p, q, values = s * rows - i, t * columns - j, self._values
-        low = (1.0 - p) * values[:, i, j] + p * values[:, i + 1, j]
-        high = (1.0 - p) * values[:, i, j + 1] + p * values[:, i + 1, j + 1]
-        return tuple((1.0 - q) * low + q * high)
+        found = np.empty((len(self._values), s.size))
+        between_nodes(self._values, np.ascontiguousarray(s).reshape(-1), np.ascontiguousarray(t).reshape(-1), found)
+        return tuple(found.reshape(-1, *s.shape))
+
+
+@compiled
+def between_nodes(values: Array, s: Array, t: Array, out: Array) -> None:
+    """Bilinear interpolation of ``values`` at the nodes of a block, shape ``(k, n, m)``, at places of the square."""
+    rows, columns = values.shape[1] - 1, values.shape[2] - 1
+    for place in range(s.size):
+        i, j = min(max(int(s[place] * rows), 0), rows - 1), min(max(int(t[place] * columns), 0), columns - 1)
+        p, q = s[place] * rows - i, t[place] * columns - j
+        for k in range(values.shape[0]):
+            low = (1.0 - p) * values[k, i, j] + p * values[k, i + 1, j]
+            high = (1.0 - p) * values[k, i, j + 1] + p * values[k, i + 1, j + 1]
+            out[k, place] = (1.0 - q) * low + q * high

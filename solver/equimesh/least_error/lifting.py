@@ -131,17 +131,30 @@ def _line(padded: tuple[Array, bool, bool], wanted: Array | IntArray, has_ghosts
     """Lagrange interpolation from the lines around each of the ``wanted`` places."""
     places, before, after = padded
     first, last = (0 if before and has_ghosts else 1), places.size - (0 if after and has_ghosts else 1)
-    left = np.clip(np.searchsorted(places, wanted, side="right") - 1, 1, places.size - 3)
     size = min(AHEAD, last - first) if cubic else 2
-    start = np.clip(left - (size // 2 - 1), first, last - size) if cubic else left
-    numbers = start[:, None] + np.arange(size)
-    at = places[numbers]
-    weights = np.ones_like(at)
-    for k in range(size):
-        for other in range(size):
-            if other != k:
-                weights[:, k] *= (wanted - at[:, other]) / (at[:, k] - at[:, other])
-    return Line(numbers=numbers, weights=weights)
+    line = Line(numbers=np.empty((wanted.size, size), dtype=np.int64), weights=np.empty((wanted.size, size)))
+    bounds = (first, last - size) if cubic else (1, places.size - 3)
+    interpolate(places, np.asarray(wanted, dtype=np.float64), bounds, line.numbers, line.weights)
+    return line
+
+
+@compiled
+def interpolate(places: Array, wanted: Array, bounds: tuple[int, int], numbers: IntArray, weights: Array) -> None:
+    """Fill the numbers of the lines at ``places`` around each of the ``wanted`` ones, and their Lagrange weights.
+
+    ``bounds`` are the smallest and the largest number of a first line. The first and the last line of all have no
+    place beyond.
+    """
+    size = numbers.shape[1]
+    for p in range(wanted.size):
+        left = min(max(np.searchsorted(places, wanted[p], side="right") - 1, 1), places.size - 3)
+        start = min(max(left - (size // 2 - 1), bounds[0]), bounds[1])
+        for k in range(size):
+            numbers[p, k], weight = start + k, 1.0
+            for other in range(size):
+                if other != k:
+                    weight *= (wanted[p] - places[start + other]) / (places[start + k] - places[start + other])
+            weights[p, k] = weight
 
 
 @compiled

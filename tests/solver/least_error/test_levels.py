@@ -14,7 +14,7 @@ import equimesh as em
 from block_cases import changed
 from equimesh.blocks.blocks import Blocks
 from equimesh.least_error.block_levels import BlockLevel, block_levels, edges_of
-from equimesh.least_error.block_mesh import BlockMesh, Place
+from equimesh.least_error.block_mesh import Bilinear, BlockMesh, Place
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.least_error.kernels import Nodes, smallest_share
@@ -139,6 +139,14 @@ def test_nodes_of_both_levels_keep_their_values(make, cubic: bool) -> None:  # t
     along = lifting.lifted_along_sides(values[0], cubic=cubic)
     edge = coarse.blocks[0][-1]
     assert np.array_equal(along[np.searchsorted(fine.nodes, coarse.nodes[edge])], values[0, edge])
+
+
+def test_a_bilinear_map_and_its_derivatives_are_exact_at_all_places() -> None:
+    s, t = np.meshgrid(np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 7), indexing="ij")
+    block = Bilinear(np.stack([2.0 * s + t, 3.0 * s * t], axis=-1))
+    s, t = np.array([[0.0, 0.3, 1.0]]), np.array([[1.0, 0.21, 0.0]])
+    exact = 2.0 * s + t, 3.0 * s * t, 2.0 + 0.0 * s, 1.0 + 0.0 * s, 3.0 * t, 3.0 * s
+    assert np.array(block.places(s, t)) == pytest.approx(np.array(exact), abs=1e-14)
 
 
 def test_a_closed_line_is_smooth_where_it_is_cut() -> None:
