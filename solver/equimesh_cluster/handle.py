@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -22,12 +21,11 @@ from equimesh.fields.expression import Field
 from equimesh.meshes.mesh import Grid
 from equimesh.numerics.types import Array
 from equimesh.quality.measures import Quality
-from equimesh.single_domain.level import Mode
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.status import Status
 from equimesh_cluster.connection import close_after
 from equimesh_cluster.errors import ClusterError, WorkersLostError
-from equimesh_cluster.messages import Channel, Traffic
+from equimesh_cluster.messages import Channel, Traffic, added
 from equimesh_cluster.part_files.formats import NodeValues, PartData, parted_format
 from equimesh_cluster.part_files.parted_mesh import (
     leave_probe,
@@ -39,6 +37,7 @@ from equimesh_cluster.part_files.parted_mesh import (
 )
 from equimesh_cluster.parts.part_solution import (
     PartMeasures,
+    PartRecord,
     PartSolution,
     PartStep,
     equidistribution_of_part,
@@ -92,51 +91,18 @@ def own_u(part: PartSolution) -> Array:
 # What the driver has of a solution in parts: everything but the rows.
 
 
-@dataclass(frozen=True, kw_only=True)
-class Summary:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Summary(PartRecord):
     """One part without its rows. ``first`` and ``last`` are its own rows, as numbers of the grid."""
 
     first: int
     last: int
-    mode: Mode
-    status: Status
-    newton_steps: int
-    residual: float
-    note: str
-    remedy: str
-    relaxed: tuple[Relaxed, ...]
-    algebraic_error: float | None
-    discretization_error: float | None
-    records: tuple[PartStep, ...]
 
 
 def summary_of(part: PartSolution) -> Summary:
     """The summary of a part. Runs where the part is."""
-    return Summary(
-        first=part.mesh.first,
-        last=part.mesh.last,
-        mode=part.mode,
-        status=part.status,
-        newton_steps=part.newton_steps,
-        residual=part.residual,
-        note=part.note,
-        remedy=part.remedy,
-        relaxed=part.relaxed,
-        algebraic_error=part.algebraic_error,
-        discretization_error=part.discretization_error,
-        records=part.records,
-    )
-
-
-def traffic_of(summaries: Sequence[Summary]) -> dict[str, Traffic]:
-    """The messages that all parts sent, and their bytes, by the kind of the message."""
-    total: dict[str, Traffic] = defaultdict(Traffic)
-    for summary in summaries:
-        for record in summary.records:
-            for kind, sent in record.traffic.items():
-                total[kind].messages += sent.messages
-                total[kind].bytes += sent.bytes
-    return dict(total)
+    record: dict[str, Any] = {field.name: getattr(part, field.name) for field in fields(PartRecord)}
+    return Summary(first=part.mesh.first, last=part.mesh.last, **record)
 
 
 # The quality and the certificate of a mesh that stays on the workers of a cluster.
@@ -310,7 +276,7 @@ class Handle:
     @property
     def traffic(self) -> dict[str, Traffic]:
         """The messages that all parts sent, and their bytes, by the kind of the message."""
-        return traffic_of(self._summaries)
+        return added(record.traffic for summary in self._summaries for record in summary.records)
 
     @property
     def x(self) -> Any:

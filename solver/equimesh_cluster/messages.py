@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
@@ -85,6 +85,16 @@ class Traffic:
 
     messages: int = 0
     bytes: int = 0
+
+
+def added(counts: Iterable[Mapping[str, Traffic]]) -> dict[str, Traffic]:
+    """The sum of what several parts sent, or of several records, by the kind of the message."""
+    total = defaultdict[str, Traffic](Traffic)
+    for one in counts:
+        for kind, traffic in one.items():
+            total[kind].messages += traffic.messages
+            total[kind].bytes += traffic.bytes
+    return dict(total)
 
 
 class Counted:

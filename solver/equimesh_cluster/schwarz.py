@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import uuid
 import weakref
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from threading import Event, Lock
@@ -14,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from distributed import Client, get_worker
 
 from equimesh.equations.problem import Problem
-from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import require_lines
 from equimesh.schwarz.records import Iteration, IterationNumbers
@@ -23,11 +21,11 @@ from equimesh.solving.schwarz import schwarz_reference, schwarz_start
 from equimesh.solving.status import Initial, IterationProgress, SolveOptions
 from equimesh_cluster.connection import sent
 from equimesh_cluster.handle import Handle
-from equimesh_cluster.messages import Traffic
+from equimesh_cluster.messages import Traffic, added
 from equimesh_cluster.parts.checkpoints import Checkpoints
 from equimesh_cluster.parts.schwarz import SchwarzPart, SchwarzPlan, iterate_part
 from equimesh_cluster.run import PartsRun, RunOptions, run_parts
-from equimesh_cluster.workers import WorkerFacts, check_memory, equal_rows, examine_workers, require_count
+from equimesh_cluster.workers import WorkerFacts, check_memory, count_of_parts, equal_rows
 
 if TYPE_CHECKING:
     from distributed import Worker
@@ -79,12 +77,12 @@ class SchwarzHandle(Handle):
         first = 0 if self.resumed is None else self.resumed + 1
         self.sent: dict[int, dict[str, Traffic]] = {}
         for k, parts in enumerate(zip(*(counts for _, _, counts in numbers), strict=True)):
-            self.sent[first + k] = _added(parts)
+            self.sent[first + k] = added(parts)
 
     @property
     def traffic(self) -> dict[str, Traffic]:
         """The messages that all parts sent, and their bytes, by the kind of the message."""
-        return _added(self.sent.values())
+        return added(self.sent.values())
 
 
 def iterate(
@@ -96,7 +94,8 @@ def iterate(
     worker the iteration continues from its last iterate on the other workers. Raises as :func:`equimesh_cluster.solve`.
     """
     require_lines(problem.monitor)
-    count = _count(problem, client, schwarz, options.parts)
+    most = len(schwarz.decompose(problem.grid).parts)
+    count = count_of_parts(client, options.parts, most, "every part needs a subdomain")
     plan, start, exact = _planned(problem, schwarz, options)
     name, records = uuid.uuid4().hex, list[IterationNumbers]()
     course = IterationProgress(plan.tolerance, schwarz.max_iterations)
@@ -125,20 +124,6 @@ def iterate(
         if client.status == "running":
             client.run(forget, name, on_error="ignore")
     return SchwarzHandle(plan, client, run, records, own_client=own_client)
-
-
-def _count(problem: Problem, client: Client, schwarz: Schwarz, parts: int | None) -> int:
-    """The number of parts, for which there are subdomains."""
-    most = len(schwarz.decompose(problem.grid).parts)
-    if parts is not None:
-        require_count(parts)
-    if parts is not None and parts > most:
-        raise InputError(
-            f"parts = {parts}: every part needs a subdomain, and there are {most}: take fewer parts, or more"
-            " subdomains",
-            field="parts",
-        )
-    return min(most, max(1, len(examine_workers(client)))) if parts is None else parts
 
 
 def _planned(problem: Problem, schwarz: Schwarz, options: SchwarzOptions) -> tuple[SchwarzPlan, Mesh, Mesh | None]:
@@ -200,13 +185,3 @@ def _plain(record: IterationNumbers) -> dict[str, Any]:
 
 def _record(problem: Problem, report: dict[str, Any]) -> IterationNumbers:
     return Iteration(problem=problem, **report) if "mesh" in report else IterationNumbers(problem=problem, **report)
-
-
-def _added(counts: Any) -> dict[str, Traffic]:
-    """The sum of what several parts sent, or of several iterations."""
-    total: dict[str, Traffic] = defaultdict(Traffic)
-    for one in counts:
-        for kind, traffic in one.items():
-            total[kind].messages += traffic.messages
-            total[kind].bytes += traffic.bytes
-    return dict(total)

@@ -37,7 +37,7 @@ from equimesh_cluster.parts.solve import (
 )
 from equimesh_cluster.run import PartsRun, RunOptions, run_parts
 from equimesh_cluster.schwarz import SchwarzOptions, iterate
-from equimesh_cluster.workers import WorkerFacts, check_memory, examine_workers, place, require_count
+from equimesh_cluster.workers import WorkerFacts, check_memory, count_of_parts, examine_workers, place
 
 # What a running solve tells its observer: one record for each sweep, from the records of all parts.
 
@@ -167,7 +167,7 @@ def solve_blocks(
     own = isinstance(client, str)
     connected = connect(client) if isinstance(client, str) else check_client(client)
     try:
-        count = _count_of_blocks(connected, subdomains, parts)
+        count = count_of_parts(connected, parts, subdomains, "every part needs a subdomain")
         found = _run(problem, connected, settings, count, shared, RunOptions(observe=_telling(observe), cancel=cancel))
     finally:
         if own:
@@ -176,20 +176,6 @@ def solve_blocks(
     if not solution.status.succeeded:
         raise SolveError(solution.message, solution)
     return solution
-
-
-def _count_of_blocks(client: Client, subdomains: int, parts: int | None) -> int:
-    """The number of parts, for which there are subdomains."""
-    if parts is None:
-        return min(subdomains, max(1, len(examine_workers(client))))
-    require_count(parts)
-    if parts > subdomains:
-        raise InputError(
-            f"parts = {parts}: every part needs a subdomain, and there are {subdomains}: take fewer parts, or smaller"
-            " groups of blocks",
-            field="parts",
-        )
-    return parts
 
 
 def _telling(observe: Callable[[dict[str, Any]], None] | None) -> Callable[[int, Any], None] | None:
@@ -322,6 +308,10 @@ def _observer(observe: object) -> Callable[[Any], None] | None:
     return observe
 
 
+FINER_GRID = "the grids of this solve cannot be cut into more"
+"""The reason why there are no more parts, and the remedy."""
+
+
 def _solve(chosen: _Settings, client: Client, parts: int | None) -> PartsRun:
     """The parts, on the nested grids of the problem, or on others where sweeps have no solution on these."""
     _require_room(chosen.problem, client, parts)
@@ -335,8 +325,7 @@ def _require_room(problem: Problem, client: Client, parts: int | None) -> None:
     """Refuse too many parts, and workers with too few threads or too little memory, before anything is computed."""
     workers = examine_workers(check_client(client))
     if workers:
-        count = _count(problem.grid, most_parts(problem), len(workers), parts)
-        check_memory(problem, place(count, workers))
+        check_memory(problem, place(count_of_parts(client, parts, most_parts(problem), FINER_GRID), workers))
 
 
 def _coarse(chosen: _Settings, client: Client, *, square: bool) -> CoarseSolution:
@@ -357,7 +346,7 @@ def _coarse(chosen: _Settings, client: Client, *, square: bool) -> CoarseSolutio
 
 def _parts(chosen: _Settings, client: Client, coarse: CoarseSolution, parts: int | None) -> PartsRun:
     """The parts, which begin with the coarse solution in every attempt."""
-    count = _count(chosen.problem.grid, coarse.most_parts, len(client.nthreads()), parts)
+    count = count_of_parts(client, parts, coarse.most_parts, FINER_GRID)
     gathering = PartsProgress(chosen.observe)
     shared: list[Any] = []
 
@@ -372,20 +361,6 @@ def _parts(chosen: _Settings, client: Client, coarse: CoarseSolution, parts: int
 
     options = RunOptions(observe=gathering.add, cancel=chosen.cancel, check_workers=check)
     return run_parts(client, part_of_solution, arguments, parts=count, options=options)
-
-
-def _count(grid: Grid, most: int, workers: int, parts: int | None) -> int:
-    """The number of parts: by default one for each worker, and not more than the grids can be cut into."""
-    if parts is None:
-        return max(1, min(most, workers))
-    require_count(parts)
-    if parts > most:
-        raise InputError(
-            f"parts = {parts}: the grids of a solve with {grid} points can be cut into at most {most}: take 1 to {most}"
-            " parts, or a finer grid",
-            field="parts",
-        )
-    return parts
 
 
 def coarse_part(

@@ -193,6 +193,21 @@ def require_count(parts: object) -> None:
         raise InputError(f"parts = {parts!r}: a whole number, or None for one on every worker", field="parts")
 
 
+def count_of_parts(client: Client, parts: int | None, most: int, reason: str) -> int:
+    """The number of parts: by default one for each worker, at most ``most``, of which there is a ``reason``.
+
+    Raises :class:`~equimesh.errors.InputError` for more.
+    """
+    if parts is None:
+        return max(1, min(most, len(examine_workers(client))))
+    require_count(parts)
+    if parts > most:
+        raise InputError(
+            f"parts = {parts}: {reason}, so take at most {most}, or more subdomains or grid points", field="parts"
+        )
+    return parts
+
+
 # Bytes that a part takes for each of its points, at its peak.
 BYTES_A_POINT = 65
 # Bytes that the spline through samples in a file takes for each of them.

@@ -59,7 +59,7 @@ def test_several_subdomains_a_worker_and_errors_against_the_single_domain(client
 
 
 def test_what_does_not_fit_is_refused_before_the_start(client: Client) -> None:
-    with pytest.raises(em.InputError, match="parts = 4: every part needs a subdomain, and there are 2"):
+    with pytest.raises(em.InputError, match="parts = 4: every part needs a subdomain, so take at most 2"):
         on(client, em.Schwarz(subdomains=(2, 1)), parts=4)
     with pytest.raises(em.DecompositionError, match="do not fit 33 columns"):
         on(client, em.Schwarz(subdomains=(40, 1)))

@@ -172,7 +172,7 @@ def test_arguments_that_cannot_be_used_are_refused(client: Client) -> None:
         solve(em.Problem(monitor=em.LeastError(u=RING.u), grid=SMALL.grid), client, schwarz=em.Schwarz())
     with pytest.raises(em.InputError, match="parts = 7: all parts run at the same time"):
         solve(LARGE, client, parts=7)
-    with pytest.raises(em.InputError, match=r"parts = 4: .* can be cut into at most 1: take 1 to 1 parts"):
+    with pytest.raises(em.InputError, match="the grids of this solve cannot be cut into more"):
         solve(em.Problem(monitor=RING, grid=em.Grid(n_xi=33, n_eta=33)), client, parts=4)
 
 
@@ -317,7 +317,7 @@ def test_the_mesh_does_not_depend_on_the_number_of_workers(client: Client, parts
 
 def test_what_does_not_fit_is_refused_before_the_start(client: Client) -> None:
     corner = em.Problem(monitor=em.LeastError(u=FRONT), domain=l_shape(300))
-    with pytest.raises(em.InputError, match="parts = 4: every part needs a subdomain, and there are 3"):
+    with pytest.raises(em.InputError, match="parts = 4: every part needs a subdomain, so take at most 3"):
         solve_blocks(corner, client, parts=4)
     with pytest.raises(em.InputError, match="no block outlet"):
         solve_blocks(corner, client, em.Schwarz(groups=[["outlet"]]))

@@ -300,16 +300,8 @@ class BlockNest:
 
     def _shares(self) -> Iterator[float]:
         """The share of the domain that each block is."""
-        for nodes in self.domain.mesh.blocks:
-            x, y = np.moveaxis(self.domain.mesh.points[nodes], -1, 0)
-            one, other = (
-                (x[1:, 1:] - x[:-1, :-1], y[1:, 1:] - y[:-1, :-1]),
-                (
-                    x[:-1, 1:] - x[1:, :-1],
-                    y[:-1, 1:] - y[1:, :-1],
-                ),
-            )
-            yield 0.5 * float((one[0] * other[1] - one[1] * other[0]).sum()) / self.domain.area
+        areas = self.domain.mesh.cell_areas()
+        return (float(areas[cells].sum()) / self.domain.area for cells in self.domain.mesh.block_cells)
 
     def _straight(self, lines: Sequence[Array], level: BlockLevel) -> Array:
         """The initial mesh with its lines at other places, by cubic interpolation on each block."""

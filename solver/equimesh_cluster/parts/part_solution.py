@@ -41,20 +41,15 @@ class PartStep:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PartSolution:
-    """The rows of one part of a solution, and the record of its computation.
+class PartRecord:
+    """The record of the computation of a part.
 
-    Only the meshes and the traffic belong to the part. All other fields are of the whole solution, and equal in every
-    part; they mean the same as in :class:`~equimesh.solving.solution.Solution`.
+    Only the traffic belongs to the part. All other fields are of the whole solution, and equal in every part; they mean
+    the same as in :class:`~equimesh.solving.solution.Solution`.
     """
 
-    problem: Problem
     mode: Mode
     status: Status
-    mesh: MeshPart
-    """The rows of the mesh of the domain: the rows of this part, and the first row of the next part."""
-    reference: MeshRows
-    """The mesh of the reference square: the rows of this part, and one more on each side."""
     newton_steps: int
     residual: float
     note: str = ""
@@ -62,9 +57,20 @@ class PartSolution:
     relaxed: tuple[Relaxed, ...] = ()
     algebraic_error: float | None = None
     discretization_error: float | None = None
-    threads: int = 1
     records: tuple[PartStep, ...] = ()
     """One record for each sweep on the levels that were solved in parts."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PartSolution(PartRecord):
+    """The rows of one part of a solution, and the record of its computation."""
+
+    problem: Problem
+    mesh: MeshPart
+    """The rows of the mesh of the domain: the rows of this part, and the first row of the next part."""
+    reference: MeshRows
+    """The mesh of the reference square: the rows of this part, and one more on each side."""
+    threads: int = 1
 
 
 # The quality and the certificate of a mesh in parts: those of the whole mesh, from what every part contributes.

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import scipy
 
-from equimesh.errors import InputError
+from equimesh.io.reading.bounds import bad_file
 from equimesh.io.reading.foam import (
     Dictionary,
     Entries,
@@ -103,7 +103,7 @@ def vertex_of(item: Item, numbers: Mapping[str, int]) -> int:
     word = as_word(item)
     number = numbers[word.text] if word.text in numbers else word.integer()
     if not 0 <= number < len(numbers):
-        raise InputError(f"line {word.line}: vertex {number} is none of the {len(numbers)} vertices", field="file")
+        raise bad_file(f"line {word.line}: vertex {number} is none of the {len(numbers)} vertices")
     return number
 
 
@@ -124,8 +124,7 @@ def layer_of(points: Array, names: list[str], scale: float, blocks: list[Hex]) -
             return layer
     line = blocks[0].line if blocks else 1
     where = f"line {line}: the blocks are no layer of one cell between two planes across x, y or z"
-    message = f"{where}: only plane meshes can be adapted"
-    raise InputError(message, field="file")
+    raise bad_file(f"{where}: only plane meshes can be adapted")
 
 
 def _take_pairs(layer: Layer, block: Hex, near: float) -> bool:
@@ -160,7 +159,7 @@ def block_entry(layer: Layer, block: Hex) -> dict[str, Any]:
         corners, cells = [corners[k] for k in (0, 3, 2, 1)], cells[::-1]
         gradings = gradings[2:] + gradings[:2]
     if any(count < 1 for count in cells):
-        raise InputError(f"line {block.line}: {min(cells)} cells: at least 1 is needed", field="file")
+        raise bad_file(f"line {block.line}: {min(cells)} cells: at least 1 is needed")
     entry: dict[str, Any] = {"name": block.name} if block.name else {}
     entry |= {"corners": corners, "cells": cells}
     if gradings[0] == gradings[1] and gradings[2] == gradings[3]:
@@ -205,8 +204,7 @@ def edge_entries(layer: Layer, items: Sequence[Item], curves: dict[str, Any]) ->
         kind = rest.popleft()
         name = text_of(kind)
         if name not in ("line", "arc", "spline", "polyLine") or len(rest) < 2:
-            message = f"line {kind.line}: the edge {name[:30]!r} is not read: line, arc, spline and polyLine are"
-            raise InputError(message, field="file")
+            raise bad_file(f"line {kind.line}: the edge {name[:30]!r} is not read: line, arc, spline and polyLine are")
         first, last = (vertex_of(rest.popleft(), layer.numbers) for _ in range(2))
         taken = 0 if name == "line" else 2 if rest and text_of(rest[0]) == "origin" else 1
         given = [rest.popleft() for _ in range(min(taken, len(rest)))]
@@ -237,19 +235,19 @@ def _arc(
         one, other = via - a, b - a
         twice = 2.0 * (one[0] * other[1] - one[1] * other[0])
         if abs(twice) <= SAME * float(other @ other):
-            raise InputError(f"line {line}: the three points of the arc lie on a straight line", field="file")
+            raise bad_file(f"line {line}: the three points of the arc lie on a straight line")
         rise = np.array(
             [other[1] * (one @ one) - one[1] * (other @ other), one[0] * (other @ other) - other[0] * (one @ one)]
         )
         center = a + rise / twice
     else:
-        raise InputError(f"line {line}: an arc is: arc <vertex> <vertex> (x y z)", field="file")
+        raise bad_file(f"line {line}: an arc is: arc <vertex> <vertex> (x y z)")
     radius = float(np.hypot(*(a - center)))
     entry: dict[str, Any] = {} if via is None else {"via": via.tolist()}
     name = circles.find(center, radius)
     if name is None:
         if len(circles) == MAX_CIRCLES:
-            raise InputError(f"line {line}: the arcs have more than {MAX_CIRCLES} circles", field="file")
+            raise bad_file(f"line {line}: the arcs have more than {MAX_CIRCLES} circles")
         name = f"circle{len(curves)}"
         circles.add(name, center, radius)
         curves[name] = {"circle": {"center": center.tolist(), "radius": radius}}
@@ -263,7 +261,7 @@ def sides_and_joins(layer: Layer, entries: Dictionary) -> tuple[dict[str, list[l
     items = list(list_of(entries, "boundary", needed=False))
     for name, patch in zip(items[::2], items[1::2], strict=False):
         if not isinstance(patch, Entries):
-            raise InputError(f"line {name.line}: the patch {text_of(name)[:30]!r} needs {{ ... }}", field="file")
+            raise bad_file(f"line {name.line}: the patch {text_of(name)[:30]!r} needs {{ ... }}")
         edges = _patch(layer, patch.values.get("faces", []))
         if edges:
             sides[text_of(name).strip('"')] = edges
@@ -309,7 +307,7 @@ def _of_block(found: Sequence[Item], face: Item, layer: Layer) -> list[int]:
     """The vertices of a face that is given as the number of a block and of its face."""
     numbers = [as_word(item).integer() for item in found]
     if len(numbers) != 2 or not (0 <= numbers[0] < len(layer.blocks) and 0 <= numbers[1] < 6):
-        raise InputError(f"line {face.line}: a face is 4 vertices, or a block and a face of it", field="file")
+        raise bad_file(f"line {face.line}: a face is 4 vertices, or a block and a face of it")
     return [layer.blocks[numbers[0]].vertices[k] for k in FACES[numbers[1]]]
 
 
@@ -332,8 +330,7 @@ def read_block_mesh_dict(text: str) -> dict[str, Any]:
         found = entries.values.get(name, [])
         if any(not isinstance(item, Items) or item.items for item in found):
             line = found[0].line
-            message = f"line {line}: {name} is not read: mesh with blockMesh, and read constant/polyMesh"
-            raise InputError(message, field="file")
+            raise bad_file(f"line {line}: {name} is not read: mesh with blockMesh, and read constant/polyMesh")
     points, names, scale = _vertices(entries)
     blocks = _hexes(list_of(entries, "blocks"), {name: k for k, name in enumerate(names)})
     layer = layer_of(points, names, scale, blocks)
@@ -369,7 +366,7 @@ def _vertices(entries: Dictionary) -> tuple[Array, list[str], float]:
             given, item = items.popleft(), items.popleft()
             name = given.text if isinstance(given, Word) else name
         if not isinstance(item, Items):
-            raise InputError(f"line {item.line}: {text_of(item)!r} is no vertex (x y z)", field="file")
+            raise bad_file(f"line {item.line}: {text_of(item)!r} is no vertex (x y z)")
         points.append([scale * number for number in numbers_of(item, 3)])
         names.append(name)
     return np.array(points, dtype=np.float64).reshape(-1, 3), names, scale
@@ -381,15 +378,16 @@ def _hexes(items: Sequence[Item], numbers: Mapping[str, int]) -> list[Hex]:
     while rest:
         word = rest.popleft()
         if not isinstance(word, Word) or word.text != "hex":
-            raise InputError(f"line {word.line}: {text_of(word)!r} where a block 'hex' is expected", field="file")
+            raise bad_file(f"line {word.line}: {text_of(word)!r} where a block 'hex' is expected")
         vertices = _taken(rest, word, "8 vertices")
         zone = rest.popleft().text if rest and isinstance(rest[0], Word) else ""  # type: ignore[union-attr]
         cells, kind = _taken(rest, word, "3 numbers of cells"), rest.popleft() if rest else word
         gradings = _taken(rest, word, "a grading")
         count = {"simpleGrading": 3, "edgeGrading": 12}.get(text_of(kind), 0)
         if not count or len(vertices.items) != 8 or len(cells.items) != 3 or len(gradings.items) not in (1, count):
-            message = f"line {word.line}: a block is: hex (8 vertices) (3 numbers of cells) simpleGrading (3 ratios)"
-            raise InputError(message, field="file")
+            raise bad_file(
+                f"line {word.line}: a block is: hex (8 vertices) (3 numbers of cells) simpleGrading (3 ratios)"
+            )
         ratios = [_grading(item) for item in gradings.items] * (count // len(gradings.items))
         if count == 3:
             ratios = [ratio for ratio in ratios for _ in range(4)]
@@ -416,5 +414,5 @@ def _positive(ratio: float) -> float:
 def _taken(rest: deque[Item], word: Word, what: str) -> Items:
     """The next item, which is a list."""
     if not rest or not isinstance(rest[0], Items):
-        raise InputError(f"line {word.line}: {what} in ( ) are missing", field="file")
+        raise bad_file(f"line {word.line}: {what} in ( ) are missing")
     return as_items(rest.popleft())

@@ -38,6 +38,11 @@ def most_unpacked(size: int) -> int:
     return min(max(MAX_EXPANSION * size, MIN_EXPANDED), MAX_EXPANDED)
 
 
+def bad_file(message: str) -> InputError:
+    """The error of a file that is not read."""
+    return InputError(message, field="file")
+
+
 @contextmanager
 def refusing(name: str) -> Iterator[None]:
     """Raise every fault inside as :class:`~equimesh.errors.InputError`; ``name`` is that of the format."""
@@ -51,7 +56,7 @@ def refusing(name: str) -> Iterator[None]:
         if not isinstance(error, EXPECTED):
             _log.exception("the reader of %s failed", name)
         words = "it needs more memory than there is" if isinstance(error, MemoryError) else _shown(str(error), 200)
-        raise InputError(f"the {name} file cannot be read: {words}", field="file") from error
+        raise bad_file(f"the {name} file cannot be read: {words}") from error
 
 
 def _shown(text: str, most: int) -> str:
@@ -101,7 +106,7 @@ def _numbers(text: bytes, kind: type[T], first_line: int, what: str) -> npt.NDAr
     if not whole:
         line, word = _first_bad(text, kind)
         noun = "integer" if kind is np.int64 else "number"
-        raise InputError(f"line {first_line + line}: {word[:30]!r} is no {noun}, among {what}", field="file")
+        raise bad_file(f"line {first_line + line}: {word[:30]!r} is no {noun}, among {what}")
     return found
 
 

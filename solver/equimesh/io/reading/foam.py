@@ -11,8 +11,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from equimesh.errors import InputError
-from equimesh.io.reading.bounds import floats, integers, line_of
+from equimesh.io.reading.bounds import bad_file, floats, integers, line_of
 from equimesh.io.reading.plain_mesh import PLANE, PlainMesh, refuse_cell
 from equimesh.numerics.types import Array, IntArray
 
@@ -39,14 +38,14 @@ class Word:
         try:
             return float(self.text)
         except ValueError:
-            raise InputError(f"line {self.line}: {self.text[:30]!r} is no number", field="file") from None
+            raise bad_file(f"line {self.line}: {self.text[:30]!r} is no number") from None
 
     def integer(self) -> int:
         """The word as an integer; raises :class:`~equimesh.errors.InputError` with the line."""
         try:
             return int(self.text)
         except ValueError:
-            raise InputError(f"line {self.line}: {self.text[:30]!r} is no integer", field="file") from None
+            raise bad_file(f"line {self.line}: {self.text[:30]!r} is no integer") from None
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ class _Parser:
     def __init__(self, text: str) -> None:
         self.words = list(islice(_words(text), MAX_WORDS + 1))
         if len(self.words) > MAX_WORDS:
-            raise InputError(f"line {self.words[-1].line}: the file has more than {MAX_WORDS} words", field="file")
+            raise bad_file(f"line {self.words[-1].line}: the file has more than {MAX_WORDS} words")
         self.at, self.taken, self.lines = 0, 0, text.count("\n") + 1
         self.known: dict[str, list[Item]] = {}
 
@@ -109,13 +108,13 @@ class _Parser:
         """Read ``name items;`` or ``name { ... }``."""
         name = self.word()
         if name.text in "(){}[];":
-            raise InputError(f"line {name.line}: {name.text!r} where the name of an entry is expected", field="file")
+            raise bad_file(f"line {name.line}: {name.text!r} where the name of an entry is expected")
         if self.peek() == "{":
             values[name.text] = [self.item(depth)]
             return
         values[name.text] = self.items(";", depth)
         if self.at >= len(self.words):
-            raise InputError(f"line {name.line}: the entry {name.text[:30]!r} does not end with ';'", field="file")
+            raise bad_file(f"line {name.line}: the entry {name.text[:30]!r} does not end with ';'")
         self.at += 1
 
     def items(self, end: str, depth: int) -> list[Item]:
@@ -133,7 +132,7 @@ class _Parser:
     def item(self, depth: int) -> Item:
         word = self.word()
         if depth >= MAX_DEPTH:
-            raise InputError(f"line {word.line}: more than {MAX_DEPTH} lists inside each other", field="file")
+            raise bad_file(f"line {word.line}: more than {MAX_DEPTH} lists inside each other")
         if word.text == "(":
             return Items(self.closed(")", word, depth), word.line)
         if word.text == "[":
@@ -145,13 +144,13 @@ class _Parser:
             self.at += 1
             return Entries(values, word.line)
         if word.text in (")", "]", "}", ";"):
-            raise InputError(f"line {word.line}: {word.text!r} is not expected here", field="file")
+            raise bad_file(f"line {word.line}: {word.text!r} is not expected here")
         return word
 
     def closed(self, end: str, start: Word, depth: int) -> list[Item]:
         found = self.items(end, depth + 1)
         if self.at >= len(self.words):
-            raise InputError(f"line {start.line}: this {start.text!r} is not closed", field="file")
+            raise bad_file(f"line {start.line}: this {start.text!r} is not closed")
         self.at += 1
         return found
 
@@ -159,17 +158,16 @@ class _Parser:
         match = _VARIABLE.fullmatch(word.text)
         name = (match[1] or match[2]) if match else ""
         if name not in self.known:
-            message = (
+            raise bad_file(
                 f"line {word.line}: the variable {word.text[:40]!r} is no entry above it in this file: write its value,"
                 " or mesh with blockMesh and read constant/polyMesh"
             )
-            raise InputError(message, field="file")
         found = self.known[name]
         if depth + max(map(_depth, found), default=0) > MAX_DEPTH:
-            raise InputError(f"line {word.line}: more than {MAX_DEPTH} lists inside each other", field="file")
+            raise bad_file(f"line {word.line}: more than {MAX_DEPTH} lists inside each other")
         self.taken += sum(map(_size, found))
         if self.taken > MAX_WORDS:
-            raise InputError(f"line {word.line}: variables bring more than {MAX_WORDS} words", field="file")
+            raise bad_file(f"line {word.line}: variables bring more than {MAX_WORDS} words")
         return found
 
     def word(self) -> Word:
@@ -179,7 +177,7 @@ class _Parser:
 
     def peek(self) -> str:
         if self.at >= len(self.words):
-            raise InputError(f"line {self.lines}: the file ends inside an entry", field="file")
+            raise bad_file(f"line {self.lines}: the file ends inside an entry")
         return self.words[self.at].text
 
 
@@ -191,11 +189,10 @@ def _words(text: str) -> Iterator[Word]:
         if found.startswith(("//", "/*")):
             continue
         if found.startswith("#"):
-            message = (
+            raise bad_file(
                 f"line {line}: {found[:30]!r} needs OpenFOAM: write its result, or mesh with blockMesh and read"
                 " constant/polyMesh"
             )
-            raise InputError(message, field="file")
         yield Word(found, line)
 
 
@@ -218,14 +215,14 @@ def _inner(item: Item) -> Sequence[Item]:
 def as_word(item: Item) -> Word:
     """The item as a word; raises :class:`~equimesh.errors.InputError` with the line for a list."""
     if not isinstance(item, Word):
-        raise InputError(f"line {item.line}: one word or number is expected, not a list", field="file")
+        raise bad_file(f"line {item.line}: one word or number is expected, not a list")
     return item
 
 
 def as_items(item: Item) -> Items:
     """The item as a list in ( ); raises :class:`~equimesh.errors.InputError` with the line for others."""
     if not isinstance(item, Items):
-        raise InputError(f"line {item.line}: a list in ( ) is expected, not {text_of(item)[:30]!r}", field="file")
+        raise bad_file(f"line {item.line}: a list in ( ) is expected, not {text_of(item)[:30]!r}")
     return item
 
 
@@ -233,7 +230,7 @@ def numbers_of(item: Item, count: int) -> list[float]:
     """A list of ``count`` finite numbers; raises :class:`~equimesh.errors.InputError` with the line for others."""
     found = [as_word(word).number() for word in as_items(item).items]
     if len(found) != count or not all(map(math.isfinite, found)):
-        raise InputError(f"line {item.line}: {count} numbers in ( ) are needed", field="file")
+        raise bad_file(f"line {item.line}: {count} numbers in ( ) are needed")
     return found
 
 
@@ -249,7 +246,7 @@ def list_of(entries: Dictionary, name: str, *, needed: bool = True) -> Sequence[
         return found[0].items
     if found or needed:
         where = f"line {found[0].line}: " if found else ""
-        raise InputError(f"{where}the blockMeshDict needs a list {name} ( ... );", field="file")
+        raise bad_file(f"{where}the blockMeshDict needs a list {name} ( ... );")
     return []
 
 
@@ -257,7 +254,7 @@ def one_word(items: Sequence[Item], name: str) -> Word:
     """The value of the entry ``name`` that is one word."""
     if len(items) != 1 or not isinstance(items[0], Word):
         where = f"line {items[0].line}: " if items else ""
-        raise InputError(f"{where}{name} needs one value", field="file")
+        raise bad_file(f"{where}{name} needs one value")
     return items[0]
 
 
@@ -284,14 +281,14 @@ def read_poly_mesh(files: Mapping[str, bytes]) -> PlainMesh:
     """
     for name in FILES:
         if name not in files:
-            raise InputError(f"the polyMesh has no file {name!r}: it needs {', '.join(FILES)}", field="file")
+            raise bad_file(f"the polyMesh has no file {name!r}: it needs {', '.join(FILES)}")
     points = _vectors(files["points"])
     owner = _list(files["owner"], "owner")
     faces = _faces(files["faces"])
     if len(owner) != len(faces):
-        raise InputError(f"polyMesh: {len(owner)} owners of {len(faces)} faces", field="file")
+        raise bad_file(f"polyMesh: {len(owner)} owners of {len(faces)} faces")
     if faces.max(initial=-1) >= len(points) or owner.min(initial=0) < 0:
-        raise InputError("polyMesh: a face has a point, or an owner, that there is not", field="file")
+        raise bad_file("polyMesh: a face has a point, or an owner, that there is not")
     axis, upper = _layer(points)
     count_upper = np.where(faces >= 0, upper[np.maximum(faces, 0)], False).sum(axis=1)
     corners = (faces >= 0).sum(axis=1)
@@ -303,13 +300,14 @@ def read_poly_mesh(files: Mapping[str, bytes]) -> PlainMesh:
     cells = np.full((int(owner.max(initial=-1)) + 1, 4), -1)
     cells[owner[below]] = faces[below][:, 3::-1]
     if len(below) != len(cells) or (cells < 0).any():
-        message = f"polyMesh: {len(cells)} cells have {len(below)} faces in the lower plane: one layer has one each"
-        raise InputError(message, field="file")
+        raise bad_file(
+            f"polyMesh: {len(cells)} cells have {len(below)} faces in the lower plane: one layer has one each"
+        )
     walls = (count_upper == 2) & (corners == 4)
     astray = ~walls & (count_upper != 0) & (count_upper != corners)
     if astray.any():
         cell = int(owner[astray.argmax()])
-        raise InputError(f"polyMesh: cell {cell} does not go straight from plane to plane", field="file")
+        raise bad_file(f"polyMesh: cell {cell} does not go straight from plane to plane")
     sides = {}
     for name, first, count in _patches(files["boundary"], len(faces)):
         own = np.arange(first, first + count)
@@ -331,11 +329,10 @@ def _layer(points: Array) -> tuple[int, IntArray]:
         apart = np.where(upper, high - values, values - low)
         if high > low and 2 * upper.sum() == len(values) and apart.max() <= PLANE * size:
             return axis, upper.astype(np.int64)
-    message = (
+    raise bad_file(
         "polyMesh: the points do not lie in two planes across x, y or z: only one layer of cells between two planes"
         " can be adapted (extrudeMesh makes one)"
     )
-    raise InputError(message, field="file")
 
 
 def _lower_edges(faces: IntArray, upper: IntArray) -> IntArray:
@@ -349,8 +346,7 @@ def _body(data: bytes, name: str) -> tuple[bytes, int]:
     """The text of a list after its head, and its first line."""
     head = _HEAD.search(data)
     if head is not None and re.search(rb"format\s+binary", head[0]):
-        message = f"polyMesh: the file {name!r} is binary: convert it with foamFormatConvert to ascii"
-        raise InputError(message, field="file")
+        raise bad_file(f"polyMesh: the file {name!r} is binary: convert it with foamFormatConvert to ascii")
     start = head.end() if head is not None else 0
     return _COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), data[start:]), line_of(data, start)
 
@@ -360,7 +356,7 @@ def _list(data: bytes, name: str) -> IntArray:
     text, line = _body(data, name)
     flat = integers(text.translate(_PUNCTUATION), line, f"the file {name!r}")
     if not len(flat) or flat[0] != len(flat) - 1:
-        raise InputError(f"polyMesh: the list in {name!r} does not have the length that it tells", field="file")
+        raise bad_file(f"polyMesh: the list in {name!r} does not have the length that it tells")
     return flat[1:]
 
 
@@ -368,7 +364,7 @@ def _vectors(data: bytes) -> Array:
     text, line = _body(data, "points")
     flat = floats(text.translate(_PUNCTUATION), line, "the file 'points'")
     if not len(flat) or 3 * flat[0] != len(flat) - 1:
-        raise InputError("polyMesh: the list in 'points' does not have the length that it tells", field="file")
+        raise bad_file("polyMesh: the list in 'points' does not have the length that it tells")
     return flat[1:].reshape(-1, 3)
 
 
@@ -385,19 +381,19 @@ def _faces(data: bytes) -> IntArray:
             starts.append(at)
             at += 1 + int(flat[at])
         if len(starts) != count or at != len(flat):
-            raise InputError("polyMesh: the list in 'faces' does not have the length that it tells", field="file")
+            raise bad_file("polyMesh: the list in 'faces' does not have the length that it tells")
         first = np.array(starts, dtype=np.int64)
         most = int(flat[first].max(initial=4))
         if most > MAX_CORNERS:
-            raise InputError(f"polyMesh: a face has {most} points: {MAX_CORNERS} are possible", field="file")
+            raise bad_file(f"polyMesh: a face has {most} points: {MAX_CORNERS} are possible")
         column = np.arange(most)
         inside = column < flat[first][:, None]
         faces = np.where(inside, flat[np.minimum(first[:, None] + 1 + column, len(flat) - 1)], -1)
         if (faces[inside] < 0).any():
-            raise InputError("polyMesh: a face has a negative point", field="file")
+            raise bad_file("polyMesh: a face has a negative point")
         return faces
     if faces.min(initial=0) < 0:
-        raise InputError("polyMesh: a face has a negative point", field="file")
+        raise bad_file("polyMesh: a face has a negative point")
     return faces
 
 
@@ -408,20 +404,19 @@ def _patches(data: bytes, faces: int) -> list[tuple[str, int, int]]:
     items = list(lists[0].items) if lists else []
     for name, entries in zip(items[::2], items[1::2], strict=False):
         if not (isinstance(name, Word) and isinstance(entries, Entries)):
-            raise InputError("polyMesh: the file 'boundary' is no list of patches", field="file")
+            raise bad_file("polyMesh: the file 'boundary' is no list of patches")
         numbers = []
         for key in ("startFace", "nFaces"):
             value = entries.values.get(key, [])
             if len(value) != 1 or not isinstance(value[0], Word):
-                raise InputError(f"line {name.line} of 'boundary': the patch {name.text!r} has no {key}", field="file")
+                raise bad_file(f"line {name.line} of 'boundary': the patch {name.text!r} has no {key}")
             numbers.append(value[0].integer())
         first, count = numbers
         if first < 0 or count < 0 or first + count > faces:
-            message = f"line {name.line} of 'boundary': the patch {name.text!r} has faces that there are not"
-            raise InputError(message, field="file")
+            raise bad_file(f"line {name.line} of 'boundary': the patch {name.text!r} has faces that there are not")
         found.append((name.text.strip('"'), first, count))
     if sum(count for _, _, count in found) > faces:
-        raise InputError("polyMesh: the patches in 'boundary' overlap: each face has one patch", field="file")
+        raise bad_file("polyMesh: the patches in 'boundary' overlap: each face has one patch")
     return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.io.reading.bounds import floats, integers
+from equimesh.io.reading.bounds import bad_file, floats, integers
 from equimesh.io.reading.plain_mesh import PlainMesh, check_side_count, refuse_cell
 from equimesh.numerics.types import Array, IntArray
 
@@ -36,7 +36,7 @@ class Bytes:
         """The next ``count`` numbers of a kind of NumPy, ``i4``, ``u8`` or ``f8``."""
         dtype = np.dtype(f"{self.order}{kind}")
         if not 0 <= count <= (len(self.data) - self.at) // dtype.itemsize:
-            raise InputError("a section of the binary Gmsh file ends too early", field="file")
+            raise bad_file("a section of the binary Gmsh file ends too early")
         found = np.frombuffer(self.data, dtype, count, self.at)
         self.at += count * dtype.itemsize
         return found
@@ -46,7 +46,7 @@ class Bytes:
         end = self.data.find(b"\n", self.at, self.at + 30)
         word = self.data[self.at : end].strip()
         if end < 0 or not word.isdigit():
-            raise InputError("a section of the binary Gmsh file does not begin with a number", field="file")
+            raise bad_file("a section of the binary Gmsh file does not begin with a number")
         self.at = end + 1
         return int(word)
 
@@ -55,7 +55,7 @@ def order_of(head: bytes) -> str:
     """The order of bytes, from the text of ``$MeshFormat``: the number 1 stands in its second line."""
     mark = head.partition(b"\n")[2][:4]
     if mark not in (b"\x01\x00\x00\x00", b"\x00\x00\x00\x01"):
-        raise InputError("the binary Gmsh file does not tell the order of its bytes: save it again", field="file")
+        raise bad_file("the binary Gmsh file does not tell the order of its bytes: save it again")
     return "<" if mark[0] else ">"
 
 
@@ -78,7 +78,7 @@ def elements_22(data: Bytes, width_of: Callable[[int], int]) -> Iterator[tuple[i
             return
         kind, count, tags = data.take("i4", 3).tolist()
         if count < 1 or tags < 0:
-            raise InputError("a block of the binary Gmsh file has no elements: save it again", field="file")
+            raise bad_file("a block of the binary Gmsh file has no elements: save it again")
         width = 1 + tags + width_of(kind)
         rows = data.take("i4", count * width).reshape(count, width)
         if count == 1:
@@ -86,7 +86,7 @@ def elements_22(data: Bytes, width_of: Callable[[int], int]) -> Iterator[tuple[i
         left -= len(rows)
         group = rows[:, 1:2] if tags else np.zeros_like(rows[:, :1])
         yield kind, np.concatenate([rows[:, :1], group, rows[:, 1 + tags :]], axis=1).astype(np.int64)
-    raise InputError(f"the binary Gmsh file has more than {MAX_BLOCKS} blocks of elements", field="file")
+    raise bad_file(f"the binary Gmsh file has more than {MAX_BLOCKS} blocks of elements")
 
 
 def _single(data: Bytes, head: tuple[int, int, int], width: int, most: int) -> Numbers:
@@ -111,7 +111,7 @@ def groups_of_entities(data: Bytes, most: int) -> dict[tuple[int, int], list[int
     """
     counts = data.take("u8", 4).tolist()
     if counts[0] + counts[1] > MAX_BLOCKS:
-        raise InputError(f"the binary Gmsh file has more than {MAX_BLOCKS} points and curves", field="file")
+        raise bad_file(f"the binary Gmsh file has more than {MAX_BLOCKS} points and curves")
     found = {}
     for dimension, count in enumerate(counts[:2]):
         for _ in range(count):
@@ -119,8 +119,7 @@ def groups_of_entities(data: Bytes, most: int) -> dict[tuple[int, int], list[int
             data.take("f8", 6 if dimension else 3)
             number = int(data.take("u8", 1)[0])
             if number > most:
-                message = f"{number} physical groups of one entity: {most} are possible"
-                raise InputError(message, field="file")
+                raise bad_file(f"{number} physical groups of one entity: {most} are possible")
             found[dimension, entity] = np.abs(data.take("i4", number)).tolist()
             if dimension:
                 data.take("i4", int(data.take("u8", 1)[0]))
@@ -134,7 +133,7 @@ def nodes_41(data: Bytes) -> tuple[Array, IntArray]:
         dimension, _, parametric = data.take("i4", 3).tolist()
         count = int(data.take("u8", 1)[0])
         if not 0 <= dimension <= 3:
-            raise InputError("the nodes of the binary Gmsh file are on an unknown entity", field="file")
+            raise bad_file("the nodes of the binary Gmsh file are on an unknown entity")
         tags.append(data.take("u8", count).astype(np.int64))
         columns = 3 + (dimension if parametric else 0)
         points.append(data.take("f8", count * columns).reshape(count, columns)[:, :3].astype(np.float64))
@@ -153,9 +152,7 @@ def _blocks(data: Bytes) -> int:
     """The number of blocks of a section of version 4.1."""
     count = int(data.take("u8", 4)[0])
     if count > MAX_BLOCKS:
-        raise InputError(
-            f"a section of the binary Gmsh file has {count} blocks: {MAX_BLOCKS} are possible", field="file"
-        )
+        raise bad_file(f"a section of the binary Gmsh file has {count} blocks: {MAX_BLOCKS} are possible")
     return count
 
 
@@ -220,7 +217,7 @@ class _Places:
         self.tags = tags if self.order is None else tags[self.order]
         if self.order is not None and (self.tags[1:] == self.tags[:-1]).any():
             twice = int(self.tags[1:][self.tags[1:] == self.tags[:-1]][0])
-            raise InputError(f"node {twice} is in the file twice", field="file")
+            raise bad_file(f"node {twice} is in the file twice")
 
     def of(self, numbers: IntArray) -> IntArray:
         """The places of nodes, by their ``numbers`` in the file."""
@@ -230,9 +227,7 @@ class _Places:
             at = np.minimum(np.searchsorted(self.tags, numbers), self.count - 1)
             found, known = self.order[at], self.tags[at] == numbers
         if not known.all():
-            raise InputError(
-                f"an element has node {int(numbers[~known][0])}, which the file does not have", field="file"
-            )
+            raise bad_file(f"an element has node {int(numbers[~known][0])}, which the file does not have")
         return found
 
 
@@ -247,15 +242,14 @@ def read_msh(data: bytes) -> PlainMesh:
     """
     sections = {name: (text, line) for name, text, line in islice(_sections(data), MAX_SECTIONS)}
     if "MeshFormat" not in sections:
-        raise InputError("the file does not begin with $MeshFormat: it is no Gmsh file", field="file")
+        raise bad_file("the file does not begin with $MeshFormat: it is no Gmsh file")
     words = sections["MeshFormat"][0].split(None, 3)[:3]
     version, kind = (word.decode("latin-1") for word in [*words, b"", b""][:2])
     if version not in ("2.2", "2.1", "2", "4.1"):
-        message = f"line 2: version {version[:10]!r} of the Gmsh format: save the mesh in version 2.2 or 4.1"
-        raise InputError(message, field="file")
+        raise bad_file(f"line 2: version {version[:10]!r} of the Gmsh format: save the mesh in version 2.2 or 4.1")
     for name in ("Nodes", "Elements"):
         if name not in sections:
-            raise InputError(f"the Gmsh file has no section ${name}", field="file")
+            raise bad_file(f"the Gmsh file has no section ${name}")
     found = _Found(names=_names(*sections.get("PhysicalNames", (b"0", 0))))
     if kind == "1":
         points, tags = _binary({name: text for name, (text, _) in sections.items()}, version, found)
@@ -277,8 +271,7 @@ def _sections(data: bytes) -> Iterator[tuple[str, bytes, int]]:
         end = data.find(b"\n$End" + name, head.end())
         if end < 0:
             line += data.count(b"\n", counted, head.start())
-            message = f"line {line}: the section ${name.decode('latin-1')} does not end: the file is cut off"
-            raise InputError(message, field="file")
+            raise bad_file(f"line {line}: the section ${name.decode('latin-1')} does not end: the file is cut off")
         start = head.end() + 1
         line, counted = line + data.count(b"\n", counted, start), start
         yield name.decode("latin-1"), data[start : end + 1], line
@@ -297,7 +290,7 @@ def _names(text: bytes, line: int) -> dict[tuple[int, int], str]:
         try:
             names[int(parts[0]), int(parts[1])] = parts[2].strip().strip(b'"').decode()
         except (ValueError, IndexError) as error:
-            raise InputError(f"line {line + k}: {row[:40]!r} is no name of a physical group", field="file") from error
+            raise bad_file(f"line {line + k}: {row[:40]!r} is no name of a physical group") from error
     return names
 
 
@@ -306,8 +299,7 @@ def _nodes_22(text: bytes, line: int) -> tuple[Array, IntArray]:
     flat = floats(text, line, "the nodes")
     count = int(flat[0]) if len(flat) else 0
     if len(flat) != 1 + 4 * count:
-        message = f"line {line}: {count} nodes take {4 * count} numbers, but {len(flat) - 1} follow"
-        raise InputError(message, field="file")
+        raise bad_file(f"line {line}: {count} nodes take {4 * count} numbers, but {len(flat) - 1} follow")
     rows = flat[1:].reshape(count, 4)
     return rows[:, 1:], rows[:, 0].astype(np.int64)
 
@@ -319,16 +311,16 @@ def _nodes_41(text: bytes, line: int) -> tuple[Array, IntArray]:
     for _ in range(_block_count(flat, line)):
         head = flat[at : at + 4]
         if len(head) < 4 or not (0 <= head[0] <= 3 and 0 <= head[3] <= len(flat)):
-            raise InputError(f"line {line}: the nodes end too early", field="file")
+            raise bad_file(f"line {line}: the nodes end too early")
         count, columns = int(head[3]), 3 + (int(head[0]) if head[2] else 0)
         first, end = at + 4 + count, at + 4 + count * (1 + columns)
         if end > len(flat):
-            raise InputError(f"line {line}: the nodes end too early", field="file")
+            raise bad_file(f"line {line}: the nodes end too early")
         tags.append(flat[at + 4 : first].astype(np.int64))
         points.append(flat[first:end].reshape(count, columns)[:, :3])
         at = end
     if not tags or at != len(flat):
-        raise InputError(f"line {line}: the blocks of nodes are not as many as their head says", field="file")
+        raise bad_file(f"line {line}: the blocks of nodes are not as many as their head says")
     return np.concatenate(points), np.concatenate(tags)
 
 
@@ -342,13 +334,14 @@ def _groups_of_entities(text: bytes, line: int) -> dict[tuple[int, int], list[in
             words, first = row.split(), 4 if k < counts[0] else 7
             tags = [abs(int(word)) for word in words[first + 1 : first + 1 + int(words[first])]]
             if len(tags) > MAX_GROUPS:
-                message = f"line {line + 1 + k}: {len(tags)} physical groups of one entity: {MAX_GROUPS} are possible"
-                raise InputError(message, field="file")
+                raise bad_file(
+                    f"line {line + 1 + k}: {len(tags)} physical groups of one entity: {MAX_GROUPS} are possible"
+                )
             groups[VERTEX if k < counts[0] else CURVE, int(words[0])] = tags
     except InputError:
         raise
     except (ValueError, IndexError) as error:
-        raise InputError(f"line {line + len(groups)}: the entities cannot be read", field="file") from error
+        raise bad_file(f"line {line + len(groups)}: the entities cannot be read") from error
     return groups
 
 
@@ -360,24 +353,24 @@ def _elements_41(
     for _ in range(_block_count(flat, line)):
         head = flat[at : at + 4].tolist()
         if len(head) < 4:
-            raise InputError(f"line {line}: the elements end too early", field="file")
+            raise bad_file(f"line {line}: the elements end too early")
         dimension, entity, kind, count = head
         width = 1 + _nodes_of(kind)
         end = at + 4 + count * width
         if count < 0 or end > len(flat):
-            raise InputError(f"line {line}: the elements end too early", field="file")
+            raise bad_file(f"line {line}: the elements end too early")
         rows = flat[at + 4 : end].reshape(count, width)
         _take_entity(found, kind, rows, groups.get((dimension, entity), []), points)
         at = end
     if len(flat) < 4 or at != len(flat):
-        raise InputError(f"line {line}: the blocks of elements are not as many as their head says", field="file")
+        raise bad_file(f"line {line}: the blocks of elements are not as many as their head says")
 
 
 def _block_count(flat: Array | IntArray, line: int) -> int:
     """The number of blocks that the head of a section of version 4.1 tells."""
     count = int(flat[0]) if len(flat) >= 4 else 0
     if count > MAX_BLOCKS:
-        raise InputError(f"line {line}: the section has {count} blocks: {MAX_BLOCKS} are possible", field="file")
+        raise bad_file(f"line {line}: the section has {count} blocks: {MAX_BLOCKS} are possible")
     return count
 
 
@@ -391,15 +384,14 @@ def _elements_22(text: bytes, line: int, points: Array, found: _Found) -> None:
             break
         runs += 1
         if runs > MAX_BLOCKS:
-            message = f"line {line}: the type of elements changes more than {MAX_BLOCKS} times: sort them by type"
-            raise InputError(message, field="file")
+            raise bad_file(f"line {line}: the type of elements changes more than {MAX_BLOCKS} times: sort them by type")
         same = _run(flat[at:], width)
         table = flat[at : at + same * width].reshape(same, width)
         _take_groups(found, kind, table[:, 0], table[:, 3 + tags :], table[:, 3] if tags else None, points)
         at, rows = at + same * width, rows + same
     if at != len(flat) or not len(flat) or rows != flat[0]:
         told = int(flat[0]) if len(flat) else 0
-        raise InputError(f"line {line}: {told} elements are told, but {rows} whole ones follow", field="file")
+        raise bad_file(f"line {line}: {told} elements are told, but {rows} whole ones follow")
 
 
 def _run(flat: IntArray, width: int) -> int:
@@ -417,7 +409,7 @@ def _run(flat: IntArray, width: int) -> int:
 
 def _nodes_of(kind: int) -> int:
     if kind not in NODES:
-        raise InputError(f"the Gmsh file has elements of the type {kind}: save the mesh with order 1", field="file")
+        raise bad_file(f"the Gmsh file has elements of the type {kind}: save the mesh with order 1")
     return NODES[kind]
 
 
@@ -427,8 +419,7 @@ def _take(found: _Found, kind: int, numbers: IntArray, nodes: IntArray, group: i
         found.quads.append(nodes)
     elif kind == LINE:
         if len(found.lines) == MAX_BLOCKS:
-            message = f"the lines change their group more than {MAX_BLOCKS} times: sort them by group"
-            raise InputError(message, field="file")
+            raise bad_file(f"the lines change their group more than {MAX_BLOCKS} times: sort them by group")
         found.lines.append((nodes, group))
     elif kind == POINT:
         found.vertices[group] = int(nodes[-1, 0])

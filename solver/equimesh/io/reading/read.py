@@ -13,7 +13,7 @@ import numpy as np
 from equimesh.errors import InputError
 from equimesh.io.reading import foam
 from equimesh.io.reading.block_mesh_dict import read_block_mesh_dict
-from equimesh.io.reading.bounds import most_unpacked, open_zip, refusing
+from equimesh.io.reading.bounds import bad_file, most_unpacked, open_zip, refusing
 from equimesh.io.reading.foam import read_poly_mesh
 from equimesh.io.reading.msh import read_msh
 from equimesh.io.reading.plain_mesh import PlainMesh
@@ -32,15 +32,15 @@ BLOCK_MESH_DICT: Final = "blockMeshDict"
 def _read_json(text: str) -> dict[str, Any]:
     """The object of a JSON text."""
     if text.count(",") + text.count(":") > MAX_VALUES:
-        raise InputError(f"the JSON has more than {MAX_VALUES} values: no description needs them", field="file")
+        raise bad_file(f"the JSON has more than {MAX_VALUES} values: no description needs them")
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:
-        raise InputError(f"line {error.lineno}: {error.msg}: this is no JSON", field="file") from error
+        raise bad_file(f"line {error.lineno}: {error.msg}: this is no JSON") from error
     except (ValueError, RecursionError) as error:
-        raise InputError(f"the JSON cannot be read: {str(error)[:200]}", field="file") from error
+        raise bad_file(f"the JSON cannot be read: {str(error)[:200]}") from error
     if not isinstance(document, dict):
-        raise InputError("the JSON is no object: a description has vertices, blocks and sides", field="file")
+        raise bad_file("the JSON is no object: a description has vertices, blocks and sides")
     return document
 
 
@@ -170,7 +170,7 @@ def _packed(data: bytes) -> PlainMesh:
                 continue
             kind = name.suffix.lower() or name.name
             if kind in files and not is_grid:
-                raise InputError(f"the zip has two files {kind!r}: pack one mesh", field="file")
+                raise bad_file(f"the zip has two files {kind!r}: pack one mesh")
             (grids if is_grid else files)[name.name if is_grid else kind] = members.read(member)
     if VTM in files:
         return read_vtm(files[VTM], lambda name: _grid_of(grids, name), most)
@@ -181,6 +181,5 @@ def _packed(data: bytes) -> PlainMesh:
 def _grid_of(grids: dict[str, bytes], file: str) -> bytes:
     """The grid in a zip that has this name, in whatever folder."""
     if Path(file).name not in grids:
-        message = f"the zip has no file {file[:80]!r}, which its vtm file names: pack it, too"
-        raise InputError(message, field="file")
+        raise bad_file(f"the zip has no file {file[:80]!r}, which its vtm file names: pack it, too")
     return grids[Path(file).name]

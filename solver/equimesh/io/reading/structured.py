@@ -13,7 +13,7 @@ import numpy.typing as npt
 import scipy
 
 from equimesh.errors import InputError
-from equimesh.io.reading.bounds import floats
+from equimesh.io.reading.bounds import bad_file, floats
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.numerics.types import Array, IntArray
 
@@ -92,7 +92,7 @@ def joined(blocks: list[Array], sides: dict[str, list[tuple[int, IntArray]]]) ->
     if not np.isfinite(points).all():
         node = int((~np.isfinite(points).all(axis=1)).argmax())
         block = int(np.searchsorted(starts, node, side="right")) - 1
-        raise InputError(f"block {block} of the file has the coordinates {points[node].tolist()}", field="file")
+        raise bad_file(f"block {block} of the file has the coordinates {points[node].tolist()}")
     new = _merged(points, rim)
     first = np.unique(new, return_index=True)[1]
     cells = np.concatenate(
@@ -118,17 +118,17 @@ def sides_of_map(data: bytes, blocks: list[Array]) -> dict[str, list[tuple[int, 
         block, face, *ends = (int(word) for word in words)
         first, last = ends[:2] if ends[0] != ends[1] else ends[2:]
         if not 1 <= block <= len(blocks) or face not in FACES:
-            raise InputError(f"line {number} of the map: there is no face {face} of a block {block}", field="file")
+            raise bad_file(f"line {number} of the map: there is no face {face} of a block {block}")
         n_i, n_j = blocks[block - 1].shape[:2]
         most = n_j if face in FACES[:2] else n_i
         if not (min(first, last) >= 1 and max(first, last) <= most):
-            message = f"line {number} of the map: nodes {first} to {last}, but the face has {most}"
-            raise InputError(message, field="file")
+            raise bad_file(f"line {number} of the map: nodes {first} to {last}, but the face has {most}")
         along = np.arange(min(first, last) - 1, max(first, last))
         left -= len(along) - 1
         if left < 0:
-            message = f"line {number} of the map: the sides have more edges than the blocks: give each face one side"
-            raise InputError(message, field="file")
+            raise bad_file(
+                f"line {number} of the map: the sides have more edges than the blocks: give each face one side"
+            )
         at = {
             FACES[0]: along,
             FACES[1]: (n_i - 1) * n_j + along,
@@ -191,11 +191,9 @@ def _text(data: bytes) -> tuple[_Head, list[Array]]:
     if b"*" in text:
         most = len(data) + MORE_REPEATED
         if text.count(b"*") > MAX_REPETITIONS:
-            raise InputError(f"more than {MAX_REPETITIONS} repetitions: write them out, or a binary file", field="file")
+            raise bad_file(f"more than {MAX_REPETITIONS} repetitions: write them out, or a binary file")
         if sum(int(found[1]) for found in _REPETITION.finditer(text)) > most:
-            raise InputError(
-                f"repetitions stand for more than {most} numbers: write them out, or a binary file", field="file"
-            )
+            raise bad_file(f"repetitions stand for more than {most} numbers: write them out, or a binary file")
         text = _REPETITION.sub(lambda found: (found[2] + b" ") * int(found[1]), text)
     flat = floats(text, 1, "the coordinates")
     for head in _heads(flat):
@@ -251,7 +249,7 @@ def _no_plot3d() -> InputError:
         "the file is no Plot3D grid of plane blocks: the numbers of nodes at its begin do not fit the coordinates"
         " behind them; 3D blocks must have one node in the third direction"
     )
-    return InputError(message, field="file")
+    return bad_file(message)
 
 
 def _records(data: bytes, order: str) -> list[bytes]:
@@ -292,7 +290,7 @@ def read_cgns(data: bytes) -> PlainMesh:
     """
     if not data.startswith(HDF5):
         remedy = "convert it by cgnsconvert to HDF5" if ADF in data[:64] else "save it again"
-        raise InputError(f"the CGNS file is no HDF5 file: {remedy}", field="file")
+        raise bad_file(f"the CGNS file is no HDF5 file: {remedy}")
     import h5py
 
     try:
@@ -300,8 +298,9 @@ def read_cgns(data: bytes) -> PlainMesh:
             bases = list(_children(file, "CGNSBase_t"))
             zones = [(name, zone) for _, base in bases for name, zone in _children(base, "Zone_t")]
             if len(bases) != 1 or not 1 <= len(zones) <= MAX_ZONES:
-                message = f"the CGNS file has {len(bases)} bases and {len(zones)} zones: one base with zones is read"
-                raise InputError(message, field="file")
+                raise bad_file(
+                    f"the CGNS file has {len(bases)} bases and {len(zones)} zones: one base with zones is read"
+                )
             blocks = _blocks(zones, len(data))
             sides: dict[str, list[tuple[int, IntArray]]] = {}
             left = sum(2 * sum(block.shape[:2]) for block in blocks)  # edges that may have a side yet
@@ -309,13 +308,14 @@ def read_cgns(data: bytes) -> PlainMesh:
                 for side, edges in _sides(name, zone, blocks[number].shape):
                     left -= len(edges)
                     if left < 0:
-                        message = f"the zone {name!r}: the sides have more edges than the zones: give each one side"
-                        raise InputError(message, field="file")
+                        raise bad_file(
+                            f"the zone {name!r}: the sides have more edges than the zones: give each one side"
+                        )
                     sides.setdefault(side, []).append((number, edges))
     except InputError:
         raise
     except BROKEN as error:
-        raise InputError(f"the CGNS file cannot be read: {str(error)[:200]}", field="file") from error
+        raise bad_file(f"the CGNS file cannot be read: {str(error)[:200]}") from error
     named = tuple((name, (b.shape[0] - 1) * (b.shape[1] - 1)) for (name, _), b in zip(zones, blocks, strict=True))
     return replace(joined(blocks, sides), blocks=named)
 
@@ -328,8 +328,9 @@ def _blocks(zones: list[tuple[str, h5py.Group]], size: int) -> list[Array]:
         blocks.append(_nodes(name, zone, size))
         left -= blocks[-1].size  # a number has one byte at least
         if left < 0:
-            message = f"the zone {name!r} has more nodes than the file has place for: save each zone with its own array"
-            raise InputError(message, field="file")
+            raise bad_file(
+                f"the zone {name!r} has more nodes than the file has place for: save each zone with its own array"
+            )
     return blocks
 
 
@@ -356,10 +357,9 @@ def _data(node: h5py.Group, where: str, most: int) -> Any:
 
     dataset = node.get(" data") if isinstance(node.get(" data", getlink=True), h5py.HardLink) else None
     if not isinstance(dataset, h5py.Dataset) or dataset.external or dataset.is_virtual or dataset.chunks is not None:
-        message = f"{where} has no plain array: save the file as one, without links and packing"
-        raise InputError(message, field="file")
+        raise bad_file(f"{where} has no plain array: save the file as one, without links and packing")
     if dataset.dtype.kind not in "fiuS" or dataset.nbytes > most:
-        raise InputError(f"{where} has {dataset.size} entries of the type {dataset.dtype}", field="file")
+        raise bad_file(f"{where} has {dataset.size} entries of the type {dataset.dtype}")
     return dataset[()]
 
 
@@ -373,14 +373,12 @@ def _nodes(name: str, zone: h5py.Group, most: int) -> Array:
     where = f"the zone {name!r}"
     kinds = [_label(node, f"{where}: ZoneType") for _, node in _children(zone, "ZoneType_t")]
     if kinds != ["Structured"]:
-        message = f"{where} is {' '.join(kinds) or 'of no type'}: structured zones are read; save it as .vtu"
-        raise InputError(message, field="file")
+        raise bad_file(f"{where} is {' '.join(kinds) or 'of no type'}: structured zones are read; save it as .vtu")
     shape = np.atleast_2d(_data(zone, where, most))[0].tolist()
     n_k = shape[2] if len(shape) == 3 else 1
     if len(shape) not in (2, 3) or not all(2 <= n <= MAX_ZONE_NODES for n in shape[:2]) or n_k not in (1, 2):
         sizes = " x ".join(map(str, shape))
-        message = f"{where} has {sizes} nodes: plane zones, or one layer of cells along k, can be adapted"
-        raise InputError(message, field="file")
+        raise bad_file(f"{where} has {sizes} nodes: plane zones, or one layer of cells along k, can be adapted")
     arrays = {
         axis: node
         for _, grid in list(_children(zone, "GridCoordinates_t"))[:1]
@@ -390,12 +388,11 @@ def _nodes(name: str, zone: h5py.Group, most: int) -> Array:
     for axis in ("CoordinateX", "CoordinateY", "CoordinateZ"):
         if axis not in arrays:
             if axis != "CoordinateZ":
-                raise InputError(f"{where} has no {axis}: x and y are needed", field="file")
+                raise bad_file(f"{where} has no {axis}: x and y are needed")
             continue
         values = np.asarray(_data(arrays[axis], f"{where}: {axis}", most), dtype=np.float64)
         if values.shape != tuple(shape[::-1]):
-            message = f"{where}: {axis} has {values.shape[::-1]} nodes where the zone has {tuple(shape)}"
-            raise InputError(message, field="file")
+            raise bad_file(f"{where}: {axis} has {values.shape[::-1]} nodes where the zone has {tuple(shape)}")
         found.append((values[0] if len(shape) == 3 else values).T)
     return np.stack(found, axis=-1)
 
@@ -408,7 +405,7 @@ def _sides(name: str, zone: h5py.Group, shape: tuple[int, ...]) -> Iterator[tupl
             side = next((_label(node, where) for _, node in _children(condition, "FamilyName_t")), own)
             ranges = [node for title, node in _children(condition, "IndexRange_t") if title == "PointRange"]
             if len(ranges) != 1:
-                raise InputError(f"{where} has no PointRange: give the range of its points", field="file")
+                raise bad_file(f"{where} has no PointRange: give the range of its points")
             at = next((_label(node, where) for _, node in _children(condition, "GridLocation_t")), AT_NODES)
             edges = _edges(np.asarray(_data(ranges[0], where, 1 << 16)), at, shape[:2], where)
             if edges is not None:
@@ -418,7 +415,7 @@ def _sides(name: str, zone: h5py.Group, shape: tuple[int, ...]) -> Iterator[tupl
 def _edges(ends: IntArray, at: str, shape: tuple[int, ...], where: str) -> IntArray | None:
     """The edges of a range of points, shape ``(2, axes)``, which begins at 1; none for a face in the plane itself."""
     if ends.ndim != 2 or ends.shape[0] != 2 or ends.shape[1] not in (2, 3) or at not in (AT_NODES, *ON_FACES):
-        raise InputError(f"{where}: a PointRange at {at} of the shape {ends.shape[::-1]} is not read", field="file")
+        raise bad_file(f"{where}: a PointRange at {at} of the shape {ends.shape[::-1]} is not read")
     low, high = (limit(ends[:, :2].astype(np.int64), axis=0) for limit in (np.min, np.max))
     if ends.shape[1] == 3 and ends[0, 2] == ends[1, 2] and (low < high).all():
         return None
@@ -430,8 +427,7 @@ def _edges(ends: IntArray, at: str, shape: tuple[int, ...], where: str) -> IntAr
         steps = np.arange(first - 1, last)
         line = (fixed - 1) * shape[1] + steps if along == 1 else steps * shape[1] + fixed - 1
         return np.column_stack([line[:-1], line[1:]])
-    message = (
+    raise bad_file(
         f"{where} has the points {low.tolist()} to {high.tolist()}, which are no part of a side of the"
         f" {shape[0]} x {shape[1]} nodes"
     )
-    raise InputError(message, field="file")

@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from equimesh.errors import InputError
-from equimesh.io.reading.bounds import floats, integers, line_of
+from equimesh.io.reading.bounds import bad_file, floats, integers, line_of
 from equimesh.io.reading.plain_mesh import PlainMesh, refuse_cell
 from equimesh.numerics.types import Array, IntArray
 
@@ -42,7 +41,7 @@ class _Entry:
         except ValueError:
             count = -1
         if count < 0:
-            raise InputError(f"line {self.line}: {self.key}= {self.value[:20]!r} is no number of rows", field="file")
+            raise bad_file(f"line {self.line}: {self.key}= {self.value[:20]!r} is no number of rows")
         return count
 
 
@@ -58,10 +57,10 @@ def read_su2(data: bytes) -> PlainMesh:
     single = {entry.key: entry for entry in entries}
     for key in ("NDIME", "NELEM", "NPOIN"):
         if key not in single:
-            raise InputError(f"the SU2 file has no {key}=", field="file")
+            raise bad_file(f"the SU2 file has no {key}=")
     if single["NDIME"].value != "2":
         line = single["NDIME"].line
-        raise InputError(f"line {line}: the SU2 mesh has {single['NDIME'].value} dimensions, not 2", field="file")
+        raise bad_file(f"line {line}: the SU2 mesh has {single['NDIME'].value} dimensions, not 2")
     points = _points(single["NPOIN"])
     sides: dict[str, list[IntArray]] = {}
     name = ""
@@ -77,9 +76,7 @@ def read_su2(data: bytes) -> PlainMesh:
 def _entries(data: bytes) -> list[_Entry]:
     found = list(islice(_KEY.finditer(data), MAX_KEYS + 1))
     if len(found) > MAX_KEYS:
-        raise InputError(
-            f"the SU2 file has more than {MAX_KEYS} lines with a keyword: no mesh has so many", field="file"
-        )
+        raise bad_file(f"the SU2 file has more than {MAX_KEYS} lines with a keyword: no mesh has so many")
     ends = [head.start() for head in found[1:]] + [len(data)] * bool(found)
     result, line, at = [], 1, 0
     for head, end in zip(found, ends, strict=True):
@@ -96,14 +93,13 @@ def _points(entry: _Entry) -> Array:
     flat = floats(entry.rows, entry.line + 1, "the points")
     columns = len(flat) // count if count else 0
     if columns not in (2, 3) or len(flat) != count * columns:
-        message = f"line {entry.line}: {count} points with x and y are told, but {len(flat)} numbers follow"
-        raise InputError(message, field="file")
+        raise bad_file(f"line {entry.line}: {count} points with x and y are told, but {len(flat)} numbers follow")
     rows = flat.reshape(count, columns)
     if columns == 3 and not np.array_equal(rows[:, 2], np.arange(count)):
         ordered = np.empty((count, 2))
         numbers = rows[:, 2].astype(np.int64)
         if not np.array_equal(np.sort(numbers), np.arange(count)):
-            raise InputError(f"line {entry.line}: the points are not numbered from 0 to {count - 1}", field="file")
+            raise bad_file(f"line {entry.line}: the points are not numbered from 0 to {count - 1}")
         ordered[numbers] = rows[:, :2]
         return ordered
     return np.ascontiguousarray(rows[:, :2])
@@ -124,8 +120,6 @@ def _elements(entry: _Entry, wanted: int, points: Array) -> IntArray:
         if words and int(words[0]) != wanted:
             kind = OTHERS.get(int(words[0]), f"element of the type {words[0].decode()}")
             if wanted == LINE:
-                message = f"line {entry.line + 1 + k}: a {kind} in a marker: the sides of a plane mesh are lines"
-                raise InputError(message, field="file")
+                raise bad_file(f"line {entry.line + 1 + k}: a {kind} in a marker: the sides of a plane mesh are lines")
             raise refuse_cell(kind, k, points, np.array([int(word) for word in words[1:4]], dtype=np.int64))
-    message = f"line {entry.line}: {count} elements of {corners} nodes are told, but {len(flat)} numbers follow"
-    raise InputError(message, field="file")
+    raise bad_file(f"line {entry.line}: {count} elements of {corners} nodes are told, but {len(flat)} numbers follow")

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError, SamplesError
-from equimesh.io.reading.bounds import MAX_EXPANDED, most_unpacked
+from equimesh.io.reading.bounds import MAX_EXPANDED, bad_file, most_unpacked
 from equimesh.io.reading.plain_mesh import PlainMesh, check_side_count, refuse_cell
 from equimesh.io.reading.structured import joined
 from equimesh.numerics.types import Array, IntArray
@@ -217,12 +217,12 @@ def read_vtu(data: bytes) -> PlainMesh:
         reader = VtkXml(data, most_unpacked(len(data)))
         pieces = list(reader.root.iter("Piece"))
         if len(pieces) != 1:
-            raise InputError(f"the vtu file has {len(pieces)} pieces: save one piece", field="file")
+            raise bad_file(f"the vtu file has {len(pieces)} pieces: save one piece")
         return _mesh(reader, pieces[0])
     except BROKEN as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"the vtu file cannot be read: {str(error)[:200]}", field="file") from error
+        raise bad_file(f"the vtu file cannot be read: {str(error)[:200]}") from error
 
 
 def _mesh(reader: VtkXml, piece: ElementTree.Element) -> PlainMesh:
@@ -230,12 +230,12 @@ def _mesh(reader: VtkXml, piece: ElementTree.Element) -> PlainMesh:
     named = {array.get("Name"): array for array in piece.iterfind("Cells/DataArray")}
     for name in ("connectivity", "offsets", "types"):
         if name not in named:
-            raise InputError(f"the cells of the vtu file have no array {name!r}", field="file")
+            raise bad_file(f"the cells of the vtu file have no array {name!r}")
     offsets, types = (reader.array(named[name], cells).astype(np.int64) for name in ("offsets", "types"))
     size = int(offsets[-1]) if cells else 0
     starts = np.concatenate([np.zeros(1, np.int64), offsets[:-1]])
     if (np.diff(np.append(starts, size)) < 0).any():
-        raise InputError("the offsets of the vtu file fall", field="file")
+        raise bad_file("the offsets of the vtu file fall")
     nodes = reader.array(named["connectivity"], size).astype(np.int64)
     other = ~np.isin(types, (VERTEX, LINE, PIXEL, QUADRILATERAL))
     if other.any():
@@ -256,7 +256,7 @@ def _rows(nodes: IntArray, starts: IntArray, offsets: IntArray, wanted: Array, c
     """The nodes of the ``wanted`` cells, which have as many ``corners``."""
     first = starts[wanted]
     if (offsets[wanted] - first != corners).any():
-        raise InputError(f"a cell of the vtu file does not have the {corners} nodes of its type", field="file")
+        raise bad_file(f"a cell of the vtu file does not have the {corners} nodes of its type")
     found: IntArray = nodes[first[:, None] + np.arange(corners)]
     return found
 
@@ -302,25 +302,22 @@ def read_vtm(head: bytes, read: Callable[[str], bytes], most: int = MAX_EXPANDED
     root = parse_xml(head, "vtm")
     entries = list(root.iter("DataSet"))
     if root.get("type") != "vtkMultiBlockDataSet" or not 1 <= len(entries) <= MAX_BLOCKS:
-        message = f"the vtm file has {len(entries)} blocks: a vtkMultiBlockDataSet of 1 to {MAX_BLOCKS} is read"
-        raise InputError(message, field="file")
+        raise bad_file(f"the vtm file has {len(entries)} blocks: a vtkMultiBlockDataSet of 1 to {MAX_BLOCKS} is read")
     blocks, names, left = [], [], most
     files: set[str] = set()
     for number, entry in enumerate(entries):
         file = entry.get("file", "")
         place = PurePosixPath(file)
         if not file or place.is_absolute() or ".." in place.parts:
-            message = f"block {number} of the vtm file is in {file[:80]!r}: its file must be next to the vtm file"
-            raise InputError(message, field="file")
+            raise bad_file(f"block {number} of the vtm file is in {file[:80]!r}: its file must be next to the vtm file")
         if file in files:
-            raise InputError(f"two blocks of the vtm file are in {file[:80]!r}: name each file once", field="file")
+            raise bad_file(f"two blocks of the vtm file are in {file[:80]!r}: name each file once")
         files.add(file)
         data = read(file)
         try:
             blocks.append(_grid(data, left))
         except BROKEN as error:
-            message = f"{file[:80]!r} of the vtm file cannot be read: {str(error)[:200]}"
-            raise InputError(message, field="file") from error
+            raise bad_file(f"{file[:80]!r} of the vtm file cannot be read: {str(error)[:200]}") from error
         left -= blocks[-1].nbytes
         names.append(entry.get("name") or f"block{number}")
     sizes = [(block.shape[0] - 1) * (block.shape[1] - 1) for block in blocks]
