@@ -114,15 +114,12 @@ class Layout:
         """The same topology with all counts divided by ``factor`` and rounded; at least 1 cell stays."""
         return self.with_counts(np.maximum(1, np.floor(self.counts / factor + 0.5)).astype(np.int64))
 
-    def numbering(self, counts: IntArray | None = None) -> tuple[int, tuple[IntArray, ...]]:
+    def numbering(self) -> tuple[int, tuple[IntArray, ...]]:
         """The number of nodes, and the numbers of the nodes of every block, shape ``(n_i, n_j)`` each.
 
-        ``counts`` are cells of each class, those of the layout unless given. Nodes are numbered block by block, in each
-        block along j first; a node of several blocks has its number from the first one. So the nodes of one block alone
-        have the numbers that they have in a structured mesh.
+        Nodes are numbered block by block, in each block along j first; a node of several blocks has its number from the
+        first one. So the nodes of one block alone have the numbers that they have in a structured mesh.
         """
-        if counts is not None:
-            return self.with_counts(counts).numbering()
         inner = self.edge_counts - 1
         starts = self.vertex_count + np.concatenate([[0], np.cumsum(inner)])
         lines = [

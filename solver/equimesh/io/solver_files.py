@@ -48,9 +48,9 @@ def labels(names: Iterable[str], taken: Iterable[str], longest: int) -> dict[str
     return _distinct(names, NOT_IN_WORDS, taken, longest, str.lower)
 
 
-def quoted(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
+def quoted(names: Iterable[str]) -> dict[str, str]:
     """See :func:`words`, for names between quotes, which may have spaces."""
-    return _distinct(names, NOT_IN_QUOTES, taken)
+    return _distinct(names, NOT_IN_QUOTES, ())
 
 
 def _distinct(

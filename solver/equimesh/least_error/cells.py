@@ -11,7 +11,7 @@ import numpy as np
 from equimesh.meshes.cell_edges import originals_of, places_of
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
-from equimesh_coupling.parts import corner_cuts, cuts_at_corners
+from equimesh_coupling.parts import corner_cuts
 
 MAX_CACHED_GRIDS = 16
 """Small grids whose cells are kept: the levels of one or two solves."""
@@ -207,11 +207,11 @@ def _triples(number: IntArray, closed: tuple[bool, bool]) -> IntArray:
 # The cells of any mesh of quadrilaterals, and the lines of nodes that run through them.
 
 
-def cells_of_mesh(corners: IntArray, free: Array, ties: IntArray, *, are_cut: bool = False) -> Cells:
+def cells_of_mesh(corners: IntArray, free: Array, ties: IntArray) -> Cells:
     """The cells with these ``corners``, shape ``(cells, 4)``, counter-clockwise.
 
     ``free`` is 1 where a coordinate of a node may change, else 0, shape ``(2, nodes)``. ``ties`` are pairs of nodes
-    that move together, ``(copy, original)``. ``are_cut`` tells whether triangles of the cells are used.
+    that move together, ``(copy, original)``.
 
     A line of nodes runs straight on through a node of four cells, and along the boundary through a node of two. It ends
     at other nodes: corners of the domain, and singular nodes.
@@ -231,7 +231,7 @@ def cells_of_mesh(corners: IntArray, free: Array, ties: IntArray, *, are_cut: bo
         triples=triples,
         free=free,
         stiffness=_stiffness(triples, nodes),
-        corner_cuts=cuts_at_corners(corners) if are_cut else {},
+        corner_cuts={},
         ties=ties,
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -25,7 +24,7 @@ from equimesh.solving.single_domain import is_lost_in_rounding, outcome, solutio
 from equimesh.solving.solution import SolveError
 from equimesh.solving.status import SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
-from equimesh_cluster.messages import Channel, Counted, ThreadChannels
+from equimesh_cluster.messages import Channel, Counted
 from equimesh_cluster.parts.part_solution import PartSolution, PartStep
 from equimesh_cluster.parts.rows import PartRows, rows_here
 from equimesh_cluster.parts.sweeps import PartClimb
@@ -355,24 +354,3 @@ def _part_of(mesh: MeshRows, channel: Channel) -> MeshPart:
     found = mesh.within(first, min(last + 1, n_xi))
     number, count = channel.number, channel.count
     return MeshPart(grid=mesh.grid, number=number, count=count, first=first, last=last, x=found.x, y=found.y)
-
-
-# A solve in parts whose parts are threads of this process: the same code as on many machines.
-
-
-def solve_in_threads(problem: Problem, count: int, coarse: CoarseSolution) -> list[PartSolution]:
-    """The ``count`` parts of the solution of ``problem``, from its coarse solution, each on a thread of its own.
-
-    Raises the error of a part that failed.
-    """
-
-    def work(start: CoarseSolution, channel: Channel) -> PartSolution:
-        return solve_part(problem, start.for_part(channel.number, count), channel)
-
-    try:
-        return ThreadChannels(count).run(partial(work, coarse))
-    except OtherGridsNeededError:
-        square = coarse_solution(
-            problem, mode=coarse.mode, allow_relaxed=coarse.allow_relaxed, max_points=coarse.grid.points, square=True
-        )
-        return ThreadChannels(count).run(partial(work, square))

@@ -17,7 +17,7 @@ from equimesh.fields import chunked_samples
 from equimesh.meshes.rows import strips_of
 from equimesh_cluster.messages import ALONE, Channel
 from equimesh_cluster.parts.rows import cuts_of, nodes_across
-from equimesh_cluster.parts.solve import OtherGridsNeededError, coarse_solution, solve_in_threads, solve_part
+from equimesh_cluster.parts.solve import OtherGridsNeededError, coarse_solution, solve_part
 
 __all__ = ["low_strips"]
 
@@ -224,4 +224,4 @@ def test_other_grids_are_asked_for_where_sweeps_fail_on_a_grid_of_another_shape(
 def test_more_parts_than_the_grids_have_strips_are_refused() -> None:
     case = problem("ring", 129)
     with pytest.raises(em.InputError, match="can be cut into at most 1 parts"):
-        solve_in_threads(case, 2, coarse_solution(case, max_points=65 * 65))
+        in_parts(case, 2)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 import pytest
 
 import equimesh as em
 from equimesh.meshes import rows
-from equimesh_cluster.messages import ThreadChannels
+from equimesh_cluster.messages import Channel, ThreadChannels
 from equimesh_cluster.parts.part_solution import PartSolution
-from equimesh_cluster.parts.solve import coarse_solution, solve_in_threads, solve_part
+from equimesh_cluster.parts.solve import CoarseSolution, OtherGridsNeededError, coarse_solution, solve_part
 
 # Of the coarse solution, in place of a million.
 COARSE_POINTS = 65 * 65
@@ -38,11 +39,15 @@ def in_parts(
 ) -> list[PartSolution]:
     """The parts of a solution, each of which is shared by ``threads`` threads."""
     coarse = coarse_solution(problem, mode=mode, threads=1, max_points=points)
-    if threads == 1:
-        return solve_in_threads(problem, count, coarse)
-    return ThreadChannels(count).run(
-        lambda channel: solve_part(problem, coarse.for_part(channel.number, count), channel, threads=threads)
-    )
+
+    def work(start: CoarseSolution, channel: Channel) -> PartSolution:
+        return solve_part(problem, start.for_part(channel.number, count), channel, threads=threads)
+
+    try:
+        return ThreadChannels(count).run(partial(work, coarse))
+    except OtherGridsNeededError:
+        square = coarse_solution(problem, mode=mode, threads=1, max_points=coarse.grid.points, square=True)
+        return ThreadChannels(count).run(partial(work, square))
 
 
 def require_equal(found: list[PartSolution], whole: em.Solution) -> None:

@@ -201,7 +201,7 @@ def test_opposite_edges_are_one_class_and_change_together() -> None:
     assert sorted(layout.counts.tolist()) == [3, 4, 5, 6]
     assert layout.coarser(2).shapes == ((3, 4), (3, 4), (3, 4))
     assert layout.coarser(100).shapes == ((2, 2),) * 3
-    count, blocks = layout.numbering(2 * layout.counts)
+    count, blocks = layout.with_counts(2 * layout.counts).numbering()
     assert [b.shape for b in blocks] == [(9, 11), (7, 11), (9, 13)]
     assert count == layout.with_counts(2 * layout.counts).node_count
 

@@ -385,9 +385,3 @@ def test_lines_end_at_nodes_of_three_cells() -> None:
     assert (middle[used == 3] == 0).all()
     assert (middle[used == 4] == 2).all()
     assert (middle[used == 2] == 1).all()
-
-
-def test_cuts_through_corners_are_found_on_request() -> None:
-    grid = cells_of_grid((5, 7))
-    assert cells_of_mesh(grid.corners, grid.free, grid.ties, are_cut=True).corner_cuts == grid.corner_cuts
-    assert cells_of_mesh(grid.corners, grid.free, grid.ties).corner_cuts == {}

@@ -20,6 +20,8 @@ from equimesh.numerics.types import Array, IntArray
 
 # Blocks of nodes or elements, at most.
 MAX_BLOCKS: Final = 100_000
+# Physical groups of one point or curve, at most: each takes all its lines.
+MAX_GROUPS: Final = 10
 
 Numbers = npt.NDArray[Any]
 
@@ -104,11 +106,8 @@ def _single(data: Bytes, head: tuple[int, int, int], width: int, most: int) -> N
         size = min(2 * size, possible)
 
 
-def groups_of_entities(data: Bytes, most: int) -> dict[tuple[int, int], list[int]]:
-    """The physical groups of points and curves of version 4.1, by dimension and number of the entity.
-
-    An entity has ``most`` of them at most.
-    """
+def groups_of_entities(data: Bytes) -> dict[tuple[int, int], list[int]]:
+    """The physical groups of points and curves of version 4.1, by dimension and number of the entity."""
     counts = data.take("u8", 4).tolist()
     if counts[0] + counts[1] > MAX_BLOCKS:
         raise bad_file(f"the binary Gmsh file has more than {MAX_BLOCKS} points and curves")
@@ -118,8 +117,8 @@ def groups_of_entities(data: Bytes, most: int) -> dict[tuple[int, int], list[int
             entity = int(data.take("i4", 1)[0])
             data.take("f8", 6 if dimension else 3)
             number = int(data.take("u8", 1)[0])
-            if number > most:
-                raise bad_file(f"{number} physical groups of one entity: {most} are possible")
+            if number > MAX_GROUPS:
+                raise bad_file(f"{number} physical groups of one entity: {MAX_GROUPS} are possible")
             found[dimension, entity] = np.abs(data.take("i4", number)).tolist()
             if dimension:
                 data.take("i4", int(data.take("u8", 1)[0]))
@@ -166,8 +165,6 @@ OTHERS: Final = {
 }  # fmt: skip
 # ... and how many nodes they have.
 NODES: Final = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 15: 1, 16: 8}
-# Physical groups of one curve, at most: each takes all its lines.
-MAX_GROUPS = 10
 # Sections of a file, at most.
 MAX_SECTIONS = 1000
 # The dimension of the sides, and of points.
@@ -451,7 +448,7 @@ def _binary(sections: dict[str, bytes], version: str, found: _Found) -> tuple[Ar
     nodes, elements = (Bytes(sections[name], order) for name in ("Nodes", "Elements"))
     if version == "4.1":
         entities = Bytes(sections.get("Entities", bytes(32)), order)
-        groups = groups_of_entities(entities, MAX_GROUPS)
+        groups = groups_of_entities(entities)
         points, tags = nodes_41(nodes)
         for entity, kind, rows in elements_41(elements, _nodes_of):
             _take_entity(found, kind, rows, groups.get(entity, []), points)
