@@ -416,7 +416,7 @@ class QuadCells(MeshCells):
     @cached_property
     def nodes(self) -> tuple[Array, Array]:
         """x and y of the nodes, shape ``(n,)``."""
-        return np.ascontiguousarray(self.mesh.x), np.ascontiguousarray(self.mesh.y)
+        return np.ascontiguousarray(self.mesh.x).reshape(-1), np.ascontiguousarray(self.mesh.y).reshape(-1)
 
     @cached_property
     def total_area(self) -> float:

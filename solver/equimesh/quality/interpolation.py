@@ -11,7 +11,6 @@ import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
-from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import (
@@ -26,7 +25,7 @@ from equimesh.quality.resolution import Pieces, resolved_integrals, scattered_be
 from equimesh.quality.tally import ErrorRule, ErrorTally
 
 MIN_SAMPLED_CELLS = 5_000
-"""Cells that :func:`interpolation_errors` samples, or up to three times as many; on smaller meshes all cells."""
+"""Cells on which errors are sampled, or up to three times as many; on smaller meshes all cells."""
 SAMPLING = ((89, 34), (34, 13), (13, 5), (5, 2))  # one cell of this many; the shift from row to row
 ROUNDING_SHARE = 1e-13
 """Share of u that counts as rounding in its values."""
@@ -87,45 +86,6 @@ class InterpolationErrors:
         if norm == "l2":
             return gain_of(self.l2_uniform, self.l2, self.rounding[0])
         return gain_of(self.h1_uniform, self.h1, self.rounding[1])
-
-
-def interpolation_errors(
-    mesh: Mesh, u: Field, uniform: Mesh | None = None, *, nodal: Array | None = None
-) -> InterpolationErrors:
-    """The interpolation errors of u on ``mesh`` and on ``uniform``, at the cost of a small part of a solve.
-
-    ``uniform`` is the uniform mesh of the domain, by default of the unit square; for a mesh of blocks it is the mesh to
-    compare with, which has the same cells, and without it the errors there are NaN. ``nodal`` is u at the nodes of
-    ``mesh``, if it is known. On more than 25 000 cells the norms are estimated from every 5th, 13th, 34th or 89th of
-    them, in a pattern that meets every row and column of the mesh: to about a percent.
-    """
-    with np.errstate(all="ignore"):
-        first = cells_of(mesh)
-        if mesh.is_grid and uniform is None:
-            uniform = Mesh.uniform(mesh.grid)
-        second = None if uniform is None else cells_of(uniform)
-        return errors_of(first, second, u, ErrorRule.lean(), sample(first.rows), nodal=nodal)
-
-
-def errors_of(
-    cells: MeshCells,
-    uniform: Cells | None,
-    u: Field,
-    rule: ErrorRule,
-    numbers: IntArray | None = None,
-    *,
-    nodal: Array | None = None,
-    threads: int = 1,
-) -> InterpolationErrors:
-    """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``.
-
-    Without ``uniform`` those on this mesh are NaN. Raises :class:`~equimesh.errors.InputError` for meshes of blocks
-    with other cells.
-    """
-    require_same_cells(cells, uniform)
-    here = norms(cells, u, rule, numbers, nodal=nodal, threads=threads)
-    there = UNKNOWN if uniform is None else norms(uniform, u, rule, numbers, threads=threads)
-    return compared(cells, here, there)
 
 
 def require_same_cells(cells: Cells, uniform: Cells | None) -> None:

@@ -156,8 +156,9 @@ def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss:
     ``uniform`` is the mesh of the same size that interpolation of u is compared with, by default the uniform mesh of
     the unit square; a mesh of blocks has none, and its gains are then NaN. ``gauss`` is the number of Gauss points
     per direction and cell; by default ``GAUSS_POINTS`` or, on many cells, ``GAUSS_POINTS_BEYOND``, where the
-    interpolation errors are those of :func:`~equimesh.quality.interpolation.interpolation_errors`; beyond
-    ``MAX_GAUSS_CELLS`` the metric is that at the corners of the cells. Not finite where u or its gradient is not.
+    interpolation errors are by :meth:`~equimesh.quality.tally.ErrorRule.lean`; on more than 25 000 cells they are
+    estimated from every 5th, 13th, 34th or 89th cell, to about a percent. Beyond ``MAX_GAUSS_CELLS`` the metric is that
+    at the corners of the cells. Not finite where u or its gradient is not.
     """
     return measure_all(mesh, monitor, uniform=uniform, gauss=gauss)
 

@@ -72,8 +72,6 @@ def write_part(path: Path, part: MeshPart, data: PartData) -> None:
     where = f"{part.grid.n_xi} {part.grid.n_eta} {part.first}"
     write_raw(
         path,
-        "UnstructuredGrid",
-        "",
         f'NumberOfPoints="{part.x.size}" NumberOfCells="{count}"',
         {"Points": [points], "Cells": table, "PointData": nodes, "CellData": cells},
         extra=f'<FieldData><DataArray type="Int64" Name="{ROWS}" NumberOfTuples="3" format="ascii">{where}</DataArray>'
@@ -91,7 +89,7 @@ def write_head(path: Path, head: Path, parted: PartedGrid, nodes: Sequence[str],
         "PCellData": [described(name, cell_type(name)) for name in (*cells, "subdomain")],
         "PPoints": [described("Points", np.float64, 3)],
     }
-    path.write_text(head_text("PUnstructuredGrid", "", sections, pieces), encoding="utf-8", newline="\n")
+    path.write_text(head_text(sections, pieces), encoding="utf-8", newline="\n")
 
 
 def _by_rows(part: MeshPart, block: Callable[[slice], npt.NDArray[Any]]) -> Blocks:
@@ -166,15 +164,16 @@ def vtk_type(dtype: npt.DTypeLike) -> str:
     return f"{NUMBERS[kind.kind]}{8 * kind.itemsize}"
 
 
-def write_raw(path: Path, kind: str, grid: str, piece: str, sections: Sections, extra: str = "") -> None:
-    """Write a file of one piece. ``grid`` and ``piece`` are the attributes of these elements, ``extra`` goes between.
+def write_raw(path: Path, piece: str, sections: Sections, extra: str) -> None:
+    """Write a file of one piece, which has the attributes ``piece``; ``extra`` goes before it.
 
     Raises ``OSError`` where the file cannot be written, and ``ValueError`` for blocks that do not add up.
     """
     arrays = [array for section in sections.values() for array in section]
-    text, offset = [f"{head_lines(kind)}<{kind}{grid}>\n{extra}<Piece {piece}>\n"], 0
+    text, offset = [f"{head_lines('UnstructuredGrid')}<UnstructuredGrid>\n{extra}<Piece {piece}>\n"], 0
     for name, section in sections.items():
-        text.append(f"<{name}{' GlobalIds=' + quoteattr(GLOBAL_IDS) if _has_ids(section) else ''}>\n")
+        has_ids = any(array.name == GLOBAL_IDS for array in section)
+        text.append(f"<{name}{' GlobalIds=' + quoteattr(GLOBAL_IDS) if has_ids else ''}>\n")
         for array in section:
             text.append(
                 f'<DataArray type="{vtk_type(array.dtype)}" Name={quoteattr(array.name)}'
@@ -182,7 +181,7 @@ def write_raw(path: Path, kind: str, grid: str, piece: str, sections: Sections, 
             )
             offset += COUNT_BYTES + array.bytes
         text.append(f"</{name}>\n")
-    text.append(f'</Piece>\n</{kind}>\n<AppendedData encoding="raw">\n_')
+    text.append('</Piece>\n</UnstructuredGrid>\n<AppendedData encoding="raw">\n_')
     with path.open("wb") as file:
         file.write("".join(text).encode())
         for array in arrays:
@@ -197,18 +196,14 @@ def write_raw(path: Path, kind: str, grid: str, piece: str, sections: Sections, 
         file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
-def _has_ids(section: Sequence[RawArray]) -> bool:
-    return any(array.name == GLOBAL_IDS for array in section)
-
-
-def head_text(kind: str, attributes: str, sections: Mapping[str, Iterable[str]], pieces: Iterable[str]) -> str:
+def head_text(sections: Mapping[str, Iterable[str]], pieces: Iterable[str]) -> str:
     """The text of a head: a description of the arrays of each section, and the pieces."""
-    lines = [f'{head_lines(kind)}<{kind}{attributes} GhostLevel="0">']
+    lines = [f'{head_lines("PUnstructuredGrid")}<PUnstructuredGrid GhostLevel="0">']
     for name, arrays in sections.items():
         described = [*arrays]
         ids = f" GlobalIds={quoteattr(GLOBAL_IDS)}" if any(f'"{GLOBAL_IDS}"' in text for text in described) else ""
         lines += [f"<{name}{ids}>", *described, f"</{name}>"]
-    return "\n".join([*lines, *pieces, f"</{kind}>", "</VTKFile>", ""])
+    return "\n".join([*lines, *pieces, "</PUnstructuredGrid>", "</VTKFile>", ""])
 
 
 def described(name: str, dtype: npt.DTypeLike, components: int = 1) -> str:

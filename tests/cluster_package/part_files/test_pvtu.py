@@ -36,7 +36,7 @@ def arrays() -> dict[str, list[RawArray]]:
 
 def test_bytes_follow_their_count(tmp_path: Path) -> None:
     path = tmp_path / "a.vtu"
-    write_raw(path, "UnstructuredGrid", "", 'NumberOfPoints="6"', arrays())
+    write_raw(path, 'NumberOfPoints="6"', arrays(), "")
     text, _, data = path.read_bytes().partition(b'<AppendedData encoding="raw">\n_')
     found = {array.attrib["Name"]: array.attrib for array in ET.fromstring(text + b"</VTKFile>").iter("DataArray")}
     assert (found["a"]["type"], found["a"]["offset"], found["b"]["type"]) == ("Float64", "0", "Int32")
@@ -51,12 +51,12 @@ def test_bytes_follow_their_count(tmp_path: Path) -> None:
 def test_blocks_that_do_not_add_up_are_refused(tmp_path: Path) -> None:
     short = RawArray(name="a", dtype=np.float64, count=7, blocks=lambda: iter([A]))
     with pytest.raises(ValueError, match="a has 48 bytes, not 56"):
-        write_raw(tmp_path / "a.vtu", "UnstructuredGrid", "", "", {"PointData": [short]})
+        write_raw(tmp_path / "a.vtu", "", {"PointData": [short]}, "")
 
 
 def test_a_head_is_xml() -> None:
     names = [described("u", np.float64), described("GlobalNodeIds", np.int64)]
-    root = ET.fromstring(head_text("PUnstructuredGrid", "", {"PPointData": names}, ['<Piece Source="a"/>']))
+    root = ET.fromstring(head_text({"PPointData": names}, ['<Piece Source="a"/>']))
     section = root.find("PUnstructuredGrid/PPointData")
     assert section is not None
     assert section.attrib == {"GlobalIds": "GlobalNodeIds"}

@@ -13,7 +13,7 @@ from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError
 from equimesh.quality.cells import BilinearCells
 from equimesh.quality.faces import measure_faces
-from equimesh.quality.interpolation import interpolation_errors
+from equimesh.quality.measures import measure_errors
 from equimesh.rounds.recovery import ErrorEstimate
 from equimesh.testing import GEOMETRIES
 from equimesh.testing.geometries import l_shape
@@ -28,7 +28,7 @@ def sampled(u: em.Expression = FRONT) -> Callable[[em.Mesh], np.ndarray]:
 
 
 def gain(found: em.Adaptation, u: em.Expression = FRONT) -> float:
-    first, best = (interpolation_errors(mesh, u).l2 for mesh in (found.rounds[0].mesh, found.mesh))
+    first, best = (measure_errors(mesh, u).l2 for mesh in (found.rounds[0].mesh, found.mesh))
     return first / best
 
 
@@ -53,7 +53,7 @@ def test_the_norm_of_the_gradient_is_lowered_where_it_is_requested() -> None:
     errors = []
     for norm in ("l2", "h1"):
         found = em.adapt(sampled(), 33, norm=norm)
-        errors.append(interpolation_errors(found.mesh, FRONT))
+        errors.append(measure_errors(found.mesh, FRONT))
         assert errors[-1].h1_uniform > 4 * errors[-1].h1
     assert errors[1].h1 < 0.95 * errors[0].h1
 
@@ -62,7 +62,7 @@ def test_the_best_round_is_that_of_the_requested_norm() -> None:
     # The mesh of the second round has the smaller error of u, and twice the error of the gradient.
     layers = em.Expression("(1 - exp((x - 1)/0.001))*(1 - exp((y - 1)/0.001))*cos(pi*(x + y))")
     found = em.adapt(sampled(layers), 33, norm="h1")
-    errors = [interpolation_errors(one.mesh, layers).h1 for one in found.rounds]
+    errors = [measure_errors(one.mesh, layers).h1 for one in found.rounds]
     least_l2 = min(found.rounds, key=lambda one: one.estimate)
     assert found.best == min(found.rounds, key=lambda one: one.unresolved or 0.0).number
     assert errors[found.best] < 0.75 * errors[least_l2.number]

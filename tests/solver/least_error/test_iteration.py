@@ -14,7 +14,7 @@ from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.least_error.nest import nested_levels
 from equimesh.least_error.starts import mesh_of, product, rectilinear
-from equimesh.quality.interpolation import interpolation_errors
+from equimesh.quality.measures import measure_errors
 from solver.bent import DOMAINS
 
 FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")
@@ -38,7 +38,7 @@ def records(
 
 def gain(mesh: em.Mesh, u: em.Field, domain: em.Domain, norm: str = "l2") -> float:
     """How many times smaller the error is than on the uniform mesh, by the rule of the certificate."""
-    errors = interpolation_errors(map_mesh(mesh, domain), u, map_mesh(em.Mesh.uniform(mesh.grid), domain))
+    errors = measure_errors(map_mesh(mesh, domain), u, uniform=map_mesh(em.Mesh.uniform(mesh.grid), domain))
     return errors.gain_l2 if norm == "l2" else errors.gain_h1
 
 

@@ -30,7 +30,7 @@ from equimesh.plot.meshes import (
     words,
 )
 from equimesh.quality.comparison import compare_with_uniform
-from equimesh.quality.interpolation import interpolation_errors
+from equimesh.quality.measures import measure_errors
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh_coupling.display import DECADES, MIN_DECADES, colours_of
 from solver.plot.drawings import BLUE, RED, colours, compared, result, strips, texts
@@ -270,7 +270,7 @@ def test_pictures_of_blocks_name_them(tmp_path: Path) -> None:
 
 def test_blocks_are_compared_with_the_mesh_that_they_began_with(tmp_path: Path) -> None:
     u, mesh, before = Expression("tanh(9*(x + y - 1))"), l_shape(), l_shape(bend=0.0)
-    errors = interpolation_errors(mesh, u, before)
+    errors = measure_errors(mesh, u, uniform=before)
     draw_comparison(
         compare_with_uniform(mesh, ArcLength(u=u, scaled=False), uniform=before, interpolation=errors),
         tmp_path / "both.svg",

@@ -15,7 +15,7 @@ from equimesh.quality import degrees
 from equimesh.quality.cells import BilinearCells, UniformCells
 from equimesh.quality.degrees import degree_errors, gains_by_degree, squared_errors_of_cells
 from equimesh.quality.elements import CellKind
-from equimesh.quality.interpolation import interpolation_errors
+from equimesh.quality.measures import measure_errors
 from equimesh.solving.solution import Solution
 from equimesh_schema import DegreeGain
 from solver.quality.handmade import folded, triangle_errors, uniform, wavy
@@ -25,7 +25,7 @@ LOBATTO = {1: [0.0, 1.0], 2: [0.0, 0.5, 1.0], 3: [0.0, 0.5 - math.sqrt(0.05), 0.
 
 
 def gains(mesh: em.Mesh, u: em.Field = SMOOTH, kind: CellKind = "quad") -> tuple[DegreeGain, ...]:
-    errors = (interpolation_errors if kind == "quad" else triangle_errors)(mesh, u)
+    errors = (measure_errors if kind == "quad" else triangle_errors)(mesh, u)
     return gains_by_degree(BilinearCells(mesh), BilinearCells(uniform(*mesh.x.shape)), u, errors, kind)
 
 
@@ -103,7 +103,7 @@ def test_scattered_cells_give_nearly_the_same(monkeypatch: pytest.MonkeyPatch) -
 
 def test_gains_are_not_known_where_a_layer_lies_inside_a_cell() -> None:
     mesh = wavy(17, 17)
-    errors = replace(interpolation_errors(mesh, SMOOTH), resolved=(True, False))
+    errors = replace(measure_errors(mesh, SMOOTH), resolved=(True, False))
     found = gains_by_degree(BilinearCells(mesh), BilinearCells(uniform(17, 17)), SMOOTH, errors)
     assert [(one.l2 > 0.0, math.isnan(one.h1)) for one in found] == [(True, True)] * 3
 
@@ -117,7 +117,7 @@ def test_few_points_are_evaluated() -> None:
             return SMOOTH.evaluate(x, y, order)
 
     mesh = wavy(129, 129)
-    errors = interpolation_errors(mesh, SMOOTH)
+    errors = measure_errors(mesh, SMOOTH)
     plainly = UniformCells(mesh.grid, em.Rectangle())
     gains_by_degree(BilinearCells(mesh), plainly, Counting(), errors)  # type: ignore[arg-type]
     assert sum(points) <= 2 * (16 + 9 + 16) * 391
@@ -139,7 +139,7 @@ def test_errors_of_a_degree_are_those_by_many_points(degree: int) -> None:
 @pytest.mark.parametrize("kind", ["quad", "triangle"])
 def test_degree_1_has_the_errors_that_are_measured_without_a_degree(kind: CellKind) -> None:
     mesh = wavy(17, 14)
-    measured = (interpolation_errors if kind == "quad" else triangle_errors)(mesh, SMOOTH)
+    measured = (measure_errors if kind == "quad" else triangle_errors)(mesh, SMOOTH)
     errors = degree_errors(BilinearCells(mesh), BilinearCells(uniform(17, 14)), SMOOTH, 1, kind)
     for name in ("l2", "h1", "l2_uniform", "h1_uniform"):
         assert getattr(errors, name) == pytest.approx(getattr(measured, name), rel=2e-3), name
@@ -240,7 +240,7 @@ def test_a_linear_u_has_no_error_and_a_bilinear_one_has() -> None:
     assert triangle_errors(mesh, em.Expression("2*x - 3*y")).l2 < 1e-14
     bilinear = em.Expression("x*y")
     assert triangle_errors(em.Mesh.uniform(mesh.grid), bilinear).l2 > 1e-3
-    assert interpolation_errors(em.Mesh.uniform(mesh.grid), bilinear).l2 < 1e-14
+    assert measure_errors(em.Mesh.uniform(mesh.grid), bilinear).l2 < 1e-14
 
 
 def test_a_layer_inside_triangles_is_refined_or_not_resolved() -> None:

@@ -11,7 +11,7 @@ import pytest
 import equimesh as em
 from block_cases import channel, in_blocks
 from cases import problem
-from equimesh.domains.domain import map_mesh
+from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 
@@ -82,6 +82,23 @@ def test_blocks_have_the_faces_of_their_grid() -> None:
     assert found.skewness == pytest.approx(expected.skewness, rel=1e-12)
     bent = in_blocks(Mesh(np.where(grid.x == grid.x[8, 6], 0.9, grid.x), grid.y)).mesh
     assert math.isnan(measure_faces(bent).non_orthogonality)
+
+
+def test_a_seam_of_a_ring_is_no_side() -> None:
+    """Any line across the ring could be the seam."""
+    ring, (s, t) = (
+        em.AnnulusSector(closed=True),
+        np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 25), indexing="ij"),
+    )
+    bent = Mesh(
+        s + 0.02 * np.sin(2 * np.pi * s) * np.sin(2 * np.pi * t), t + 0.01 * np.sin(3 * s) * np.sin(2 * np.pi * t)
+    )
+    grid = map_mesh(bent, ring)
+    rolled = Mesh(*(np.concatenate([q[:, 5:-1], q[:, :6]], axis=1) for q in (grid.x, grid.y)))
+    found, expected = (measure_faces(one, closed_of(ring)) for one in (rolled, grid))
+    assert found.summary() == pytest.approx(expected.summary(), rel=1e-12)
+    assert found.skewness == pytest.approx(expected.skewness, rel=1e-12)
+    assert measure_faces(rolled).summary() != pytest.approx(expected.summary(), rel=1e-6)
 
 
 def test_a_join_is_a_face_without_its_translation() -> None:

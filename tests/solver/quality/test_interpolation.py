@@ -12,16 +12,12 @@ import equimesh as em
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.metrics import ArcLength
 from equimesh.quality import measures
-from equimesh.quality.cells import BilinearCells
 from equimesh.quality.interpolation import (
     MAX_PROBES_PER_CELL,
     PROBES,
-    ErrorRule,
-    errors_of,
-    interpolation_errors,
     probe_errors,
 )
-from equimesh.quality.measures import equidistribution, measure
+from equimesh.quality.measures import equidistribution, measure, measure_errors
 from solver.quality.handmade import (
     CONSTANT,
     ERRORS,
@@ -57,7 +53,7 @@ def test_few_points_a_cell_suffice_on_many_cells(text: str) -> None:
     full = measure(mesh, monitor, gauss=8)
     lean = equidistribution(mesh, monitor, gauss=measures.GAUSS_POINTS_BEYOND)
     assert lean == pytest.approx(full.q_eq.cells, rel=1e-5)
-    exact, fast = full.interpolation_error, interpolation_errors(mesh, monitor.u)
+    exact, fast = full.interpolation_error, measure_errors(mesh, monitor.u)
     assert exact is not None
     for name in ERRORS:
         assert getattr(fast, name) == pytest.approx(getattr(exact, name), rel=1e-4), name
@@ -71,7 +67,7 @@ def test_a_sample_of_the_cells_gives_the_errors_of_all() -> None:
     u = em.Expression("tanh(100*(x - 0.5)) + tanh(60*(y - x - 0.1))")
     start = uniform(460, 400)
     mesh = Mesh(start.x + 0.1 * start.x * (1 - start.x) * (start.y + 1), start.y**1.2)
-    full = errors_of(BilinearCells(mesh), BilinearCells(uniform(460, 400)), u, ErrorRule.lean())
+    full = measure_errors(mesh, u, gauss=3)
     seen: list[int] = []
 
     class Counting:
@@ -79,7 +75,7 @@ def test_a_sample_of_the_cells_gives_the_errors_of_all() -> None:
             seen.append(x.size)
             return u.evaluate(x, y, order)
 
-    some = interpolation_errors(mesh, Counting())
+    some = measure_errors(mesh, Counting())
     assert sum(seen) < 2 * 14.2 * mesh.grid.cells / 34 + 100
     measured = measure(mesh, ArcLength(u=u, scaled=False)).interpolation_error
     for name in ERRORS:
@@ -101,7 +97,7 @@ def test_gains_compare_with_the_uniform_mesh_of_the_domain() -> None:
     assert error.gain_h1 == error.h1_uniform / error.h1 > 1.2
     assert (error.l2_uniform, error.h1_uniform) == (same.l2, same.h1)
     worse = Mesh(*sector.map(uniform(12).x ** 0.7, uniform(12).y))
-    assert interpolation_errors(worse, u, plain).gain_l2 < 0.9
+    assert measure_errors(worse, u, uniform=plain).gain_l2 < 0.9
 
 
 def test_rounding_is_no_gain_and_no_loss() -> None:
@@ -109,13 +105,13 @@ def test_rounding_is_no_gain_and_no_loss() -> None:
         error = measure(wavy(), ArcLength(u=u, scaled=False)).interpolation_error
         assert error is not None
         assert error.gain_l2 == error.gain_h1 == 1.0
-        assert interpolation_errors(wavy(41, 30), u).gain_h1 == 1.0
+        assert measure_errors(wavy(41, 30), u).gain_h1 == 1.0
     tiny = em.Expression("1e-9*sin(5*x)")
-    assert interpolation_errors(wavy(), tiny).gain_l2 != 1.0
+    assert measure_errors(wavy(), tiny).gain_l2 != 1.0
 
 
 def test_a_folded_mesh_gains_nothing() -> None:
-    error = interpolation_errors(folded(), PAPER)
+    error = measure_errors(folded(), PAPER)
     assert error.gain_l2 == error.gain_h1 == 0.0
 
 

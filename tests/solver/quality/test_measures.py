@@ -17,8 +17,15 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.metrics import ArcLength
 from equimesh.quality import measures
 from equimesh.quality.cells import BilinearCells, QuadCells, cells_of
-from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, interpolation_errors, probe_errors, sample
-from equimesh.quality.measures import alignment, equidistribution, measure, measure_all, shape_regularity
+from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, probe_errors, sample
+from equimesh.quality.measures import (
+    alignment,
+    equidistribution,
+    measure,
+    measure_all,
+    measure_errors,
+    shape_regularity,
+)
 from equimesh.quality.survey import ROWS
 from equimesh.quality.tally import ErrorRule, ErrorTally
 from solver.quality.handmade import (
@@ -352,14 +359,14 @@ def test_threads_and_single_measures_agree() -> None:
 def test_without_a_mesh_to_compare_with_there_is_no_gain() -> None:
     mesh = l_shape()
     found = measure(mesh, MONITOR).interpolation_error
-    assert found.l2 == pytest.approx(interpolation_errors(mesh, TANH20).l2, rel=0.05)
+    assert found.l2 == pytest.approx(measure_errors(mesh, TANH20).l2, rel=0.05)
     assert math.isnan(found.l2_uniform)
     assert math.isnan(found.gain_l2)
     assert measure(mesh, MONITOR).summary()["interpolation_error"]["gain_l2"] is None
     assert math.isnan(triangle_errors(mesh, TANH20).gain_l2)
     for other in (l_shape(4), wavy()):
         with pytest.raises(InputError, match="compare it with the mesh that it began with"):
-            interpolation_errors(mesh, TANH20, other)
+            measure_errors(mesh, TANH20, uniform=other)
 
 
 def test_a_folded_cell_spoils_what_it_touches() -> None:
@@ -394,7 +401,7 @@ def test_a_sample_of_many_cells_gives_the_errors_of_all() -> None:
     numbers = sample(cells.rows)
     assert numbers is not None
     assert MIN_SAMPLED_CELLS <= numbers.size <= 3 * MIN_SAMPLED_CELLS
-    found = interpolation_errors(mesh, TANH20, plain)
+    found = measure_errors(mesh, TANH20, uniform=plain)
     tally = ErrorTally.of(cells, TANH20, ErrorRule.lean())
     tally.add_all(2)
     tally.add_edges()

@@ -12,7 +12,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.rows import Rows
 from equimesh.quality import resolution
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.interpolation import InterpolationErrors, interpolation_errors
+from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import measure_errors
 from equimesh.quality.resolution import all_but_the_smallest, largest_of, scattered, scattered_between
 from equimesh_cluster.messages import Channel, ThreadChannels
@@ -111,7 +111,7 @@ def test_the_cost_of_a_function_that_nothing_resolves_is_bounded() -> None:
             return tuple(noise.standard_normal(x.shape) for _ in (x, x, y)[: 1 if order == 0 else 3])
 
     mesh = wavy(33, 33)
-    found = interpolation_errors(mesh, Noise())
+    found = measure_errors(mesh, Noise())
     assert found.resolved[1] is False
     pieces = resolution.MAX_PIECES + (resolution.MAX_PIECES_PER_CELL + 2) * mesh.grid.cells
     assert sum(points) < 2 * 24 * pieces

@@ -11,7 +11,7 @@ import equimesh as em
 from equimesh.meshes.mesh_data import joined
 from equimesh.meshes.nested import tied_nodes
 from equimesh.quality import ritz
-from equimesh.quality.interpolation import interpolation_errors
+from equimesh.quality.measures import measure_errors
 from equimesh.quality.ritz import coarsened, ritz_errors, solver_gain
 from solver.quality.handmade import triangle_errors
 
@@ -48,7 +48,7 @@ def test_the_projection_of_a_function_of_the_elements_is_this_function(triangles
 
 def test_on_straight_lines_the_projection_of_u_of_x_alone_is_its_interpolant() -> None:
     u, mesh = em.Expression("exp(2*x)"), stretched(17)
-    found, interpolation = ritz_errors(coarsened(mesh), u), interpolation_errors(mesh, u)
+    found, interpolation = ritz_errors(coarsened(mesh), u), measure_errors(mesh, u)
     assert found.l2 == pytest.approx(interpolation.l2, rel=1e-3)
     assert found.h1 == pytest.approx(interpolation.h1, rel=1e-3)
 
@@ -58,7 +58,7 @@ def test_of_all_functions_of_the_elements_the_projection_has_the_smallest_error_
     triangles: bool,
 ) -> None:
     mesh = wavy(17)
-    interpolation = (triangle_errors if triangles else interpolation_errors)(mesh, WAVE)
+    interpolation = (triangle_errors if triangles else measure_errors)(mesh, WAVE)
     found = ritz_errors(coarsened(mesh), WAVE, triangles=triangles)
     assert 0.5 * interpolation.h1 < found.h1 < interpolation.h1
 

@@ -14,7 +14,6 @@ from equimesh.fields.on_domain import OnDomain
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.starts import mesh_of, rectilinear
 from equimesh.meshes.second_order import lattice_of
-from equimesh.quality.interpolation import interpolation_errors
 from equimesh.quality.measures import measure_errors
 from equimesh.rounds.candidates import LINE_FLOORS, LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells
@@ -216,7 +215,7 @@ def test_the_best_of_the_candidates_have_their_measured_errors() -> None:
     for one in found:
         mesh = mesh_of(one.mesh, em.Grid(n_xi=33, n_eta=33))
         assert mesh.min_jacobian > 0
-        assert one.error == pytest.approx(interpolation_errors(mesh, STEEP_FRONT).l2, rel=0.15)
+        assert one.error == pytest.approx(measure_errors(mesh, STEEP_FRONT).l2, rel=0.15)
 
 
 def test_straight_lines_are_as_good_as_any_for_layers_and_poor_for_an_oblique_front() -> None:
