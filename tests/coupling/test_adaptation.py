@@ -186,3 +186,14 @@ def test_the_error_of_the_gradient_has_to_fall_by_less() -> None:
     done = [record(0, 1.0, 0.1), record(1, 1.0, 0.09), record(2, 1.0, 0.081)]
     assert not verdict_on(done, 5, "h1").is_done
     assert verdict_on(done, 5, "l2").is_done
+
+
+@pytest.mark.parametrize(("has_goal", "best"), [(True, 1), (False, 0)])
+def test_rounds_for_a_goal_are_ranked_by_products_though_the_gradient_of_the_adjoint_falls(
+    has_goal: bool, best: int
+) -> None:
+    done = [
+        RoundNumbers(estimate=1.0, estimate_h1=slopes, unresolved=share, moved_cells=1.0, has_goal=has_goal)
+        for slopes, share in ((0.0096, 0.0197), (0.0048, 0.0101))
+    ]
+    assert judge(done, 5, "h1").best == best
