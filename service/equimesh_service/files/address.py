@@ -41,11 +41,6 @@ class FilesAddress:
             raise FilesError(f"EQUIMESH_FILES_URL is {_hide_secrets(self.url)}: it must be {_ADDRESS_FORMS}")
         return S3Files(self._bucket(), self.folder)
 
-    @property
-    def is_shared(self) -> bool:
-        """Whether other services may use the same storage."""
-        return bool(self.url)
-
     def _bucket(self) -> Bucket:
         parts = urlsplit(self.url)
         if parts.username is not None or parts.query or parts.fragment or not _BUCKET.fullmatch(parts.netloc):
