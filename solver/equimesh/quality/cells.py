@@ -416,7 +416,8 @@ class QuadCells(MeshCells):
     @cached_property
     def nodes(self) -> tuple[Array, Array]:
         """x and y of the nodes, shape ``(n,)``."""
-        return np.ascontiguousarray(self.mesh.x).reshape(-1), np.ascontiguousarray(self.mesh.y).reshape(-1)
+        x, y = (np.array(q, dtype=float, order="C").reshape(-1) for q in (self.mesh.x, self.mesh.y))
+        return x, y
 
     @cached_property
     def total_area(self) -> float:
