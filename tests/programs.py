@@ -20,7 +20,7 @@ DIST_PACKAGES = Path("/usr/lib/python3/dist-packages")
 NEEDED_SOLVERS = "EQUIMESH_TEST_SOLVERS_NEEDED"
 # That compilers and interpreters of the clients for other languages must be here.
 NEEDED_LANGUAGES = "EQUIMESH_TEST_LANGUAGES_NEEDED"
-# The first one draws no window around a page, and takes half the processor time of the second.
+# The first one draws no window around a page, which halves the processor time of loading one.
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 
 
