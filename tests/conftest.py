@@ -21,7 +21,7 @@ import pytest
 
 import leftovers
 from programs import PROGRAMS, missing_program, must_be_here
-from scheduler import SHARED, FileScheduling
+from scheduler import LONG, SHARED, FileScheduling
 
 # Before anything loads NumPy: threads of linear algebra spin while they wait, which costs some tests half their time,
 # and several processes run at once. Services give their workers one thread, too.
@@ -98,16 +98,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--everything", action="store_true", help="also run what is marked `everything`: whole products")
 
 
-# Files that take long, most of them by waiting: begun early, so that no single one is waited for at the end.
-LONG = (
-    *("test_durability", "test_replicas", "test_deployment", "test_faults", "test_backup", "test_base_install"),
-    *("test_consumers", "test_benchmarks", "test_structure"),
-)
-
-
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    # Before those the folders of which a process takes many files at once: they work while others wait.
-    items.sort(key=lambda item: (item.nodeid.split("/")[1] not in SHARED, not item.path.stem.startswith(LONG)))
+    # First the folders of which a process takes many files at once, then files that take long.
+    places = {folder: place for place, folder in enumerate(SHARED)}
+    items.sort(key=lambda item: (places.get(item.nodeid.split("/")[1], 99), not item.path.stem.startswith(LONG)))
     if not config.getoption("--everything"):
         _leave_out(config, items, [item for item in items if item.get_closest_marker("everything")])
     missing = {item: name for item in items if (name := missing_program(item)) and not must_be_here(name)}
