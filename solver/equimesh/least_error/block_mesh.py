@@ -196,9 +196,11 @@ class BlockNest:
         if any(not isinstance(curve, Line) for curve in self.domain.curves):
             return False
         mesh, count = self.domain.mesh, len(self.domain.mesh.points)
-        corners = originals_of(count, mesh.ties)[mesh.cells]
-        used = np.bincount(corners.ravel(), minlength=count)
-        edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+        original = originals_of(count, mesh.ties)
+        used = np.bincount(original[mesh.cells.reshape(-1)], minlength=count)
+        # Edges inside a block have two cells of it.
+        lines = [line for nodes in mesh.blocks for line in (nodes[0], nodes[-1], nodes[:, 0], nodes[:, -1])]
+        edges = np.sort(original[np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])], axis=1)
         numbers, counts = np.unique(edges[:, 0] * count + edges[:, 1], return_counts=True)
         on_side = np.zeros(count, dtype=bool)
         for ends in np.divmod(numbers[counts == 1], count):
