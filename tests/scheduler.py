@@ -15,7 +15,7 @@ SHARED = {"service": 2, "browser": 2, "fuzz": 1, "client": 1}
 # Files that take long, most of them by waiting: begun early, so that no single one is waited for at the end.
 LONG = (
     *("test_durability", "test_replicas", "test_deployment", "test_faults", "test_backup", "test_base_install"),
-    *("test_consumers", "test_benchmarks", "test_structure"),
+    *("test_jobs_survive", "test_parts_over_http", "test_consumers", "test_benchmarks", "test_structure"),
 )
 # Files that share the service with keys, or the one that is a process, and files of other folders that use the service
 # of the session: one process takes them all, which starts each of these services once.
