@@ -18,11 +18,12 @@ from equimesh.least_error.iteration import MORE_POINTS, MORE_SLOPE_POINTS, weigh
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import GridLevel, nested_levels
 from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.projection import ProjectedObjective
 from equimesh.least_error.starts import Start, coordinates_of, mesh_of, rectilinear
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import interpolated_values
 from equimesh.numerics.types import Array
-from equimesh.rounds.recovery import measured
+from equimesh.rounds.recovery import is_of_solver, measured
 
 STEPS = ((17 * 17, 25), (33 * 33, 30), (129 * 129, 8))
 """Steps of descent, at most, on grids of at most this many points. The mesh before has done much of the work."""
@@ -82,6 +83,11 @@ class Search:
     norm: Norm
     degree: int = 1
     """The degree of the interpolant."""
+    of_solver: bool = False
+    """Whether the error in L2 is that of a solver, in place of that of the interpolant, where it can be known.
+
+    Of a u whose layers the values did not resolve it says little.
+    """
     threads: int = 1
 
     def candidates(self) -> Iterator[Candidate]:
@@ -101,7 +107,8 @@ class Search:
 
     def error_on(self, mesh: Mesh) -> float:
         """The norm of the error of the interpolant of u on a mesh of the reference square, as of all candidates."""
-        return measured(self.u, self.domain, mesh, rule_of(self.norm, self.degree), self.threads)
+        rule = rule_of(self.norm, self.degree)
+        return measured(self.u, self.domain, mesh, rule, self.threads, of_solver=self.of_solver)
 
     def _climbed(self, levels: list[GridLevel], straight: Candidate | None) -> Iterator[Candidate]:
         """The ends of the descents from all starts on the coarse levels."""
@@ -181,15 +188,19 @@ class Search:
 
     def _objective(self, origin: Start, level: GridLevel) -> Objective:
         is_coarse = level.grid.points <= MAX_VALUE_POINTS and not level.is_finest
-        norm = "l2" if is_coarse else self.norm
-        points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0) + MORE_POINTS[self.degree]
-        return objective_of(self.u)(
+        norm, cells = "l2" if is_coarse else self.norm, cells_of_grid(level.grid.shape)
+        rule = Rule(norm=norm, points=level.gauss_points + MORE_POINTS[self.degree], degree=self.degree)
+        # On the coarsest grid the interpolant leads: solvers of other equations lose by a descent on this error there.
+        of_solver = self.of_solver and self.norm == "l2" and level.number > 0 and is_of_solver(rule, cells)
+        if of_solver or norm == "h1":
+            rule = replace(rule, points=rule.points + MORE_SLOPE_POINTS)
+        return (ProjectedObjective if of_solver else objective_of(self.u))(
             self.u,
             DomainChart(self.domain),
-            cells_of_grid(level.grid.shape),
+            cells,
             origin.first_mesh(level.grid),
             _weights(origin.name, level.grid.cells),
-            Rule(norm=norm, points=points, degree=self.degree),
+            rule,
             self.threads,
         )
 

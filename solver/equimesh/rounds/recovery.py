@@ -16,18 +16,20 @@ from equimesh.errors import InputError, SamplesError
 from equimesh.fields.expression import Field
 from equimesh.fields.on_domain import recover
 from equimesh.fields.quad_field import QuadField
-from equimesh.least_error.cells import cells_of_grid, cells_of_mesh
-from equimesh.least_error.charts import FREE, CurveChart, DomainChart
+from equimesh.least_error.cells import Cells, cells_of_grid, cells_of_mesh
+from equimesh.least_error.charts import FREE, Chart, CurveChart, DomainChart
 from equimesh.least_error.dual import DualField, objective_of
-from equimesh.least_error.iteration import MORE_POINTS
+from equimesh.least_error.iteration import MORE_POINTS, MORE_SLOPE_POINTS
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import ROUNDING_SHARE, Weights
+from equimesh.least_error.projection import ProjectedObjective, is_projected
 from equimesh.least_error.starts import coordinates_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.second_order import ValueDegree, lattice_of, nodes_of_cells, nodes_of_elements
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
 from equimesh.quality.elements import basis, nodes_of, quadrilateral
+from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
 from equimesh_coupling.display import draw_on, picture
 from equimesh_coupling.goals import NO_DUAL_DEGREE
 from equimesh_schema import ErrorProducts
@@ -92,10 +94,15 @@ class Recovery:
         """The norm of u minus its interpolant on the mesh of the values: an estimate of the solver's error.
 
         It is zero where the values are those of a polynomial of the degree of the elements. Layers that the mesh does
-        not resolve at all are not seen.
+        not resolve at all are not seen. In L2 the projection stands in place of the interpolant, where :func:`measured`
+        knows it: values at the nodes of long cells can be wrong by more than the interpolant is.
         """
         points = ESTIMATE_POINTS + MORE_POINTS[self.degree]
-        return measured(self.u, self.domain, self.mesh, Rule(norm=norm, points=points, degree=self.degree), threads)
+        rule = Rule(norm=norm, points=points, degree=self.degree)
+        plain = measured(self.u, self.domain, self.mesh, rule, threads)
+        if norm == "h1" or not plain > self.rounding:
+            return plain
+        return measured(self.u, self.domain, self.mesh, rule, threads, of_solver=True)
 
     def gradient_norm(self) -> float:
         """The norm of the gradient of the interpolant of the values on their mesh, in the units of u."""
@@ -142,19 +149,36 @@ def quadratic_gradient_norm(cells: MeshCells, values: Array) -> float:
     return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
 
 
-def measured(u: Field, domain: Domain | Blocks, mesh: Mesh, rule: Rule, threads: int = 1) -> float:
-    """The norm of the error of the bilinear interpolant of u on a ``mesh`` of the reference square, or of blocks."""
+def measured(
+    u: Field, domain: Domain | Blocks, mesh: Mesh, rule: Rule, threads: int = 1, *, of_solver: bool = False
+) -> float:
+    """The norm of the error of the bilinear interpolant of u on a ``mesh`` of the reference square, or of blocks.
+
+    ``of_solver`` takes the projection of u by the equation of Poisson in its place, in L2 for degree 1, on a mesh on
+    which it is known in a moderate time: see :mod:`equimesh.least_error.projection`.
+    """
     weights = Weights(distortion=0.0, smoothness=0.0)
-    if not mesh.is_grid:
-        points = np.ascontiguousarray(mesh.points.T)
+    chart: Chart
+    if mesh.is_grid:
+        sides: Any = domain
+        chart, cells = DomainChart(sides), cells_of_grid(mesh.grid.shape)
+        start, points = (np.ascontiguousarray(coordinates_of(one)) for one in (Mesh.uniform(mesh.grid), mesh))
+    else:
+        start = points = np.ascontiguousarray(mesh.points.T)
         count, area = points.shape[1], float(mesh.cell_areas().sum())
         curves = CurveChart([], np.full(count, FREE), np.zeros(count), area)
-        quads = cells_of_mesh(mesh.cells, curves.free, mesh.ties)
-        return objective_of(u)(u, curves, quads, points, weights, rule, threads).error(points)
-    sides: Any = domain
-    uniform = coordinates_of(Mesh.uniform(mesh.grid))
-    objective = objective_of(u)(u, DomainChart(sides), cells_of_grid(mesh.grid.shape), uniform, weights, rule, threads)
-    return objective.error(np.ascontiguousarray(coordinates_of(mesh)))
+        chart, cells = curves, cells_of_mesh(mesh.cells, curves.free, mesh.ties)
+    if of_solver and is_of_solver(rule, cells):
+        finer = replace(rule, points=rule.points + MORE_SLOPE_POINTS)
+        projected = ProjectedObjective(u, chart, cells, start, weights, finer, threads).error(points)
+        if math.isfinite(projected):
+            return projected
+    return objective_of(u)(u, chart, cells, start, weights, rule, threads).error(points)
+
+
+def is_of_solver(rule: Rule, cells: Cells) -> bool:
+    """Whether the error of a solver can stand in place of that of the interpolant."""
+    return rule.norm == "l2" and rule.degree == 1 and is_projected(cells)
 
 
 def moved_cells(before: Mesh, after: Mesh) -> float:
@@ -261,6 +285,11 @@ class ErrorEstimate:
             products=products and replace(products, bound=slopes**2),
         )
 
+    @property
+    def is_resolved(self) -> bool:
+        """Whether the mesh resolves the solution, as far as the values tell."""
+        return self.unresolved <= MAX_UNRESOLVED_SHARE
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NextMesh:
@@ -273,9 +302,12 @@ class NextMesh:
     norm: Norm
     """The norm in which it was chosen: the requested one, or L2 on blocks that do not resolve the solution."""
     candidates: Mapping[str, float]
-    """The candidates, with the errors of the interpolant of the recovered u on them in that norm."""
+    """The candidates, with the errors of the recovered u on them in that norm: of its interpolant, or of a solver.
+
+    In L2 the error is that of a solver where the values resolve u: see :func:`measured`.
+    """
     gain: float
-    """The error of the interpolant of the recovered u in that norm, on the mesh before over that on this one.
+    """The same error on the mesh before over that on this one.
 
     Both are measured at the same points of each cell, which are fewer than those of the estimate. Where the values do
     not resolve the solution it can be below 1.

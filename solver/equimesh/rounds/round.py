@@ -25,7 +25,6 @@ from equimesh.numerics.threads import thread_count
 from equimesh.rounds.candidates import PARTS, SHARP, SMOOTH, Search, rule_of
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells, on_domain
 from equimesh.rounds.shape import on_grid
-from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
 
 # The candidates for the next mesh of a domain in blocks.
 
@@ -45,13 +44,21 @@ WHOLE = "whole"
 """The name of the descent from the initial mesh of the domain."""
 
 
-def descents(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> Iterator[tuple[str, Mesh]]:
-    """The valid meshes with their names, for the better one of two pairs of weights."""
-    tried = []
+def descents(
+    known: Recovery, domain: Blocks, norm: Norm, threads: int, *, of_solver: bool = False
+) -> Iterator[tuple[str, Mesh]]:
+    """The valid meshes with their names, for the better one of two pairs of weights; ``of_solver`` as of a search."""
+    tried: list[Any] = []
+    purpose: Any = "finite_element" if of_solver and norm == "l2" and known.degree == 1 else "interpolation"
     before: Any = known.mesh
     for distortion, smoothness in (SMOOTH, SHARP):
         monitor = LeastError(
-            u=known.u, norm=norm, distortion=distortion, smoothness=smoothness, degree=known.degree
+            u=known.u,
+            norm=norm,
+            distortion=distortion,
+            smoothness=smoothness,
+            degree=known.degree,
+            purpose=purpose,
         ).on(domain)
         trial = CoarseSolve(monitor=monitor, domain=domain, threads=threads)
         reached = _end_of(trial.coarse(coarse_level(trial.levels)))
@@ -93,17 +100,22 @@ def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, grid: Grid | N
     kept = NextMesh(reference=before, chosen=KEPT, norm=norm, candidates={}, gain=1.0, moved_cells=0.0)
     if known.is_exact:
         return kept
+    of_solver = known.is_resolved and known.products is None
     if isinstance(domain, Blocks):
-        norm = norm if known.unresolved <= MAX_UNRESOLVED_SHARE else "l2"
+        norm = norm if known.is_resolved else "l2"
         kept = replace(kept, norm=norm)
-        return _best_of_blocks(known.recovery, domain, norm, threads) or kept
-    return _best_of_grid(known.recovery, norm, threads, grid or before.grid) or kept
+        return _best_of_blocks(known.recovery, domain, norm, threads, of_solver) or kept
+    return _best_of_grid(known.recovery, norm, threads, grid or before.grid, of_solver) or kept
 
 
-def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -> NextMesh | None:
+def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int, of_solver: bool) -> NextMesh | None:
     rule = rule_of(norm, known.degree)
-    found = dict(descents(known, domain, norm, threads))
-    errors = {name: measured(known.u, domain, mesh, rule, threads) for name, mesh in found.items()}
+
+    def error(mesh: Mesh) -> float:
+        return measured(known.u, domain, mesh, rule, threads, of_solver=of_solver)
+
+    found = dict(descents(known, domain, norm, threads, of_solver=of_solver))
+    errors = {name: error(mesh) for name, mesh in found.items()}
     errors = {name: error for name, error in errors.items() if np.isfinite(error)}
     if not errors:
         return None
@@ -114,15 +126,23 @@ def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int) -
         chosen=chosen,
         norm=norm,
         candidates=errors,
-        gain=measured(known.u, domain, known.mesh, rule, threads) / least if least > 0.0 else 1.0,
+        gain=error(known.mesh) / least if least > 0.0 else 1.0,
         moved_cells=moved_cells(known.mesh, mesh),
     )
 
 
-def _best_of_grid(known: Recovery, norm: Norm, threads: int, grid: Grid) -> NextMesh | None:
+def _best_of_grid(known: Recovery, norm: Norm, threads: int, grid: Grid, of_solver: bool) -> NextMesh | None:
     before = on_grid(known.mesh, grid)
     domain: Any = known.domain
-    search = Search(u=known.u, domain=domain, before=before, norm=norm, degree=known.degree, threads=threads)
+    search = Search(
+        u=known.u,
+        domain=domain,
+        before=before,
+        norm=norm,
+        degree=known.degree,
+        of_solver=of_solver,
+        threads=threads,
+    )
     found = list(search.candidates())
     if not found:
         return None
@@ -155,9 +175,10 @@ def adapt_round(
     of degree 2 on a grid ``(2 n_xi - 1, 2 n_eta - 1)``. ``mesh`` is one of ``domain``, of any kind. u is recovered from
     the values as in :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks as in
     :class:`~equimesh.fields.quad_field.QuadField`, for degree 2 with fitted slopes. The next mesh has the smallest
-    measured error of its interpolant, in ``norm``, among descents from ``mesh`` and meshes of straight lines, on blocks
-    from the initial mesh of the domain. With the values of an ``adjoint`` at the same nodes, of degree 1, the error is
-    that of its functional: the sum over the cells of the products of both errors of the gradient.
+    measured error in ``norm`` among descents from ``mesh`` and meshes of straight lines, on blocks from the initial
+    mesh of the domain: of its interpolant, in L2 of degree 1 that of a solver for the equation of Poisson where the
+    values resolve u. With the values of an ``adjoint`` at the same nodes, of degree 1, the error is that of its
+    functional: the sum over the cells of the products of both errors of the gradient.
 
     A pure function: equal arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 70 to 120
     microseconds of processor time a point of a rectangle.
