@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -14,6 +15,7 @@ from equimesh_client.spec.domains import Domain, has_own_points
 from equimesh_client.spec.request import DEFAULT_POINTS, DEFAULTS, GenerateArguments, MeshOptions
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_coupling.adaptation import (
+    MAX_UNRESOLVED_SHARE,
     Adaptation,
     AdaptRound,
     GoalRecord,
@@ -29,6 +31,7 @@ from equimesh_coupling.recovery import ErrorIndicator, cell_values
 from equimesh_coupling.values import element_values
 from equimesh_schema import Certificate, Estimate
 from equimesh_schema.document import is_whole
+from equimesh_schema.mesh import MIN_GRID_POINTS, Target
 from equimesh_schema.monitors import LeastError, NodalSolution, Norm, Weight
 
 M = TypeVar("M")
@@ -79,6 +82,12 @@ class AdaptLoop(Generic[M]):
     """The functional whose error meshes make small; None for the norm of the error."""
     tolerance: float | None = None
     """The estimated error of the functional at which the loop ends."""
+    points: int | None = None
+    """The most points of the whole grid, whose shape is found; None where ``n`` gives it."""
+    is_settled: bool = False
+    """Whether the shape of the grid has been looked for, and is that of the current mesh."""
+    last: RoundAnswer | None = None
+    """The answer of the round that was added last."""
     done: list[AdaptRound[M]] = field(default_factory=list)
     moved_cells: float = 0.0
     """How far the nodes of the current mesh have moved."""
@@ -90,10 +99,18 @@ class AdaptLoop(Generic[M]):
             raise BadArgument("solve is no function: give one that takes a mesh and returns the solution on it")
         if not is_whole(self.rounds) or not 1 <= self.rounds <= MAX_ROUNDS:
             raise BadArgument(f"rounds = {self.rounds!r}: a whole number between 1 and {MAX_ROUNDS}")
-        if self.n is None and not has_own_points(self.domain):
+        if self.n is None and self.points is None and not has_own_points(self.domain):
             raise BadArgument("n is missing: give the number of points a side, which only domains of blocks have")
-        if self.n is not None and has_own_points(self.domain):
-            raise BadArgument("the blocks of a domain have numbers of cells of their own: leave n out, and refine them")
+        if (self.n is not None or self.points is not None) and has_own_points(self.domain):
+            raise BadArgument(
+                "the blocks of a domain have numbers of cells of their own: leave n and points out, and refine them"
+            )
+        if self.n is not None and self.points is not None:
+            raise BadArgument("give either n, points a side, or points, those of the whole grid, whose shape is found")
+        if self.points is not None and self.goal is not None:
+            raise BadArgument("the shape of a grid is found for a norm of the error: with a goal give n, not points")
+        if self.points is not None and not (is_whole(self.points) and self.points >= MIN_GRID_POINTS):
+            raise BadArgument(f"points = {self.points!r:.20}: a grid has at least {MIN_GRID_POINTS}, 5 a direction")
         if self.norm not in NORMS:
             raise BadArgument(f"norm = {self.norm!r}: choose 'l2' or 'h1'")
         if self.degree is not None and not (is_whole(self.degree) and self.degree in (1, 2)):
@@ -112,7 +129,8 @@ class AdaptLoop(Generic[M]):
 
     def first(self) -> GenerateArguments:
         """The request for the uniform mesh."""
-        return self._request("0", LeastError())
+        side = None if self.points is None else math.isqrt(self.points)
+        return self._request("0", LeastError(), self.n if side is None else (side, side))
 
     def receive(self, arrays: MeshArrays, returned: object) -> RoundAnswer:
         """What the solver has ``returned`` on the mesh with these ``arrays``.
@@ -149,7 +167,30 @@ class AdaptLoop(Generic[M]):
 
     def next(self, answered: RoundAnswer) -> GenerateArguments | None:
         """The request for the next mesh, whose certificate has the estimate; None where the indicator is zero."""
-        return None if answered.monitor is None else self._request(answered.u, answered.monitor)
+        n = self.n if self.points is None else _shape(answered.arrays)
+        return None if answered.monitor is None else self._request(answered.u, answered.monitor, n)
+
+    def shape(self) -> GenerateArguments | None:
+        """The request for the mesh on the grid of the best shape, by the last round; None where that is not wanted.
+
+        It is looked for where the shape is not given, once the values resolve the solution, until it stays.
+        """
+        last = self.last
+        if self.points is None or self.is_settled or last is None or not isinstance(last.monitor, NodalSolution):
+            return None
+        unresolved = self.done[-1].unresolved
+        if unresolved is None or unresolved > MAX_UNRESOLVED_SHARE:
+            return None
+        request = self._request(last.u, LeastError(norm=self.norm, degree=last.monitor.degree), None)
+        request.options["target"] = Target(norm=self.norm, max_points=self.points)
+        return request
+
+    def takes(self, arrays: MeshArrays) -> bool:
+        """Whether the mesh that :meth:`shape` requested has another shape than that of the last round: it is next."""
+        self.is_settled = self.last is None or _shape(arrays) == _shape(self.last.arrays)
+        if not self.is_settled:
+            self.start = "shape"
+        return not self.is_settled
 
     def add(self, mesh: M, answered: RoundAnswer, certificate: Certificate | None, after: MeshArrays | None) -> None:
         """A round is done: ``certificate`` and ``after`` are those of the next mesh, None where there is none."""
@@ -168,6 +209,7 @@ class AdaptLoop(Generic[M]):
                 adjoint=None if answered.dual is None else answered.dual.z,
             )
         )
+        self.last = answered
         if known is not None and certificate is not None:
             self.moved_cells, self.start = known.moved_cells, _chosen(certificate)
         elif after is not None:
@@ -184,9 +226,17 @@ class AdaptLoop(Generic[M]):
         """The result; ``failure`` is what ended the loop before its time."""
         return ended(self.done, self.rounds, self.norm, failure, self.tolerance)
 
-    def _request(self, u: object, monitor: LeastError | NodalSolution | Weight) -> GenerateArguments:
+    def _request(
+        self, u: object, monitor: LeastError | NodalSolution | Weight, n: int | tuple[int, int] | None
+    ) -> GenerateArguments:
         options: MeshOptions = {**DEFAULTS, "monitor": monitor, "domain": self.domain}
-        return GenerateArguments(u=u, n=DEFAULT_POINTS if self.n is None else self.n, options=options)
+        return GenerateArguments(u=u, n=DEFAULT_POINTS if n is None else n, options=options)
+
+
+def _shape(arrays: MeshArrays) -> tuple[int, int]:
+    """The numbers of points along xi and eta."""
+    n_xi, n_eta = arrays.x.shape
+    return n_xi, n_eta
 
 
 def _chosen(certificate: Certificate) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -212,6 +213,31 @@ def loop(**changed: Any) -> AdaptLoop[str]:
     return AdaptLoop(**{"solve": len, "n": (4, 3), "domain": None, "rounds": 5, "norm": "l2", **changed})
 
 
+def test_the_shape_of_the_grid_is_looked_for_once_the_solution_is_resolved_and_until_it_stays() -> None:
+    one, mesh = loop(n=None, points=30, norm="h1"), arrays()
+    assert one.first().n == (5, 5)
+    assert one.shape() is None
+    answered = one.receive(mesh, mesh.x)
+    request = one.next(answered)
+    assert request is not None
+    assert request.n == (4, 3)
+    one.add("first", answered, certificate(2.0), mesh)
+    assert one.shape() is None  # 20 % are not resolved
+    one.add("second", answered, certificate(1.0), mesh)
+    shaped = one.shape()
+    assert shaped is not None
+    spec = shaped.request(((0, 3), (0, 2))).spec
+    assert spec["target"] == {"norm": "h1", "error": None, "max_points": 30}
+    assert "grid" not in spec
+    assert (spec["monitor"]["kind"], spec["monitor"]["norm"]) == ("least_error", "h1")
+    other = replace(mesh, x=np.zeros((6, 5)))
+    assert one.takes(other)
+    assert one.start == "shape"
+    assert one.shape() is not None
+    assert not one.takes(mesh)
+    assert one.shape() is None
+
+
 def test_values_at_nodes_are_sent_with_their_nodes_and_the_certificate_is_taken_over() -> None:
     one, mesh = loop(norm="h1"), arrays()
     values = mesh.x * mesh.y
@@ -261,7 +287,16 @@ def test_values_that_cannot_be_used(returned: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "changed", [{"rounds": 0}, {"rounds": True}, {"rounds": 101}, {"norm": "max"}, {"solve": "tanh(x)"}]
+    "changed",
+    [
+        {"rounds": 0},
+        {"rounds": True},
+        {"rounds": 101},
+        {"norm": "max"},
+        {"solve": "tanh(x)"},
+        {"points": 30},
+        {"n": None, "points": 24},
+    ],
 )
 def test_arguments_that_cannot_be_used(changed: dict[str, Any]) -> None:
     with pytest.raises(BadArgument):
