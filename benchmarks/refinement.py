@@ -8,6 +8,7 @@ the exact gradient. Relative errors are in the L2 and in the full H1 norm, by a 
     python benchmarks/refinement.py --unknowns 4000 --only 01 04
     python benchmarks/refinement.py --norm h1 --only 07     every round of a loop
     python benchmarks/refinement.py --movement              the Helmholtz demo of Firedrake's movement
+    python benchmarks/refinement.py --floor                 the least errors with u known
     python benchmarks/refinement.py --unknowns 1000 4000 --write
 """
 
@@ -296,6 +297,39 @@ def loop(
     return Looped(found, errors, time.process_time() - begun - spent[0], unknowns[0])
 
 
+# The least error that a mesh of so many lines has, as far as descents with u known find it.
+
+FLOOR_WEIGHTS = ((0.5, 0.1), (0.2, 0.3), (0.1, 0.03))
+"""Distortion and smoothness of the descents."""
+
+
+def floor(problem: Problem, cells: int) -> float:
+    """The least relative L2 error of a solver on meshes that are made with u known."""
+    domain, side = domain_of(problem, cells)
+    grid = {} if side is None else {"grid": em.Grid(side)}
+    found = []
+    for distortion, smoothness in FLOOR_WEIGHTS:
+        monitor = em.LeastError(
+            em.Expression(problem.u), distortion=distortion, smoothness=smoothness, purpose="finite_element"
+        )
+        mesh = em.solve(em.Problem(monitor, domain=domain, **grid), check=False, threads=1).mesh
+        elements = Elements.of(problem, mesh)
+        found.append(elements.errors(elements.solve())[0])
+    return min(found)
+
+
+def floor_rows(names: list[str], counts: list[int]) -> Iterator[str]:
+    """The table of the least errors, next to those of Mmg."""
+    yield "| problem, unknowns about | best mesh with u known, L2 | Mmg, L2 | ratio |"
+    yield "|---|---|---|---|"
+    for name in names:
+        for count in counts:
+            others = (PROBLEMS[name].remeshed or (UNKNOWN, UNKNOWN))[count >= LARGE].l2
+            if math.isfinite(others):
+                least = floor(PROBLEMS[name], math.ceil(math.sqrt(count)))
+                yield f"| {name}, {count} | {percent(least)} | {percent(others)} | {least / others:.2g} |"
+
+
 # The Helmholtz demo of Firedrake's movement: triangles on 21 x 21 nodes.
 
 DEMO = "exp(-((x - 0.51)**2 + (y - 0.65)**2)/0.01)"
@@ -410,11 +444,11 @@ def draw(loops: dict[str, Looped]) -> None:
     Image.open(drawn).convert("L").quantize(16).save(PICTURE, optimize=True)  # lines need few shades
 
 
-def write(rows: list[str], demo: list[str]) -> None:
-    """Put both tables into the page."""
+def write(rows: list[str], floors: list[str], demo: list[str]) -> None:
+    """Put all tables into the page."""
     before, rest = PAGE.read_text().split(BEGIN)
     after = rest.split(END)[1]
-    PAGE.write_text(f"{before}{BEGIN}\n\n" + "\n".join([*rows, "", *demo]) + f"\n\n{END}{after}")
+    PAGE.write_text(f"{before}{BEGIN}\n\n" + "\n".join([*rows, "", *floors, "", *demo]) + f"\n\n{END}{after}")
 
 
 def every_round(name: str, looped: Looped) -> Iterator[str]:
@@ -433,7 +467,8 @@ def main() -> None:
     parser.add_argument("--shape", action="store_true", help="with --norm: let the loop find the shape of the grid")
     parser.add_argument("--rounds", type=int, default=MAX_ROUNDS, help="rounds of the loop, at most")
     parser.add_argument("--movement", action="store_true", help="the Helmholtz demo of movement alone")
-    parser.add_argument("--write", action="store_true", help="both tables and the picture, into the page of the docs")
+    parser.add_argument("--floor", action="store_true", help="the least errors with u known alone")
+    parser.add_argument("--write", action="store_true", help="all tables and the picture, into the page of the docs")
     options = parser.parse_args()
     if options.norm:
         for count in options.unknowns:
@@ -443,8 +478,8 @@ def main() -> None:
                 print(f"{name}, {looped.unknowns} unknowns: round {looped.found.best}, {looped.seconds:.1f} s")
                 print("\n".join(every_round(name, looped)), flush=True)
         return
-    rows, loops, demo = [], {}, []
-    if not options.movement:
+    rows, loops, demo, floors = [], {}, [], []
+    if not (options.movement or options.floor):
         for row, made in table_rows(options.only, options.unknowns, options.rounds):
             print(row, flush=True)
             rows.append(row)
@@ -452,8 +487,11 @@ def main() -> None:
     if options.movement or options.write:
         demo = list(demo_rows())
         print("\n".join(demo))
+    if options.floor or options.write:
+        floors = list(floor_rows(options.only, options.unknowns))
+        print("\n".join(floors))
     if options.write:
-        write(rows, demo)
+        write(rows, floors, demo)
         draw(loops)
 
 
