@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from equimesh.errors import InputError, SamplesError
-from equimesh.io.npz import NPZ_ARRAYS, load_npz
+from equimesh.io.npz import NPZ_ARRAYS, load_mesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.upload.samples import read_npz
 from equimesh_schema.sequences import (
@@ -317,10 +317,12 @@ def check_first_spec(admitted: AdmittedSpec) -> AdmittedSpec:
 class PreparedStep:
     """A step that can be requested, and the file of its fields, which is sealed but not published.
 
-    ``settings`` are for the worker: the settings of the move, and the record of the mesh ``before``.
+    ``start`` is the file of the mesh that it follows. ``settings`` are for the worker: those of the move, and the
+    record of the mesh ``before``.
     """
 
     admitted: AdmittedSpec
+    start: str
     settings: Mapping[str, Any]
     fields: Artifact | None
     path: Path | None
@@ -341,19 +343,20 @@ class StepAdmission:
 
     def prepare(self, move: Move, mesh_id: str, caller: Caller, stack: ExitStack) -> PreparedStep:
         """The spec of the mesh after ``mesh_id``; raises 409 and 422 problems. Files last until ``stack`` closes."""
-        spec, mesh = self.store.meshes.spec(mesh_id), self._mesh(mesh_id)
-        if spec is None:
+        spec, start = self.store.meshes.spec(mesh_id), self.store.meshes.artifact(mesh_id, "mesh")
+        if spec is None or start is None:
             raise _gone()
+        mesh = self._mesh(start.sha256)
         checked = move.check(mesh)
         admitted = self._admitted(spec, mesh, move, checked, caller)
         settings = {**self.store.sequences.settings_of(mesh_id), **move.motion, "before": self._before(mesh_id, spec)}
         if not checked.fields:
-            return PreparedStep(admitted=admitted, settings=settings, fields=None, path=None)
+            return PreparedStep(admitted=admitted, start=start.sha256, settings=settings, fields=None, path=None)
         path = stack.enter_context(self.files.unfinished(".npz"))
         write_fields(path, checked.fields)
         file = self.files.seal(path)
         fields = Artifact(FIELDS, file.sha256, file.size)
-        return PreparedStep(admitted=admitted, settings=settings, fields=fields, path=path)
+        return PreparedStep(admitted=admitted, start=start.sha256, settings=settings, fields=fields, path=path)
 
     def _before(self, mesh_id: str, spec: Mapping[str, Any]) -> dict[str, Any]:
         """The mesh before: its u as a source, the file of its samples, and its gains."""
@@ -403,13 +406,10 @@ class StepAdmission:
                 raise
             raise repointed(problem, lambda pointer: sent_pointer(move.sent, _pointer_of(pointer, from_u))) from None
 
-    def _mesh(self, mesh_id: str) -> Mesh:
-        artifact = self.store.meshes.artifact(mesh_id, "mesh")
-        if artifact is None:
-            raise _gone()
+    def _mesh(self, sha256: str) -> Mesh:
         try:
-            with self.files.local(artifact.sha256) as path:
-                return load_npz(path).mesh
+            with self.files.local(sha256) as path:
+                return load_mesh(path)
         except FileNotFoundError:
             raise _gone() from None
 

@@ -223,18 +223,19 @@ async def step(
         points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
         move = await service.check(_read_step, service, kind, data, points)
         del data  # a mesh that is waited for needs it no more
-    start = await _start(service, caller, sequence.id, move.step)
+    # Where another step was taken meanwhile, the store refuses this one.
+    is_usual = move.step == sequence.number and mesh.status == SUCCEEDED
+    start = mesh.id if is_usual else await _start(service, caller, sequence.id, move.step)
     with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:
         made = await service.check(_prepare_step, service, move, start, caller, stack)
         stopwatch.lap("check")
-        mesh_artifact = await run_in_threadpool(service.store.meshes.artifact, start, "mesh")
         new = NewStep(
             sequence_id=id,
             number=move.step + 1,
             keep=sequence.keep,
             fingerprint=fingerprint,
             key_id=caller.key_id,
-            start=None if mesh_artifact is None else mesh_artifact.sha256,
+            start=made.start,
             fields=made.fields,
             settings=made.settings,
             publish=partial(made.publish, service.files),

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import equimesh
 from equimesh.errors import InputError
 from equimesh.io.formats import Cells
-from equimesh.io.npz import load_npz
+from equimesh.io.npz import load_mesh
 from equimesh.io.write import mesh_bytes, write_mesh
 from equimesh.solving.status import SolveArguments
 from equimesh.specs import build_field
@@ -227,7 +227,7 @@ def moves_of(step: AnySequenceStep) -> dict[str, Any]:
 
 def _read_mesh(files: Files, sha256: str) -> equimesh.Mesh:
     with files.local(sha256) as path:
-        return load_npz(path).mesh
+        return load_mesh(path)
 
 
 def _earlier(before: Mapping[str, Any] | None, spec: BuiltSpec, files: Files) -> equimesh.Earlier | None:

@@ -83,6 +83,14 @@ def load_npz(path: str | os.PathLike[str]) -> MeshData:
     )
 
 
+def load_mesh(path: str | os.PathLike[str]) -> Mesh:
+    """The mesh of :func:`load_npz` alone: of a grid nothing but its nodes is read."""
+    with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
+        if {"x", "y", "cells"} <= set(archive.files) and (x := archive["x"]).ndim == 2:
+            return Mesh(x, archive["y"], ties=archive[TIES] if TIES in archive.files else None)
+    return load_npz(path).mesh
+
+
 def _mesh_of(arrays: Arrays, every: int) -> Mesh:
     x, y, cells = arrays["x"], arrays["y"], arrays["cells"]
     if x.ndim != 1:
