@@ -217,10 +217,10 @@ class Service:
     def close(self) -> None:
         """Stop the work and close all parts; running meshes go back into the queue."""
         self.retention.stop()
-        self.rare_loops.stop()
         self.dispatcher.stop()
         self.engine.close()
         self.side_workers.close()
+        self.rare_loops.stop()  # after the workers, for whose count of loops it may wait
         self.store.close()
         if self.lock is not None:
             self.lock.close()
