@@ -186,7 +186,7 @@ class ClientOperations(ABC, Generic[M]):
         on, and returns one of these: values at the nodes, a field of a library with an adaptor, ``CellAverages``, or
         an ``ErrorIndicator`` of the cells. It is called first on the uniform mesh, on blocks the initial one, then at
         most ``rounds`` times. ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``, and by
-        which rounds are ranked. ``degree``, 1 or 2, is that of the elements at whose nodes values are; without it that
+        which rounds are ranked. ``degree``, 1 to 4, is that of the elements at whose nodes values are; without it that
         of a field whose space shows it is taken, and 1 for arrays. ``observe`` is called with every round.
         ``deadline`` is that of each mesh, in seconds.
 

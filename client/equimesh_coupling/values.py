@@ -36,7 +36,7 @@ READERS: Final[dict[tuple[str, str], Callable[[Any, HasParts], Array]]] = {
 }
 
 
-# By the package and the class of a field: the adaptor that reads its values at its own places, if it is of degree 2.
+# By the package and the class of a field: the adaptor that reads its values at its own places, if it sees the degree.
 PLACES: Final[dict[tuple[str, str], Callable[[Any, HasParts], PlacedValues | None]]] = {
     ("dolfinx", "Function"): dolfinx.placed_values,
     ("mfem", "GridFunction"): mfem.placed_values,
@@ -62,28 +62,30 @@ def element_values(returned: Any, mesh: HasParts, degree: int | None = None) -> 
     ``degree``.
     """
     if isinstance(returned, CellAverages | ErrorIndicator) or degree == 1:
-        if degree == 2:
-            raise BadValues("values of cells say nothing of elements of degree 2: return values at their nodes")
+        if degree is not None and degree > 1:
+            raise BadValues(f"values of cells say nothing of elements of degree {degree}: return values at their nodes")
         return ElementValues(node_values(returned, mesh), 1)
     read = _placed(returned)
     placed = None if read is None else read(returned, mesh)
     if placed is not None:
+        if degree is not None and degree != placed.degree:
+            raise BadValues(f"the space of this field has degree {placed.degree}, and degree = {degree} is given")
         what = "the solution"
-        return ElementValues(finite(real(at_elements(placed, mesh), what), what), 2)
+        return ElementValues(finite(real(at_elements(placed, mesh), what), what), placed.degree)
     if degree is None:
         return ElementValues(node_values(returned, mesh), 1)
     if is_field(returned):
         raise BadValues(
-            "the space of this field is none whose degree 2 can be seen: return a field of a scalar Lagrange space of"
-            " degree 2 on the quadrilaterals of this mesh, or values at the nodes of its elements"
+            f"the space of this field is none whose degree {degree} can be seen: return a field of a scalar Lagrange"
+            " space of this degree on the quadrilaterals of this mesh, or values at the nodes of its elements"
         )
-    values, shape = finite(real(returned, "the solution"), "the solution"), element_shape(mesh, 2)
+    values, shape = finite(real(returned, "the solution"), "the solution"), element_shape(mesh, degree)
     if values.shape != shape and not (values.size == math.prod(shape) and max(values.shape) == values.size):
         raise BadValues(
-            f"the solution has the shape {values.shape}, and elements of degree 2 have {math.prod(shape)} nodes on this"
-            f" mesh: return an array of shape {shape}, or flat in the order of element_points(mesh, 2)"
+            f"the solution has the shape {values.shape}, and elements of degree {degree} have {math.prod(shape)} nodes"
+            f" on this mesh: return an array of shape {shape}, or flat in the order of element_points(mesh, {degree})"
         )
-    return ElementValues(values.reshape(shape), 2)
+    return ElementValues(values.reshape(shape), degree)
 
 
 def _placed(returned: Any) -> Callable[[Any, HasParts], PlacedValues | None] | None:

@@ -23,6 +23,7 @@ from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.least_error.lifting import Lifting, mended
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.second_order import lattice_of, require_degree
 from equimesh.numerics import machine_code, processor
 from equimesh.numerics.compiled import Origin, kept_entries, origins
 from equimesh.quality.faces import measure_faces
@@ -57,7 +58,9 @@ def warm_up() -> None:
         (equimesh.LeastError(u=u, norm="h1"), 9, ring, None),
     )
     data = _solve_and_measure(cases)
-    adapt_round(nodes, u.evaluate(nodes.x, nodes.y)[0])
+    for degree in (1, 3):
+        lattice = lattice_of(nodes, degree)
+        adapt_round(nodes, u.evaluate(lattice.x, lattice.y)[0], degree=require_degree(degree))
     fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
     equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
     blocks = Mesh(points=nodes.points, cells=nodes.cells, sides=nodes.sides)

@@ -47,17 +47,22 @@ def test_the_loop_of_the_client_is_that_of_the_solver(connect: Connect, url: str
         assert one.numbers() == pytest.approx(other.numbers())
 
 
-def test_the_loop_of_quadratic_elements_is_that_of_the_solver(connect: Connect, url: str) -> None:
-    def quadratic(mesh: Any) -> np.ndarray:
-        x, y = element_points(mesh, 2).T
-        return np.tanh(15.0 * (x + y / 2 - 0.75))
+def test_the_loop_of_elements_of_higher_degree_is_that_of_the_solver(connect: Connect, url: str) -> None:
+    def of_degree(degree: int) -> Any:
+        def values(mesh: Any) -> np.ndarray:
+            x, y = element_points(mesh, degree).T
+            return np.tanh(15.0 * (x + y / 2 - 0.75))
 
-    there = connect(url).adapt(quadratic, 9, rounds=1, degree=2)
-    here = em.adapt(quadratic, 9, rounds=1, degree=2)
-    assert there.values.shape == here.values.shape == (17, 17)
-    assert x_of(there.rounds[1].mesh) == pytest.approx(here.rounds[1].mesh.x, abs=1e-12)
-    for one, other in zip(there.rounds, here.rounds, strict=True):
-        assert one.numbers() == pytest.approx(other.numbers())
+        return values
+
+    quadratic = of_degree(2)
+    for degree in (2, 3):
+        there = connect(url).adapt(of_degree(degree), 9, rounds=1, degree=degree)
+        here = em.adapt(of_degree(degree), 9, rounds=1, degree=degree)
+        assert there.values.shape == here.values.shape == (8 * degree + 1, 8 * degree + 1)
+        assert x_of(there.rounds[1].mesh) == pytest.approx(here.rounds[1].mesh.x, abs=1e-12)
+        for one, other in zip(there.rounds, here.rounds, strict=True):
+            assert one.numbers() == pytest.approx(other.numbers())
     square = {"vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},
               "blocks": [{"corners": ["a", "b", "c", "d"], "cells": [8, 8]}]}  # fmt: skip
     blocks = connect(url).adapt(quadratic, domain={"kind": "blocks", **square}, rounds=1, degree=2)
@@ -65,8 +70,8 @@ def test_the_loop_of_quadratic_elements_is_that_of_the_solver(connect: Connect, 
     assert [one.estimate for one in blocks.rounds] == pytest.approx([one.estimate for one in expected.rounds])
     with pytest.raises(equimesh_client.BadValues, match=r"elements of degree 2 have 289 nodes .* of shape \(17, 17\)"):
         connect(url).adapt(front, 9, degree=2)
-    with pytest.raises(equimesh_client.BadArgument, match="degree = 3: give 1 or 2"):
-        connect(url).adapt(quadratic, 9, degree=3)
+    with pytest.raises(equimesh_client.BadArgument, match="degree = 5: give 1 to 4"):
+        connect(url).adapt(quadratic, 9, degree=5)
 
 
 def test_the_loop_on_a_sector(connect: Connect, url: str) -> None:

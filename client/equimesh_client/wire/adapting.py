@@ -24,7 +24,7 @@ from equimesh_coupling.adaptation import (
     verdict_on,
     wanted_density,
 )
-from equimesh_coupling.elements import element_points
+from equimesh_coupling.elements import MAX_DEGREE, element_points
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.goals import NEEDS_GOAL, Goal, GoalValues, WithAdjoint, check_goal, goal_values
 from equimesh_coupling.recovery import ErrorIndicator, cell_values
@@ -77,7 +77,7 @@ class AdaptLoop(Generic[M]):
     rounds: int
     norm: Norm
     degree: int | None = None
-    """The degree of the elements, 1 or 2; None: that of the space of a field, 1 for arrays."""
+    """The degree of the elements, 1 to 4; None: that of the space of a field, 1 for arrays."""
     goal: Goal | None = None
     """The functional whose error meshes make small; None for the norm of the error."""
     tolerance: float | None = None
@@ -113,8 +113,8 @@ class AdaptLoop(Generic[M]):
             raise BadArgument(f"points = {self.points!r:.20}: a grid has at least {MIN_GRID_POINTS}, 5 a direction")
         if self.norm not in NORMS:
             raise BadArgument(f"norm = {self.norm!r}: choose 'l2' or 'h1'")
-        if self.degree is not None and not (is_whole(self.degree) and self.degree in (1, 2)):
-            raise BadArgument(f"degree = {str(self.degree)[:20]}: give 1 or 2, the degree of your elements")
+        if self.degree is not None and not (is_whole(self.degree) and 1 <= self.degree <= MAX_DEGREE):
+            raise BadArgument(f"degree = {str(self.degree)[:20]}: give 1 to {MAX_DEGREE}, the degree of your elements")
         try:
             check_goal(self.goal, self.tolerance, self.degree)
         except ValueError as error:

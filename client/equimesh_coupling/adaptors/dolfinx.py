@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from equimesh_coupling.elements import PlacedValues
+from equimesh_coupling.elements import PlacedValues, is_known
 from equimesh_coupling.errors import BadValues, library
 from equimesh_coupling.parts import Array, HasParts, IntArray, MeshParts
 
@@ -65,15 +65,16 @@ def _distributed(io: Any, mesh: Any, edges: IntArray, tags: Any) -> tuple[Any, A
         return tuple(io.distribute_entity_data(inner, 1, edges, tags))
 
 
-def placed_values(function: Any, _: HasParts) -> PlacedValues | None:
-    """The values at the degrees of freedom of a scalar Lagrange function of order 2; ``None`` for another space."""
+def placed_values(function: Any, mesh: HasParts) -> PlacedValues | None:
+    """The values at the degrees of freedom of a scalar Lagrange function of order 2 to 4; else ``None``."""
     space = function.function_space
     element, values = space.ufl_element(), np.asarray(function.x.array)
     degree = element.degree() if callable(element.degree) else element.degree
     places = np.asarray(space.tabulate_dof_coordinates())[:, :2]
-    if degree != 2 or len(places) != len(values) or space.mesh.topology.cell_name() != "quadrilateral":
+    is_of_quads = space.mesh.topology.cell_name() == "quadrilateral"
+    if not is_known(degree, mesh) or len(places) != len(values) or not is_of_quads:
         return None
-    return PlacedValues(places, values)
+    return PlacedValues(places, values, degree)
 
 
 def nodal_values(function: Any, mesh: HasParts) -> Array:

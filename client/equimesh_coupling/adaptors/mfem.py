@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from equimesh_coupling.elements import PlacedValues
+from equimesh_coupling.elements import PlacedValues, is_known
 from equimesh_coupling.errors import BadValues, library
 from equimesh_coupling.parts import Array, HasParts, MeshParts
 
@@ -35,18 +35,18 @@ def mesh_of(parts: MeshParts) -> Any:
     return mesh
 
 
-def placed_values(field: Any, _: HasParts) -> PlacedValues | None:
-    """The values at the nodes of a scalar H1 ``GridFunction`` of order 2 on quadrilaterals; else ``None``."""
+def placed_values(field: Any, given: HasParts) -> PlacedValues | None:
+    """The values at the nodes of a scalar H1 ``GridFunction`` of order 2 to 4 on quadrilaterals; else ``None``."""
     mfem = library("mfem.ser", package="mfem", at_least=OLDEST, install=INSTALL)
     space = field.FESpace()
     collection, mesh = space.FEColl(), space.GetMesh()
-    is_quadratic = collection.Name().startswith("H1") and space.GetVDim() == 1 and collection.GetOrder() == 2
-    if not is_quadratic or mesh.GetElementType(0) != mfem.Element.QUADRILATERAL:
+    degree, is_scalar = collection.GetOrder(), collection.Name().startswith("H1") and space.GetVDim() == 1
+    if not (is_scalar and is_known(degree, given)) or mesh.GetElementType(0) != mfem.Element.QUADRILATERAL:
         return None
     vectors = mfem.FiniteElementSpace(mesh, collection, 2, mfem.Ordering.byNODES)
     nodes = mfem.GridFunction(vectors)  # which does not keep its space
     mesh.GetNodes(nodes)
-    return PlacedValues(np.array(nodes.GetDataArray()).reshape(2, -1).T, np.array(field.GetDataArray()))
+    return PlacedValues(np.array(nodes.GetDataArray()).reshape(2, -1).T, np.array(field.GetDataArray()), degree)
 
 
 def nodal_values(field: Any, mesh: HasParts) -> Array:

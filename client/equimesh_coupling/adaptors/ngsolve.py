@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from equimesh_coupling.elements import PlacedValues, element_points
+from equimesh_coupling.elements import PlacedValues, element_points, is_known
 from equimesh_coupling.errors import BadValues, library
 from equimesh_coupling.parts import Array, HasParts, MeshParts
 
@@ -35,15 +35,16 @@ def mesh_of(parts: MeshParts) -> Any:
 
 
 def placed_values(field: Any, mesh: HasParts) -> PlacedValues | None:
-    """The values at the nodes of elements of degree 2, of a scalar function on ``H1`` of order 2; else ``None``.
+    """The values at the nodes of elements of a scalar function on ``H1`` of order 2 to 4; else ``None``.
 
     Its degrees of freedom are no values at nodes, so that it is evaluated there.
     """
     space = field.space
-    if not space.type.startswith("h1") or field.dim != 1 or space.globalorder != 2 or mesh.mesh_parts().is_triangular:
+    degree, is_scalar = space.globalorder, space.type.startswith("h1") and field.dim == 1
+    if not (is_scalar and is_known(degree, mesh)) or mesh.mesh_parts().is_triangular:
         return None
-    points = element_points(mesh, 2)
-    return PlacedValues(points, np.asarray(field(space.mesh(*points.T))).ravel())
+    points = element_points(mesh, degree)
+    return PlacedValues(points, np.asarray(field(space.mesh(*points.T))).ravel(), degree)
 
 
 def nodal_values(field: Any, mesh: HasParts) -> Array:

@@ -94,7 +94,7 @@ class Rounds:
     """The search for the shape of the grid; ``None`` where that is given."""
     norm: Norm
     degree: int | None = None
-    """The degree of the elements, 1 or 2; ``None``: that of the space of a field, 1 for arrays."""
+    """The degree of the elements, 1 to 4; ``None``: that of the space of a field, 1 for arrays."""
     goal: Goal | None = None
     """The functional whose error meshes make small; ``None`` for the norm of the error."""
     threads: int
@@ -240,7 +240,7 @@ def adapt(
     ``to_dolfinx(comm)`` and so on, and returns one of these: values at the nodes, a field of a library with an adaptor,
     :class:`~equimesh_coupling.recovery.CellAverages`, or an :class:`~equimesh_coupling.recovery.ErrorIndicator` of the
     cells. It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that
-    meshes minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient. ``degree``, 1 or 2, is
+    meshes minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient. ``degree``, 1 to 4, is
     that of the elements, at whose nodes values are: see :func:`~equimesh_coupling.elements.element_shape`. Without it
     that of a field is taken, where its space shows it, and 1 for arrays. ``observe`` is called with every round.
 

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.domains.domain import Domain, Rectangle, map_mesh
-from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.fields.mesh_map import MeshMap, reference_of
 from equimesh.fields.nodal_field import HermiteField
+from equimesh.fields.patch_field import PatchField
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.second_order import ValueDegree, every_second, lattice_of
+from equimesh.meshes.second_order import ValueDegree, corners_of, lattice_of
 from equimesh.numerics.types import Array, Pair
 
 GRID = Grid(n_xi=65, n_eta=65)
@@ -112,13 +112,6 @@ def inverse_of(domain: Domain) -> Inverse:
 # u as a function of x and y from the values of a solver at the nodes of a mesh of a domain.
 
 
-TOO_THIN = (
-    "the middles of edges lie beyond the next nodes, since a side of the domain bends by more than the cells along it"
-    " are thick: take more cells along this side, or elements of degree 1"
-)
-"""Why values of quadratic elements are refused on cells that are too thin."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecoveredField:
     """The function ``u``, the ``reference`` mesh of the unit square, and the ``values`` at nodes of its elements."""
@@ -126,6 +119,8 @@ class RecoveredField:
     u: Field
     reference: Mesh
     values: Array
+    left: Array | None = None
+    """What the polynomials of a :class:`~equimesh.fields.patch_field.PatchField` leave; ``None`` of another field."""
 
 
 def recover(mesh: Mesh, values: npt.ArrayLike, domain: Domain, degree: ValueDegree = 1) -> RecoveredField:
@@ -133,17 +128,20 @@ def recover(mesh: Mesh, values: npt.ArrayLike, domain: Domain, degree: ValueDegr
 
     They have the shape of :func:`~equimesh.meshes.second_order.nodes_of_elements`.
     Raises as :class:`~equimesh.fields.nodal_field.HermiteField`. On a domain with curved sides u is recovered on the
-    reference square, so that a layer along such a side has the values of that side on all of it. Of degree 2
-    :class:`~equimesh.errors.InputError` is raised where such a side bends by more than the cells along it are thick.
+    reference square, so that a layer along such a side has the values of that side on all of it. Of degree 3 and more,
+    and of degree 2 where such a side bends by more than the cells along it are thick, it is a
+    :class:`~equimesh.fields.patch_field.PatchField` of x and y, whose polynomials go on up to the side.
     """
+    nodes = mesh if degree == 1 else lattice_of(mesh, degree)
+    reference = reference_on(nodes if degree < 3 else mesh, domain)
+    corners = corners_of(reference, degree) if degree == 2 else reference
+    if degree > 2 or (degree == 2 and reference.is_folded and not mesh.is_folded):
+        patches = PatchField(mesh=mesh, nodes=nodes, values=values, degree=degree)
+        return RecoveredField(u=patches, reference=corners, values=patches.values, left=patches.left)
     is_straight = isinstance(domain, Rectangle)
-    nodes = mesh if degree == 1 else lattice_of(mesh)
-    reference = reference_on(nodes, domain)
-    if degree > 1 and reference.is_folded and not mesh.is_folded:
-        raise InputError(TOO_THIN, field="mesh")
     own = HermiteField(mesh=nodes if is_straight else reference, values=values, fitted=degree > 1)
     u = own if is_straight else OnDomain(reference=own, domain=domain)
-    return RecoveredField(u=u, reference=reference if degree == 1 else every_second(reference), values=own.values)
+    return RecoveredField(u=u, reference=corners, values=own.values)
 
 
 def reference_on(mesh: Mesh, domain: Domain) -> Mesh:

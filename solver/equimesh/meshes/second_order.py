@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from equimesh.errors import InputError
 from equimesh.meshes.cell_edges import originals_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
+from equimesh_coupling.elements import MAX_DEGREE, lattice_between
 
 MIN_SHARE = 0.2
 """The least Jacobian at a node of a cell with bent edges, over that of the cell with straight ones."""
@@ -24,8 +25,8 @@ AT_GAUSS_POINTS = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 """Where they need one."""
 
 
-ValueDegree: TypeAlias = Literal[1, 2]
-"""The degree of the elements at whose nodes values are known."""
+ValueDegree: TypeAlias = Literal[1, 2, 3, 4]
+"""The degree of the elements at whose nodes values are known; on blocks 1 or 2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,17 +174,17 @@ def _jacobians(nodes: Array, at: Array) -> Array:
     return np.asarray(along_s[..., 0] * along_t[..., 1] - along_s[..., 1] * along_t[..., 0])
 
 
-# The nodes of elements of degree 2 as those of a mesh with four cells in the place of each.
+# The nodes of elements of degree p as those of a mesh with p times p cells in the place of each one.
 
 
-def lattice_of(mesh: Mesh) -> Mesh:
-    """The mesh with four cells in the place of each one, by the bilinear map.
+def lattice_of(mesh: Mesh, degree: int = 2) -> Mesh:
+    """The mesh with the nodes of elements of a ``degree``, placed by the bilinear map.
 
-    Of a grid it is a grid of ``(2 n_xi - 1, 2 n_eta - 1)`` nodes, of any other mesh it has the nodes of its
-    :class:`SecondOrderMesh` in their order, and no blocks.
+    Of a grid it is a grid of ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)`` nodes, of any other mesh, for degree 2, it has
+    the nodes of its :class:`SecondOrderMesh` in their order, and no blocks.
     """
     if mesh.is_grid:
-        return Mesh(_between(mesh.x), _between(mesh.y))
+        return Mesh(*(lattice_between(lattice_between(q, degree).T, degree).T.copy() for q in (mesh.x, mesh.y)))
     second = SecondOrderMesh.of(mesh.points, mesh.cells)
     places = second.cells[:, LATTICE]
     corners = places[:, :2, :2], places[:, 1:, :2], places[:, 1:, 1:], places[:, :2, 1:]
@@ -203,47 +204,45 @@ def _tied_middles(ties: IntArray, second: SecondOrderMesh) -> IntArray:
     return second.corners + np.column_stack([copies, places[copies]])
 
 
-def every_second(lattice: Mesh) -> Mesh:
+def corners_of(lattice: Mesh, degree: int) -> Mesh:
     """The grid whose :func:`lattice_of` this is."""
-    return Mesh(lattice.x[::2, ::2].copy(), lattice.y[::2, ::2].copy())
+    return Mesh(*(q[::degree, ::degree].copy() for q in (lattice.x, lattice.y)))
 
 
 def nodes_of_elements(mesh: Mesh, degree: ValueDegree) -> tuple[int, ...]:
     """The shape of values at the nodes of elements of a ``degree``.
 
-    Of degree 2 it is ``(2 n_xi - 1, 2 n_eta - 1)`` on a grid: every second one is at a node of the mesh, the others are
-    in the middle of edges and cells. On any other mesh these are the nodes of a :class:`SecondOrderMesh`.
+    Of degree p it is ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)`` on a grid: every p-th one is at a node of the mesh, the
+    others are at the Gauss-Lobatto points of edges and cells. On any other mesh, for degree 2, these are the nodes of a
+    :class:`SecondOrderMesh`. Raises :class:`~equimesh.errors.InputError` for a higher degree there.
     """
     if degree == 1:
         return mesh.node_shape
     if mesh.is_grid:
-        return tuple(2 * n - 1 for n in mesh.node_shape)
+        return tuple(degree * (n - 1) + 1 for n in mesh.node_shape)
+    if degree > 2:
+        raise InputError(f"degree = {degree}: on blocks it is 1 or 2", field="degree")
     return (len(SecondOrderMesh.of(mesh.points, mesh.cells).points),)
 
 
-def nodes_of_cells(mesh: Mesh) -> IntArray:
-    """The numbers of the nine nodes of each cell among flat values of degree 2, in rows along t, ``(m, 3, 3)``."""
+def nodes_of_cells(mesh: Mesh, degree: ValueDegree = 2) -> IntArray:
+    """The numbers of the nodes of each cell among flat values, in rows along t, shape ``(m, p + 1, p + 1)``."""
     if not mesh.is_grid:
         return SecondOrderMesh.of(mesh.points, mesh.cells).cells[:, LATTICE]
-    n_xi, n_eta = nodes_of_elements(mesh, 2)
-    first = np.arange(0, n_xi - 1, 2)[:, None] * n_eta + np.arange(0, n_eta - 1, 2)
-    return np.asarray(first.reshape(-1, 1, 1) + np.arange(3)[:, None] * n_eta + np.arange(3))
+    n_xi, n_eta = nodes_of_elements(mesh, degree)
+    first, own = (
+        np.arange(0, n_xi - 1, degree)[:, None] * n_eta + np.arange(0, n_eta - 1, degree),
+        np.arange(degree + 1),
+    )
+    return np.asarray(first.reshape(-1, 1, 1) + own[:, None] * n_eta + own)
 
 
 def require_degree(degree: Any) -> ValueDegree:
     """The degree; raises :class:`~equimesh.errors.InputError` for one from whose values nothing is recovered."""
-    if degree in (1, 2) and not isinstance(degree, bool):
-        return 1 if degree == 1 else 2
+    if degree in get_args(ValueDegree) and not isinstance(degree, bool):
+        found: ValueDegree = int(degree)  # type: ignore[assignment]
+        return found
     raise InputError(
-        f"degree = {str(degree)[:20]}: give 1 or 2, the degree of the elements at whose nodes the values are",
+        f"degree = {str(degree)[:20]}: give 1 to {MAX_DEGREE}, the degree of the elements at whose nodes values are",
         field="degree",
     )
-
-
-def _between(q: Array) -> Array:
-    """A coordinate at the nodes of a grid, and its means in between."""
-    out = np.empty((2 * q.shape[0] - 1, 2 * q.shape[1] - 1))
-    out[::2, ::2] = q
-    out[1::2, ::2] = 0.5 * (q[1:] + q[:-1])
-    out[:, 1::2] = 0.5 * (out[:, 2::2] + out[:, :-1:2])
-    return out

@@ -18,7 +18,7 @@ from equimesh.fields.on_domain import OnDomain, recover, reference_on
 from equimesh.fields.periodic import Periodic, repeated_field
 from equimesh.fields.quad_field import QuadField
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.second_order import every_second
+from equimesh.meshes.second_order import corners_of
 from equimesh.meshes.second_order import require_degree as require_value_degree
 from equimesh.monitors.metrics import NORMS, Curvature
 from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
@@ -311,8 +311,7 @@ class NodalSolution:
     The mesh is that of :func:`equimesh.adapt_round`, which takes the same values. ``norm`` is that of the interpolation
     error of the recovered solution: ``"l2"`` of u, ``"h1"`` of its gradient. The grid of the problem is that of the
     values. On a domain in blocks u is a :class:`~equimesh.fields.quad_field.QuadField` on a mesh of the domain. With
-    ``degree=2`` the values are those of quadratic elements, on the :func:`~equimesh.meshes.second_order.lattice_of` the
-    mesh.
+    a higher ``degree`` the values are on the :func:`~equimesh.meshes.second_order.lattice_of` the mesh.
 
     A :class:`~equimesh.monitors.monitor.Monitor`, whose metric only serves the measures of quality: that of
     :class:`~equimesh.monitors.least_error.LeastError`. Once it is bound to a domain, ``u`` is the recovered solution.
@@ -324,7 +323,7 @@ class NodalSolution:
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound, as on blocks."""
     degree: int = 1
-    """The degree of the elements at whose nodes the values are, 1 or 2."""
+    """The degree of the elements at whose nodes the values are, 1 to 4, on blocks 1 or 2."""
     adjoint: Field | None = None
     """The adjoint solution of a functional, whose error is then made small: values at the same nodes, of degree 1."""
     _nodal: NodalField | QuadField | None = field(default=None, init=False, repr=False, compare=False)
@@ -385,10 +384,11 @@ class NodalSolution:
         if isinstance(nodal, QuadField):
             raise InputError(TWO_KINDS, field="u")
         own, degree = nodal.mesh.grid, require_value_degree(self.degree)
-        if degree == 2 and own.shape != tuple(2 * n - 1 for n in grid.shape):
+        wanted = tuple(degree * (n - 1) + 1 for n in grid.shape)
+        if degree > 1 and own.shape != wanted:
             raise InputError(
-                f"{NO_OTHER_GRID}: on {grid} points elements of degree 2 have {2 * grid.n_xi - 1} x"
-                f" {2 * grid.n_eta - 1} nodes, and the values are {own}",
+                f"{NO_OTHER_GRID}: on {grid} points elements of degree {degree} have {wanted[0]} x {wanted[1]} nodes,"
+                f" and the values are {own}",
                 field="grid",
             )
         if degree == 1 and grid != own:
@@ -403,7 +403,7 @@ class NodalSolution:
             return nodes
         if isinstance(domain, Blocks):
             return domain.mesh.moved(nodes.points[: domain.points].copy())
-        return every_second(nodes)
+        return corners_of(nodes, self.degree)
 
     @property
     def least_error(self) -> LeastError:

@@ -15,6 +15,7 @@ import numpy as np
 from equimesh.numerics.compiled import inlined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import CellPoints
+from equimesh_coupling.elements import lobatto
 
 CellKind: TypeAlias = Literal["quad", "triangle"]
 TRIANGLE_RULE = (
@@ -200,13 +201,6 @@ def _corners_first(degree: int) -> IntArray:
     numbers = np.arange((degree + 1) ** 2)
     corners = np.array([0, degree * (degree + 1), (degree + 1) ** 2 - 1, degree])
     return np.concatenate([corners, np.setdiff1d(numbers, corners)])
-
-
-@cache
-def lobatto(degree: int) -> Array:
-    """The ``degree + 1`` Gauss-Lobatto points of the unit interval."""
-    inner = np.polynomial.legendre.Legendre.basis(degree).deriv().roots().real
-    return np.concatenate([[0.0], 0.5 + 0.5 * np.sort(inner), [1.0]])
 
 
 def lagrange(cells: CellKind, degree: int, s: Array, t: Array) -> tuple[Array, Array, Array]:

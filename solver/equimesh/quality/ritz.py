@@ -32,12 +32,12 @@ from equimesh.quality.elements import (
     basis,
     determinant,
     gradient,
-    lobatto,
     quadrilateral,
     rule,
 )
 from equimesh.quality.interpolation import gain_of, noise
 from equimesh.quality.tally import add_errors
+from equimesh_coupling.elements import lobatto
 from equimesh_coupling.parts import CUTS, better_cuts, cuts_at_corners
 from equimesh_schema.certificate import SolverGain
 

@@ -172,9 +172,10 @@ def adapt_round(
     """The next mesh for a solution that is known by ``values`` at the nodes of elements of a ``degree`` on ``mesh``.
 
     ``values`` have the shape :func:`~equimesh.meshes.second_order.nodes_of_elements`: of degree 1 ``mesh.node_shape``,
-    of degree 2 on a grid ``(2 n_xi - 1, 2 n_eta - 1)``. ``mesh`` is one of ``domain``, of any kind. u is recovered from
-    the values as in :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks as in
-    :class:`~equimesh.fields.quad_field.QuadField`, for degree 2 with fitted slopes. The next mesh has the smallest
+    of degree p on a grid ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)``. ``mesh`` is one of ``domain``, of any kind. u is
+    recovered from the values as in :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks as in
+    :class:`~equimesh.fields.quad_field.QuadField`, for degree 2 with fitted slopes, for degrees 3 and 4 as in
+    :class:`~equimesh.fields.patch_field.PatchField`. The next mesh has the smallest
     measured error in ``norm`` among descents from ``mesh`` and meshes of straight lines, on blocks from the initial
     mesh of the domain: of its interpolant, in L2 of degree 1 that of a solver for the equation of Poisson where the
     values resolve u. With the values of an ``adjoint`` at the same nodes, of degree 1, the error is that of its

@@ -18,7 +18,7 @@ from equimesh.meshes.second_order import (
     AT_GAUSS_POINTS,
     CurvedEdges,
     SecondOrderMesh,
-    every_second,
+    corners_of,
     lattice_of,
     nodes_of_cells,
     smallest_shares,
@@ -290,7 +290,7 @@ def test_a_lattice_has_four_cells_in_the_place_of_each() -> None:
     grid, blocks = Mesh.uniform(Grid(n_xi=4, n_eta=5)), l_shape()
     lattice = lattice_of(grid)
     assert lattice.distance(Mesh.uniform(Grid(n_xi=7, n_eta=9))) < 1e-15
-    assert every_second(lattice).distance(grid) == 0.0
+    assert corners_of(lattice, 2).distance(grid) == 0.0
     found = lattice_of(blocks)
     assert not found.is_folded
     assert found.cell_areas().reshape(-1, 4).sum(axis=1) == pytest.approx(blocks.cell_areas())

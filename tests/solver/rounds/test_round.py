@@ -147,8 +147,8 @@ def test_values_of_another_degree_are_refused_with_the_shape_that_is_needed() ->
     mesh = uniform(9, 7)
     with pytest.raises(SamplesError, match=r"shape \(9, 7\), and elements of degree 2 have nodes of shape \(17, 13\)"):
         adapt_round(mesh, mesh.x, degree=2)
-    with pytest.raises(InputError, match="degree = 3: give 1 or 2, the degree of the elements at whose nodes"):
-        adapt_round(mesh, mesh.x, degree=3)
+    with pytest.raises(InputError, match="degree = 5: give 1 to 4, the degree of the elements at whose nodes"):
+        adapt_round(mesh, mesh.x, degree=5)
 
 
 def test_a_round_has_all_numbers_of_the_next_mesh() -> None:
