@@ -294,11 +294,11 @@ def test_an_entered_mesh_whose_service_is_silent_is_taken_over(store: Store, clo
     assert claimed(store, "other", "k") == Claim("a", 2)
 
 
-@pytest.mark.parametrize("entered", [False, True])
-def test_the_same_key_gives_the_same_mesh(store: Store, entered: bool) -> None:
+@pytest.mark.parametrize("is_first_entered", [False, True])
+def test_the_same_key_gives_the_same_mesh(store: Store, is_first_entered: bool) -> None:
     first, second = entered("a", key="x"), entered("b", key="x")
     assert not store.meshes.has_key("k", "x")
-    assert enter(store, first) == "a" if entered else finished_entry(store, first) == "a"
+    assert enter(store, first) == "a" if is_first_entered else finished_entry(store, first) == "a"
     assert store.meshes.has_key("k", "x")
     assert not store.meshes.has_key("other", "x")
     assert finished_entry(store, second) == "a"
