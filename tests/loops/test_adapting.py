@@ -47,6 +47,14 @@ def test_the_loop_of_the_client_is_that_of_the_solver(connect: Connect, url: str
         assert one.numbers() == pytest.approx(other.numbers())
 
 
+def test_the_loop_of_the_client_finds_the_shape_of_the_grid(connect: Connect, url: str) -> None:
+    found = connect(url).adapt(lambda mesh: np.tanh(3.0 * mesh.x), points=200, rounds=2, norm="h1")
+    assert [one.start for one in found.rounds[:2]] == ["given", "shape"]
+    n_xi, n_eta = found.rounds[1].values.shape
+    assert n_xi * n_eta <= 200
+    assert n_xi > 3 * n_eta
+
+
 def test_the_loop_of_elements_of_higher_degree_is_that_of_the_solver(connect: Connect, url: str) -> None:
     def of_degree(degree: int) -> Any:
         def values(mesh: Any) -> np.ndarray:
