@@ -224,7 +224,7 @@ def test_every_container_is_confined(project: Project) -> None:
 
 
 def test_what_is_in_the_image(project: Project) -> None:
-    root = project.engine.run("podman", "image", "mount", "localhost/equimesh:0.2.0").strip()
+    root = project.engine.run("podman", "image", "mount", "localhost/equimesh:0.3.0").strip()
     try:
         largest = "du -sm opt; du -sm opt/equimesh/lib/python3*/site-packages/* | sort -rn | head -16"
         said = project.engine.run("sh", "-c", largest, cwd=root)
@@ -233,7 +233,7 @@ def test_what_is_in_the_image(project: Project) -> None:
         names = {path.name for path in Path(root, "opt/equimesh/lib").glob("python3*/site-packages/*")}
         assert not names & {"pip", "setuptools", "hatchling", "fontTools"}
     finally:
-        project.engine.run("podman", "image", "umount", "localhost/equimesh:0.2.0")
+        project.engine.run("podman", "image", "umount", "localhost/equimesh:0.3.0")
 
 
 def test_compiled_loops_are_those_of_the_image(project: Project) -> None:

@@ -235,7 +235,11 @@ def test_a_check_knows_domains(http: httpx.Client) -> None:
 def test_capabilities_say_what_to_use_when(http: httpx.Client) -> None:
     able = http.get("/v1/capabilities").json()
     assert {entry["name"] for entry in able["monitors"]} == {m["kind"] for m in MONITORS.values()} | {"nodal_solution"}
-    assert {entry["name"] for entry in able["domains"]} == {d["kind"] for d in DOMAINS.values()} | {"blocks", "mesh"}
+    assert {entry["name"] for entry in able["domains"]} == {d["kind"] for d in DOMAINS.values()} | {
+        "blocks",
+        "fixed_rectangle",
+        "mesh",
+    }
     assert {entry["name"] for entry in able["modes"]} == {"discretization", "tight"}
     assert all(entry["when_to_use"].endswith(".") for key in ("monitors", "domains", "modes") for entry in able[key])
 
