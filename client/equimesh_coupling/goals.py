@@ -87,7 +87,8 @@ class Goal:
         """The flux ``diffusion du/dn`` out of the domain through a side where values are given: heat, drag, lift.
 
         It is the sum of what is left of the equations of the nodes on the side, ``A u - load``, which has the order of
-        the solution, where a derivative has half of it. The solver returns ``matrix`` and ``load``, or z and ``value``.
+        the solution, where a derivative has half of it. What the node of a corner has from the side next to it, where
+        values are given there, too, is taken off. The solver returns ``matrix`` and ``load``, or z and ``value``.
         """
         return cls(lambda mesh: nodes_of_side(mesh.mesh_parts("quad"), side), flux_side=side, **equation)
 
@@ -187,24 +188,34 @@ def goal_values(returned: Any, mesh: HasParts, goal: Goal) -> GoalValues:
     if value is None and goal.flux_side is None:
         value = float(weights @ u.ravel())
     elif value is None:
-        if matrix is None or returned.load is None:
-            raise BadValues("a flux is what is left of the equations on its side: return matrix and load, or the value")
-        load = finite(real(returned.load, "the load"), "the load").ravel()
-        if load.size != weights.size:
-            raise BadValues(
-                f"the load has {load.size} values, and the mesh has {weights.size} nodes: return one for each"
-            )
-        value = float(weights @ (matrix @ u.ravel() - load))
+        value = _flux(returned, matrix, u.ravel(), mesh.mesh_parts("quad"), str(goal.flux_side))
     numbers = (value,) if returned.error is None else (value, returned.error)
     if not all(is_number(one) and math.isfinite(one) for one in numbers):
         raise BadValues(f"value and error of the functional are {numbers!s:.60}: return finite numbers")
     return GoalValues(u=u, z=z, value=float(value), error=None if returned.error is None else float(returned.error))
 
 
+def _flux(returned: WithAdjoint, matrix: Any, u: Array, parts: MeshParts, side: str) -> float:
+    """The flux through a side, by what is left of the equations of the nodes where values are given."""
+    if matrix is None or returned.load is None:
+        raise BadValues("a flux is what is left of the equations on its side: return matrix and load, or the value")
+    load = finite(real(returned.load, "the load"), "the load").ravel()
+    if load.size != u.size:
+        raise BadValues(f"the load has {load.size} values, and the mesh has {u.size} nodes: return one for each")
+    left = matrix @ u - load
+    if np.size(returned.fixed):
+        left[_free_nodes(returned.fixed, u.size)] = 0.0
+    return float(flux_weights(parts, side) @ left)
+
+
 def _matrix(given: Any, count: int) -> Any:
     """The matrix in rows; raises :class:`BadValues` for one of another number of nodes."""
     sparse = library("scipy.sparse", install="pip install scipy", package="scipy")
-    matrix = sparse.csr_matrix(given)
+    try:
+        matrix = sparse.csr_matrix(given)
+    except (TypeError, ValueError) as error:
+        raise BadValues(f"the matrix is no sparse one ({error!s:.80}): give one of scipy, or an array") from error
+    real(matrix.data, "the matrix")
     if matrix.shape != (count, count):
         raise BadValues(
             f"the matrix has the shape {matrix.shape}, and the mesh has {count} nodes: give that of all nodes, before"
@@ -216,11 +227,7 @@ def _matrix(given: Any, count: int) -> Any:
 def _adjoint(matrix: Any, weights: Array, fixed: Any, *, is_flux: bool) -> Array:
     """The solution of the adjoint problem: 0 at the ``fixed`` nodes, for a flux -1 at those of its side."""
     solver = library("scipy.sparse.linalg", install="pip install scipy", package="scipy")
-    is_free = np.ones(weights.size, dtype=bool)
-    try:
-        is_free[np.asarray(fixed) if np.size(fixed) else []] = False
-    except (IndexError, TypeError, ValueError) as error:
-        raise BadValues(f"fixed names no nodes of this mesh ({error}): give their numbers, or a mask") from error
+    is_free = _free_nodes(fixed, weights.size)
     right = matrix.T @ weights if is_flux else weights
     z = -weights if is_flux else np.zeros(weights.size)
     if is_flux and is_free[weights != 0.0].any():
@@ -235,6 +242,16 @@ def _adjoint(matrix: Any, weights: Array, fixed: Any, *, is_flux: bool) -> Array
             f"the matrix of the free nodes is singular ({error}): name those with given values in fixed"
         ) from error
     return finite(z, "the adjoint")
+
+
+def _free_nodes(fixed: Any, count: int) -> npt.NDArray[np.bool_]:
+    """Whether each node is none of the ``fixed`` ones, which are numbers or a mask."""
+    is_free = np.ones(count, dtype=bool)
+    try:
+        is_free[np.asarray(fixed) if np.size(fixed) else []] = False
+    except (IndexError, TypeError, ValueError) as error:
+        raise BadValues(f"fixed names no nodes of this mesh ({error}): give their numbers, or a mask") from error
+    return is_free
 
 
 # Weights of usual functionals for bilinear elements.
@@ -334,6 +351,31 @@ def nodes_of_side(parts: MeshParts, side: str) -> Array:
     weights = np.zeros(len(parts.points))
     weights[edges_of_side(parts, side).ravel()] = 1.0
     return weights
+
+
+def flux_weights(parts: MeshParts, side: str) -> Array:
+    """The weights of what is left of the equations of the nodes for the flux through a side.
+
+    They are 1 at its nodes. The node of a corner has a part of the flux through the side next to it, too, which is
+    linear between the next two nodes there: their weights take it off.
+    """
+    weights = nodes_of_side(parts, side)
+    others = np.concatenate([parts.sides[side][:0], *(edges for name, edges in parts.sides.items() if name != side)])
+    lengths = np.hypot(*(parts.points[others[:, 1]] - parts.points[others[:, 0]]).T)
+    around = 0.5 * np.bincount(others.ravel(), np.repeat(lengths, 2), minlength=weights.size)
+    on_side = weights[others] > 0.0
+    taken = np.zeros(weights.size)
+    for edge in np.flatnonzero(on_side.sum(axis=1) == 1):
+        near = int(others[edge][~on_side[edge]][0])
+        following = [k for k in np.flatnonzero((others == near).any(axis=1)) if k != edge]
+        if len(following) != 1 or on_side[following].any():
+            continue  # a side of fewer than three edges
+        (after,), length = following, lengths[edge]
+        slope = min(1.0, length / lengths[after])
+        taken[near] += length / 6.0 * (3.0 + 2.0 * slope) / around[near]
+        far = int(others[after].sum() - near)
+        taken[far] -= length / 3.0 * slope / around[far]
+    return weights - taken
 
 
 def side_weights(parts: MeshParts, side: str) -> Array:

@@ -85,6 +85,8 @@ def test_a_flux_is_what_is_left_of_the_equations_on_its_side() -> None:
         (em.WithAdjoint(U, U), em.Goal(lambda mesh: 0.0 * mesh.x), "the functional is constant"),
         (em.WithAdjoint(U, matrix=np.eye(63), fixed=range(63)), POINT, "the functional is constant"),
         (em.WithAdjoint(U, matrix=np.eye(62)), POINT, "the matrix has the shape"),
+        (em.WithAdjoint(U, matrix=1j * np.eye(63)), POINT, "the matrix has complex"),
+        (em.WithAdjoint(U, matrix="A"), POINT, "the matrix is no sparse one"),
         (em.WithAdjoint(U, matrix=np.zeros((63, 63))), POINT, "singular"),
         (em.WithAdjoint(U, matrix=np.eye(63), fixed=[70]), POINT, "fixed names no nodes"),
         (em.WithAdjoint(U, U), em.Goal.flux("left"), "return matrix and load"),

@@ -214,9 +214,11 @@ function parse(text, names) {
   function deeper(read) {
     depth += 1;
     if (depth > 4 * MOST_DEPTH) refuse(`the expression is nested more than ${MOST_DEPTH} levels deep: simplify it`);
-    const result = read();
-    depth -= 1;
-    return result;
+    try {
+      return read();
+    } finally {
+      depth -= 1; // also where a condition in brackets turns out to be a quantity
+    }
   }
 
   function chain(signs, read) {
