@@ -33,6 +33,7 @@ TEXTS = [
     *("−x", "x·y", "x ÷ (1 + y)", "2πx", "np.sin(x) + math.cos(y)", "ln(x) + arctan2(x, y) + sgn(x - y)", "-x^2"),
     *("2^-x", "x^y^2", "x^2y", "e²x", "||x| - 1|", "2e3x", "k x + eps*t", "(x + y)**0.5", "(x - 0.5)**3/(y + 1)**-2"),
     *("where(0.2 < x <= 0.5 and not (y > 0.4 or x == y), exp(-t)*y, 1 - x)", "where((x) < (y), 1, 0)", "-(-x) + +y"),
+    "+".join(["where(((((((x)))))) < y, x, 1)"] * 80),  # each bracket may begin a condition
     *("sqrt((x - 0.5)**2 + (y - 0.5)**2)", "abs(x - 0.5)", "x**x", "0*x + 1", "tanh(k*(x + y/2 - 0.75))", "7"),
 ]
 REFUSED = [
