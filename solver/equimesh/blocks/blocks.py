@@ -17,7 +17,7 @@ from equimesh.blocks.checks import check_connected, check_not_folded, check_not_
 from equimesh.blocks.counts import plan_of
 from equimesh.blocks.curves import BoundaryCurve, Line
 from equimesh.blocks.description import Description
-from equimesh.blocks.fixed_rectangle import fixed_rectangle
+from equimesh.blocks.fixed_rectangle import between_fixed_lines, fixed_rectangle
 from equimesh.blocks.initial import block_points, edge_lines, resampled
 from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
 from equimesh.blocks.recovery.boundary import Corner, with_places
@@ -120,18 +120,21 @@ class Blocks:
         points: Iterable[tuple[float, float]] = (),
         curves: Mapping[str, Any] | None = None,
         layers: Mapping[str, Any] | None = None,
+        folder: Path | str | None = None,
     ) -> Blocks:
         """A rectangle of ``cells`` along x and y with nodes that stay.
 
         A node stays at each of the ``points``. On each of the ``curves``, entries as those of a description by their
         names, which run from a side to the opposite one, nodes slide. ``layers`` are cells along sides, by their names
         ``left``, ``right``, ``bottom`` and ``top``: ``{"first": 0.001, "growth": 1.2, "count": 8}`` has 8 lines, the
-        first at the distance 0.001, and each layer 1.2 times as high as the one before.
+        first at the distance 0.001, and each layer 1.2 times as high as the one before. Files of points lie in
+        ``folder``.
 
         Raises :class:`~equimesh.errors.InputError` where these do not fit into the rectangle, or need more lines than
         it has.
         """
-        return cls.of(fixed_rectangle(x, y, cells, tuple(points), curves, layers))
+        with between_fixed_lines():
+            return cls.of(fixed_rectangle(x, y, cells, tuple(points), curves, layers, folder))
 
     @classmethod
     def of_mesh(

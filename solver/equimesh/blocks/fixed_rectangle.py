@@ -8,14 +8,16 @@ family, which keeps its share of the way between the lines that are fixed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from equimesh.blocks.curve_entries import curve_of, entries, mapping, members, named, number, point, whole
+from equimesh.blocks.curve_entries import curve_of, entries, mapping, members, named, number, point, whole, with_points
 from equimesh.blocks.curves import BoundaryCurve, Point
 from equimesh.blocks.description import MAX_CELLS
 from equimesh.errors import InputError
@@ -28,8 +30,8 @@ ENDS = (("bottom", "top"), ("left", "right"))
 NEAR = 1e-6
 # The least distance of two lines through points, in cells; points that are nearer lie on one line.
 LEAST_GAP = 0.5
-# The most layers of a side.
-MAX_LAYERS = 200
+# The most layers of a side, points, and blocks between the lines of all that is fixed.
+MAX_LAYERS, MAX_POINTS, MAX_BLOCKS = 200, 1000, 10_000
 # Steps from one line to the other until a place is on both, and the distance at which it is, in units of NEAR.
 CROSSINGS, CROSSED = 400, 1e-9
 # Places of a curve from which Newton's method begins, and its steps.
@@ -269,6 +271,13 @@ class Fixed:
     def document(self) -> dict[str, Any]:
         """The description of the blocks between the lines."""
         columns, rows = self.lines
+        count = (len(columns) - 1) * (len(rows) - 1)
+        if count > MAX_BLOCKS:
+            raise InputError(
+                f"the lines of what is fixed cut the rectangle into {count} blocks: {MAX_BLOCKS} are possible; take"
+                " fewer layers or points, or points on common lines",
+                field="domain",
+            )
         vertices = {
             (i, j): self.crossing(column, row) for i, column in enumerate(columns) for j, row in enumerate(rows)
         }
@@ -313,8 +322,12 @@ def fixed_rectangle(
     points: object = (),
     curves: object = None,
     layers: object = None,
+    folder: Path | str | None = None,
 ) -> dict[str, Any]:
-    """The description of blocks; the arguments are those of :meth:`equimesh.Blocks.rectangle`."""
+    """The description of blocks; the arguments are those of :meth:`equimesh.Blocks.rectangle`.
+
+    Files of points of the curves lie in ``folder``.
+    """
     box = point(x, "domain.x"), point(y, "domain.y")
     for name, (low, high) in zip("xy", box, strict=True):
         if not low < high:
@@ -323,12 +336,18 @@ def fixed_rectangle(
         whole(n, f"domain.cells[{k}]", MAX_CELLS) for k, n in enumerate(entries(cells, "domain.cells", count=2))
     )
     places = [point(at, f"domain.points[{k}]") for k, at in enumerate(entries(points, "domain.points"))]
+    if len(places) > MAX_POINTS:
+        raise InputError(f"{len(places)} points: {MAX_POINTS} are possible; take fewer", field="domain.points")
     for k, at in enumerate(places):
         if not all(low < q < high for q, (low, high) in zip(at, box, strict=True)):
             raise InputError(f"({at[0]:g}, {at[1]:g}) is not inside the rectangle", field=f"domain.points[{k}]")
         if at in places[:k]:
             raise InputError(f"({at[0]:g}, {at[1]:g}) is there twice", field=f"domain.points[{k}]")
-    given = {} if curves is None else named(curves, "domain.curves", "a curve")
+    given = (
+        {}
+        if curves is None
+        else with_points(named(curves, "domain.curves", "a curve"), None if folder is None else Path(folder))
+    )
     of = members({} if layers is None else layers, "domain.layers", SIDES)
     found = Fixed(
         box=box,
@@ -341,3 +360,19 @@ def fixed_rectangle(
     )
     found.place()
     return {"curves": dict(given), **found.document()}
+
+
+@contextmanager
+def between_fixed_lines() -> Iterator[None]:
+    """Refusals of blocks that nobody has described, as refusals of what is fixed between them."""
+    try:
+        yield
+    except InputError as error:
+        if not (error.field or "").startswith("domain.blocks"):
+            raise
+        fault = str(error).partition(":")[0]
+        raise InputError(
+            f"the lines of what is fixed are too near or too steep: block {fault}; move points or curves apart, or"
+            " take more cells",
+            field="domain",
+        ) from error

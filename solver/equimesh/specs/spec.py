@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, TypeAlias, Unpack
 from equimesh.blocks.blocks import Blocks
 from equimesh.blocks.counts import plan_of
 from equimesh.blocks.description import Description
-from equimesh.blocks.fixed_rectangle import fixed_rectangle
+from equimesh.blocks.fixed_rectangle import between_fixed_lines, fixed_rectangle
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import UNIT_SQUARE, AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
@@ -75,6 +75,10 @@ def domain_makers(find_mesh: FindMesh, folder: Path | None = None) -> Makers:
     def blocks(**given: Any) -> Blocks:
         return Blocks.of({name: value for name, value in given.items() if value is not None}, folder)
 
+    def fixed(**given: Any) -> Blocks:
+        with between_fixed_lines():
+            return Blocks.of(fixed_rectangle(**given, folder=folder))
+
     def mesh(file: object, corners: object = (), corner_angle: float | None = None) -> Blocks:
         kept = several(lambda corner, _: corner, corners, "corners")
         settings = {"corners": kept or None, "corner_angle": corner_angle}
@@ -87,7 +91,7 @@ def domain_makers(find_mesh: FindMesh, folder: Path | None = None) -> Makers:
         domains_schema.FormulaCurve: Curve.of_expressions,
         domains_schema.PointCurve: Curve.through,
         domains_schema.Blocks: blocks,
-        domains_schema.FixedRectangle: lambda **given: Blocks.of(fixed_rectangle(**given), folder),
+        domains_schema.FixedRectangle: fixed,
         domains_schema.MeshFile: mesh,
     }
 

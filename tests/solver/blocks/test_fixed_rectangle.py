@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,12 +11,13 @@ import pytest
 
 import equimesh as em
 from equimesh import specs
-from equimesh.blocks.fixed_rectangle import fixed_rectangle
+from equimesh.blocks.fixed_rectangle import SIDES
 from solver.blocks import documents
 
 U = "tanh(20*(x - y + 0.1*sin(5*x)))"
 POINTS = [(0.3, 0.4), (0.31, 0.8), (0.71, 0.41), (0.5, 0.6)]
 WAVE = {"x": "t", "y": "0.6 + 0.05*sin(2*pi*t)"}
+THIN = {"first": 1e-3, "growth": 1.0, "count": 100}
 ALL: dict[str, Any] = {
     "cells": (16, 20),
     "points": POINTS,
@@ -120,11 +123,15 @@ def test_edges_of_the_boundary_and_doubled_ones_are_refused() -> None:
         ({"curves": {"a": WAVE, "b": {"x": "t", "y": "0.3 + 0.4*t"}}}, "domain.curves", "meet near x ="),
         ({"x": (1, 0)}, "domain.x", "increase"),
         ({"cells": (0, 4)}, "domain.cells[0]", "0"),
+        ({"points": [(0.5, 0.5)] * 1001}, "domain.points", "1000 are possible"),
+        ({"cells": (250, 250), "layers": dict.fromkeys(SIDES, THIN)}, "domain", "10000 are possible"),
+        ({"points": [(0.5, 0.5), (0.5 + 1e-12, 0.5)]}, "domain", r"block 8_0 folds at .* move points or curves apart"),
+        ({"curves": {"a": {"points": "wave.dat"}}}, "domain.curves.a.points", "name of a file"),
     ],
 )
 def test_what_does_not_fit_is_refused(given: dict[str, Any], field: str, sentence: str) -> None:
     with pytest.raises(em.InputError, match=sentence) as caught:
-        fixed_rectangle(**({"cells": (16, 16)} | given))
+        em.Blocks.rectangle(**({"cells": (16, 16)} | given))
     assert caught.value.field == field
 
 
@@ -134,6 +141,15 @@ def test_points_that_are_near_have_lines_that_do_not_meet() -> None:
     for x, y in near:
         assert np.hypot(blocks.mesh.x - x, blocks.mesh.y - y).min() < 1e-15
     assert not blocks.mesh.is_folded
+
+
+def test_curves_have_files_of_points(tmp_path: Path) -> None:
+    (tmp_path / "line.dat").write_text("0 0.4\n0.5 0.5\n1 0.4\n")
+    given: dict[str, Any] = {"cells": [8, 8], "curves": {"line": {"polyline": "line.dat"}}}
+    document = {"monitor": {"kind": "least_error", "u": "x*y"}, "domain": {"kind": "fixed_rectangle", **given}}
+    (tmp_path / "problem.json").write_text(json.dumps({**document, "grid": None}))
+    for blocks in (em.Blocks.rectangle(**given, folder=tmp_path), specs.load(tmp_path / "problem.json").problem.domain):
+        assert np.hypot(blocks.mesh.x - 0.5, blocks.mesh.y - 0.5).min() < 1e-15
 
 
 def test_documents_have_it_as_a_domain() -> None:
