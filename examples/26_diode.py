@@ -58,7 +58,7 @@ def main(output: Path) -> None:
     known, coarse = charge(finer, solve(finer)), charge(uniform, solve(uniform))
     print(f"log10(n) from {found.values.min():.1f} to {found.values.max():.1f}")
     print(f"charge {known:.5f}: adapted {adapted:.5f}, uniform {coarse:.5f}")
-    print(f"error: adapted {abs(adapted / known - 1):.2%}, uniform {abs(coarse / known - 1):.2%}")
+    print(f"error: adapted {abs(adapted / known - 1):.3%}, uniform {abs(coarse / known - 1):.3%}")
     figure = Figure(figsize=(5.4, 5.4), layout="constrained")
     axes = figure.add_subplot(title="log10 of the electrons", aspect="equal")
     mesh = found.mesh

@@ -282,7 +282,7 @@ def test_a_loop_adapts_to_a_solution_that_only_the_solver_knows(run: Run, tmp_pa
     estimates, errors, gains = rounds[:, 0], rounds[:, 1], rounds[:, 3:5]
     assert gains[:, 0].max() > 100
     assert gains[:, 1].max() > 7
-    assert estimates[2:] == pytest.approx(errors[2:], rel=0.4)
+    assert estimates[2:] == pytest.approx(errors[2:], rel=0.6)  # the estimate is that of Poisson's equation
     assert "resolved: True" in said
     readme = (ROOT / "examples" / "README.md").read_text()
     told = rows(readme.replace("\n", " ").replace("**A sol", "\n**A sol").replace("**The p", "\n"), "**A solution that")
@@ -395,5 +395,5 @@ def test_tutorials_of_a_field_have_a_smaller_error(
     pytest.importorskip("skfem")
     found = re.search(errors, run(number))
     assert found is not None
-    assert float(found["uniform"]) / float(found["own"]) > gain
+    assert float(found["uniform"]) > gain * float(found["own"])
     check_picture(tmp_path / f"{picture}.png")

@@ -250,7 +250,7 @@ def test_the_slider_of_the_degree_changes_the_mesh_and_its_gains(visit: Callable
     expect(gains).to_have_text(re.compile(r"^[\d.]+, [1-9]"))
     assert slider.get_attribute("max") == "4"
     box.get_by_label("Kind", exact=True).select_option("nodal_solution")
-    assert box.get_by_label("Degree of the elements", exact=True).get_attribute("max") == "2"
+    assert box.get_by_label("Degree of the elements", exact=True).get_attribute("max") == "4"
 
 
 def test_a_wrong_density_is_told_with_the_place(page: Page) -> None:
