@@ -190,6 +190,7 @@ def test_nothing_moves_while_one_types_a_fault(page: Page) -> None:
     def places() -> list[Any]:
         return [page.locator(one).bounding_box() for one in ("#stage", "#headline", ".gallery")]
 
+    has_mesh(page, 17, 17)  # until then the page still fills
     before = places()
     page.fill(FUNCTION, "sin(x*")
     expect(page.locator("#panel-function .fault")).to_contain_text("something is missing")
