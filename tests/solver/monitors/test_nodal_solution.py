@@ -69,7 +69,7 @@ def test_values_of_quadratic_elements_are_on_the_lattice_of_the_mesh() -> None:
     assert quadratic.on(em.Rectangle()).least_error.degree == 2
     with pytest.raises(em.InputError, match="on 9 x 9 points elements of degree 2 have 17 x 17 nodes, and the"):
         quadratic.require_grid(em.Grid(9))
-    with pytest.raises(em.InputError, match="degree = 4: give 1 or 2"):
-        em.NodalSolution(u=NODAL, degree=4)
+    with pytest.raises(em.InputError, match="degree = 5: give 1 to 4"):
+        em.NodalSolution(u=NODAL, degree=5)
     found = em.solve(em.Problem(monitor=quadratic, grid=grid))
     assert found.mesh.distance(em.adapt_round(em.Mesh.uniform(grid), VALUES, degree=2).mesh) == 0.0
