@@ -44,12 +44,19 @@ export function curvesOf(domain = {}) {
 
 /**
  * The edges of the blocks of a description as lists of points: straight lines, and arcs of circles; other curves are
- * drawn by the service alone.
+ * drawn by the service alone. Of a rectangle with fixed nodes its sides and its curves by formulas or through points.
  *
  * @param {object} domain
  * @returns {[number, number][][]}
  */
-export function edgesOf({ kind, vertices = {}, curves = {}, edges = [], blocks = [] }) {
+export function edgesOf({ kind, vertices = {}, curves = {}, edges = [], blocks = [], x = [0, 1], y = [0, 1] }) {
+  if (kind === "fixed_rectangle") {
+    const [[left, right], [bottom, top]] = [listOf(x), listOf(y)];
+    const corners = [[left, bottom], [right, bottom], [right, top], [left, top]];
+    if (!corners.flat().every(Number.isFinite)) return [];
+    const inside = Object.values(curves ?? {}).filter(Boolean).map(pointsOf);
+    return [...corners.map((corner, k) => [corner, corners[(k + 1) % 4]]), ...inside].filter((points) => points.length);
+  }
   if (kind !== "blocks") return [];
   const ends = new Map();
   for (const { corners = [] } of listOf(blocks)) {

@@ -152,4 +152,5 @@ def test_blocks_are_pasted_drawn_and_told(page: Page) -> None:
     answer = answered(page, lambda: box.get_by_label("Kind", exact=True).select_option("fixed_rectangle"))
     assert answer.status == 200, answer.text()
     assert '"points": [' in box.get_by_label("Rectangle, as JSON").input_value()
+    assert box.locator(".outline .side").count() == 5  # the sides, and the curve
     assert spec_of(page)["domain"]["layers"] == {"bottom": {"first": 0.005, "growth": 1.3, "count": 5}}

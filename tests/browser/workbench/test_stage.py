@@ -171,8 +171,8 @@ def test_pictures_show_what_is_seen(page: Page, tmp_path: Path, layout: str) -> 
         page.get_by_role("button", name="Save SVG").click()
     text = svg.value.path().read_text()
     assert page.locator("#headline").inner_text() in text  # the gain
-    assert "uniform, error" in text or layout == "one mesh"
-    assert "adapted, error" in text
+    assert "uniform, interpolation error" in text or layout == "one mesh"
+    assert "adapted, interpolation error" in text
     assert "square-root scale" in text
     panes = 2 if layout == "both meshes" else 1
     assert text.count("<clipPath") == panes

@@ -215,7 +215,7 @@ function placeOf({ left, top, width }) {
 
 function captionOf({ blend }, { errors, isMoving, mesh }) {
   if (blend !== 0 && !mesh?.isAdapted) return ["no mesh", `, the ${mesh?.isOfBlocks ? "initial" : "uniform"} one is shown`];
-  const text = (name) => (errors?.[name] ? `, error ${amount(errors[name])}` : "");
+  const text = (name) => (errors?.[name] ? `, interpolation error ${amount(errors[name])}` : "");
   if (blend === 0) return [mesh?.isOfBlocks ? "initial" : "uniform", text("l2_uniform")];
   if (blend === 1) return ["adapted", text("l2")];
   return [isMoving ? "between both" : `${Math.round(100 * blend)} % of the way`, ""];
