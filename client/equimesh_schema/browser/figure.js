@@ -54,7 +54,7 @@ const rangeOf = (value) => (value === 0 ? { min: -1, max: 1 } : { min: Math.min(
 export function sentenceOf({ gain, shape: [n, m] }, { isLast = true, isConverged } = {}) {
   const points = `${n} × ${m} points`;
   const than = `than on the uniform mesh, with the same ${points}.`;
-  const found = gain >= 1.005 ? `The error is ${amount(gain)} times smaller ${than}` : gain <= 0.995 ? `The error is ${amount(1 / gain)} times larger ${than}` : `The error is that of the uniform mesh of ${points}.`;
+  const found = gain >= 1.005 ? `The interpolation error is ${amount(gain)} times smaller ${than}` : gain <= 0.995 ? `The interpolation error is ${amount(1 / gain)} times larger ${than}` : `The interpolation error is that of the uniform mesh of ${points}.`;
   return isLast && isConverged === false ? `${found} The equations have no solution here that the page finds.` : found;
 }
 
