@@ -36,6 +36,7 @@ MAX_LAYERS, MAX_POINTS, MAX_BLOCKS = 200, 1000, 10_000
 CROSSINGS, CROSSED = 400, 1e-9
 # Places of a curve from which Newton's method begins, and its steps.
 PLACES, NEWTON_STEPS = 257, 8
+WANTED_CELLS = "two numbers, those along x and along y, such as (32, 32)"
 REMEDY = "take more cells, or fewer of them"
 
 
@@ -187,6 +188,14 @@ class Fixed:
             order = np.argsort(places[1 - axis])
             found.append((float(places[axis].mean()), name, (places[1 - axis][order], t[order])))
         found.sort()
+        ends = self.box[axis]
+        for at, name, _ in found:
+            if not ends[0] < at < ends[1]:
+                raise InputError(
+                    f"the curve {name} runs at {'xy'[axis]} = {at:.6g} in the mean, and the rectangle has"
+                    f" {ends[0]:g} to {ends[1]:g}: let it run inside",
+                    field=f"domain.curves.{name}",
+                )
         for low, high in pairwise(straight):
             here = [one for one in found if low.at <= one[0] < high.at]
             wanted = [low.index + (at - low.at) / (high.at - low.at) * (high.index - low.index) for at, *_ in here]
@@ -333,16 +342,21 @@ def fixed_rectangle(
         if not low < high:
             raise InputError(f"{name} = [{low:g}, {high:g}]: give two numbers that increase", field=f"domain.{name}")
     along_x, along_y = (
-        whole(n, f"domain.cells[{k}]", MAX_CELLS) for k, n in enumerate(entries(cells, "domain.cells", count=2))
+        whole(n, f"domain.cells[{k}]", MAX_CELLS) for k, n in enumerate(entries(cells, "domain.cells", count=2, what=WANTED_CELLS))
     )
     places = [point(at, f"domain.points[{k}]") for k, at in enumerate(entries(points, "domain.points"))]
     if len(places) > MAX_POINTS:
         raise InputError(f"{len(places)} points: {MAX_POINTS} are possible; take fewer", field="domain.points")
     for k, at in enumerate(places):
         if not all(low < q < high for q, (low, high) in zip(at, box, strict=True)):
-            raise InputError(f"({at[0]:g}, {at[1]:g}) is not inside the rectangle", field=f"domain.points[{k}]")
+            sizes = " and ".join(f"{name} from {low:g} to {high:g}" for name, (low, high) in zip("xy", box, strict=True))
+            raise InputError(
+                f"points[{k}] = ({at[0]:g}, {at[1]:g}) is not inside the rectangle: {sizes}", field=f"domain.points[{k}]"
+            )
         if at in places[:k]:
-            raise InputError(f"({at[0]:g}, {at[1]:g}) is there twice", field=f"domain.points[{k}]")
+            raise InputError(
+                f"points[{k}] = ({at[0]:g}, {at[1]:g}) is there twice: leave one out", field=f"domain.points[{k}]"
+            )
     given = (
         {}
         if curves is None

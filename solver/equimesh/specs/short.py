@@ -38,6 +38,8 @@ KINDS: Mapping[str, Callable[..., Monitor]] = {
     if document in MAKERS and kind not in ("weight", "tensor", "intersection", "nodal_solution")
 }
 """The monitors of one function u, by their kinds."""
+TARGETS = ("points", "max_points", "error", "target")
+"""What belongs to a target, and is given to :func:`mesh` by people who know the rounds or the command line."""
 PROBED_CELLS = 32
 """Cells a side of the grid at whose nodes a formula needs values."""
 
@@ -138,6 +140,8 @@ def _require_known(make: Callable[..., Monitor], kind: str, settings: Mapping[st
             perhaps = f"; perhaps {near[0]} is meant" if near else ""
             others = [other for other, maker in KINDS.items() if name in {one.name for one in fields(maker)}]  # type: ignore[arg-type]
             elsewhere = f"; {' and '.join(others)} have it" if others else ""
+            if name in TARGETS:
+                elsewhere = "; solve_to(Target(error=..., max_points=...), monitor=Auto(u)) finds a grid"
             raise InputError(
                 f"the monitor {kind} has no setting {name!r}{perhaps}{elsewhere}; it has {', '.join(known)}", field=name
             )

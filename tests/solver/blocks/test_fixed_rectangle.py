@@ -110,7 +110,9 @@ def test_edges_of_the_boundary_and_doubled_ones_are_refused() -> None:
     ("given", "field", "sentence"),
     [
         ({"points": [(0.3, 0.4), (0.3, 0.4)]}, "domain.points[1]", "there twice"),
-        ({"points": [(2, 2)]}, "domain.points[0]", "not inside"),
+        ({"points": [(2, 2)]}, "domain.points[0]", r"points\[0\] = \(2, 2\) is not inside .* x from 0 to 1"),
+        ({"curves": {"a": {"x": "t", "y": "2"}}}, "domain.curves.a", "let it run inside"),
+        ({"cells": 8}, "domain.cells", "two numbers, those along x and along y"),
         ({"points": [(0.1 + k / 50, 0.5 + k / 99) for k in range(40)]}, "domain.points", "no line is left"),
         ({"cells": (2, 2), "points": POINTS}, "domain.points", "no line is left"),
         ({"layers": {"bottom": {"first": 0.3}}}, "domain.layers.bottom", "do not fit"),

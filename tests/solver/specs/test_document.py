@@ -222,6 +222,7 @@ def test_values_of_blocks() -> None:
         ({"u": "x", "parameters": 3}, "parameters", "by their names"),
         ({"u": "x", "distrotion": 2.0, "monitor": "least_error"}, "distrotion", "perhaps distortion is meant"),
         ({"u": "x", "mode": "tight"}, "mode", "has no setting 'mode'; it has norm, "),
+        ({"u": "x", "points": 400}, "points", r"solve_to\(Target\(error="),
         ({"u": "x", "monitor": "arc_length", "degree": 2}, "degree", "; auto and least_error have it; it has a, b,"),
     ],
 )
