@@ -74,7 +74,9 @@ class Goal:
 
     @classmethod
     def integral(cls, region: Region | None = None, **equation: Any) -> Goal:
-        """The integral over a region, or over the whole domain."""
+        """The integral over a region, which tells for arrays x and y what is in it, or over the whole domain."""
+        if not (region is None or callable(region)):
+            raise ValueError(f"region = {str(region)[:40]!r}: give a function, such as lambda x, y: x > 0.5, or nothing")
         return cls(lambda mesh: region_weights(mesh.mesh_parts("quad"), region), **equation)
 
     @classmethod
@@ -167,7 +169,7 @@ def goal_values(returned: Any, mesh: HasParts, goal: Goal) -> GoalValues:
     found = element_values(returned.u, mesh)
     if found.degree != 1:
         raise BadValues(
-            "a goal needs elements of degree 1, and the solution has degree 2: solve with bilinear elements"
+            f"a goal needs elements of degree 1, and the solution has degree {found.degree}: solve with bilinear ones"
         )
     u, weights = found.values, goal.on(mesh)
     if not weights.any():

@@ -114,6 +114,8 @@ def test_an_equation_without_numbers_is_refused(equation: dict[str, Any]) -> Non
 def test_weights_that_are_no_function_are_refused() -> None:
     with pytest.raises(ValueError, match="from a mesh to the weights"):
         em.Goal(1.0)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="give a function, such as lambda x, y"):
+        em.Goal.integral("x > 0.5")  # type: ignore[arg-type]
 
 
 PRODUCTS = ErrorProducts(bound=8.0, diffusion=1.0, stream_x=0.1, stream_y=0.01, reaction=0.001)

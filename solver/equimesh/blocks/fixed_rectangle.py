@@ -341,18 +341,17 @@ def fixed_rectangle(
     for name, (low, high) in zip("xy", box, strict=True):
         if not low < high:
             raise InputError(f"{name} = [{low:g}, {high:g}]: give two numbers that increase", field=f"domain.{name}")
-    along_x, along_y = (
-        whole(n, f"domain.cells[{k}]", MAX_CELLS) for k, n in enumerate(entries(cells, "domain.cells", count=2, what=WANTED_CELLS))
-    )
+    counts = entries(cells, "domain.cells", count=2, what=WANTED_CELLS)
+    along_x, along_y = (whole(n, f"domain.cells[{k}]", MAX_CELLS) for k, n in enumerate(counts))
     places = [point(at, f"domain.points[{k}]") for k, at in enumerate(entries(points, "domain.points"))]
     if len(places) > MAX_POINTS:
         raise InputError(f"{len(places)} points: {MAX_POINTS} are possible; take fewer", field="domain.points")
     for k, at in enumerate(places):
         if not all(low < q < high for q, (low, high) in zip(at, box, strict=True)):
-            sizes = " and ".join(f"{name} from {low:g} to {high:g}" for name, (low, high) in zip("xy", box, strict=True))
-            raise InputError(
-                f"points[{k}] = ({at[0]:g}, {at[1]:g}) is not inside the rectangle: {sizes}", field=f"domain.points[{k}]"
-            )
+            (left, right), (bottom, top) = box
+            sizes = f"x from {left:g} to {right:g}, y from {bottom:g} to {top:g}"
+            here = f"points[{k}] = ({at[0]:g}, {at[1]:g})"
+            raise InputError(f"{here} is not inside the rectangle: {sizes}", field=f"domain.points[{k}]")
         if at in places[:k]:
             raise InputError(
                 f"points[{k}] = ({at[0]:g}, {at[1]:g}) is there twice: leave one out", field=f"domain.points[{k}]"
