@@ -76,7 +76,9 @@ class Goal:
     def integral(cls, region: Region | None = None, **equation: Any) -> Goal:
         """The integral over a region, which tells for arrays x and y what is in it, or over the whole domain."""
         if not (region is None or callable(region)):
-            raise ValueError(f"region = {str(region)[:40]!r}: give a function, such as lambda x, y: x > 0.5, or nothing")
+            raise ValueError(
+                f"region = {str(region)[:40]!r}: give a function, such as lambda x, y: x > 0.5, or nothing"
+            )
         return cls(lambda mesh: region_weights(mesh.mesh_parts("quad"), region), **equation)
 
     @classmethod
