@@ -60,6 +60,11 @@ export function createLive(app) {
     if (trouble) app.status(trouble);
   }
 
+  /** Whether the page itself shows a change that is newer than the request: an older mesh does not take its place. */
+  function showsNewer() {
+    return wanted !== null && Boolean(app.drawing?.isLocal) && app.drawing.state === wanted.state;
+  }
+
   function forgetSlow() {
     clearTimeout(slowTimer);
     slowTimer = 0; // the page is busy while it is not 0
@@ -109,8 +114,9 @@ export function createLive(app) {
       const drawing = await service.preview(spec, { samples, signal: mine.controller.signal });
       if (flight !== mine) return;
       tellAnswered();
-      look.end();
+      if (!wanted) look.end();
       if (!isQuick) slowKinds[performance.now() - mine.began > SLOW ? "add" : "delete"](kindOf(spec));
+      if (showsNewer()) return;
       if (hasMesh(drawing) || !app.drawing || app.drawing.isLocal) app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
       app.emit("problem", drawing.document.error ?? null);
     } catch (error) {
@@ -127,7 +133,7 @@ export function createLive(app) {
       // The requested mesh will tell what is wrong with it; its quick look need not exist.
       if (!isQuick || isFaultOf(error)) {
         if (isQuick) forgetSlow();
-        look.end();
+        if (!wanted) look.end();
         app.emit("problem", error.problem ?? { title: "The page failed", detail: error.message });
       }
     } finally {

@@ -75,8 +75,7 @@ def test_an_answer_to_another_question_is_grey_at_once(page: Page) -> None:
     held: list[Route] = []
     page.route(PREVIEWS, lambda route: held.append(route))
     assert page.evaluate(TYPED, "tanh(7*x)") == ["stage", "headline", "panel-numbers"]
-    while not held:
-        page.wait_for_timeout(20)
+    wait_for_one(page, held)
     held[0].continue_()
     page.unroute(PREVIEWS)
     expect(page.locator("#headline")).not_to_have_class(re.compile("stale"))
@@ -92,6 +91,25 @@ def test_the_page_comes_back_after_the_service(page: Page) -> None:
     page.unroute(PREVIEWS)
     expect(page.locator("#headline")).not_to_contain_text("first look")
     expect(page.locator(NOTICE)).to_be_hidden()
+
+
+def test_an_answer_to_an_older_change_does_not_end_the_first_look_of_a_newer_one(page: Page) -> None:
+    has_mesh(page, 17, 17)
+    page.complaints.expected.append("net::ERR")  # type: ignore[attr-defined]
+    held: list[Route] = []
+    page.route(PREVIEWS, lambda route: route.abort() if held else held.append(route))
+    page.fill(FUNCTION, "tanh(7*x)")
+    wait_for_one(page, held)
+    page.fill(FUNCTION, "tanh(8*x)")
+    held[0].continue_()  # the answer to the older one
+    expect(page.locator(NOTICE)).to_contain_text("The service does not answer")
+    expect(page.locator("#headline")).to_contain_text("A first look that this page computes itself.")
+
+
+def wait_for_one(page: Page, held: list[Route]) -> None:
+    """Return when a request is held."""
+    while not held:
+        page.wait_for_timeout(20)
 
 
 def test_a_service_that_compiles_says_how_far_it_is(page: Page) -> None:
