@@ -22,7 +22,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "from_outside" / "precice"
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
-    """The configuration of the example, of four windows, with the heat as a vector."""
+    """The example, with four time windows."""
     for name in ("plate.py", "laser.py"):
         shutil.copy(EXAMPLE / name, tmp_path)
     text = (EXAMPLE / "precice-config.xml").read_text().replace('max-time value="1"', 'max-time value="0.2"')

@@ -19,7 +19,7 @@ import numpy as np
 
 from equimesh.blocks.curve_entries import curve_of, entries, mapping, members, named, number, point, whole, with_points
 from equimesh.blocks.curves import BoundaryCurve, Point
-from equimesh.blocks.description import MAX_CELLS
+from equimesh.blocks.description import MAX_BLOCKS, MAX_CELLS
 from equimesh.errors import InputError
 from equimesh.numerics.types import Array
 
@@ -30,8 +30,8 @@ ENDS = (("bottom", "top"), ("left", "right"))
 NEAR = 1e-6
 # The least distance of two lines through points, in cells; points that are nearer lie on one line.
 LEAST_GAP = 0.5
-# The most layers of a side, points, and blocks between the lines of all that is fixed.
-MAX_LAYERS, MAX_POINTS, MAX_BLOCKS = 200, 1000, 10_000
+# The most layers of a side, and points.
+MAX_LAYERS, MAX_POINTS = 200, 1000
 # Steps from one line to the other until a place is on both, and the distance at which it is, in units of NEAR.
 CROSSINGS, CROSSED = 400, 1e-9
 # Places of a curve from which Newton's method begins, and its steps.
