@@ -92,6 +92,11 @@ PROGRAMS = {
     ),
     "gfortran": _one("gfortran", NEEDED_LANGUAGES),
     "octave": _one("octave-cli", NEEDED_LANGUAGES, "octave"),
+    "julia": Program(
+        name="Julia",
+        here=lambda: shutil.which("julia") is not None,
+        remedy="put the julia of julialang.org on the path",
+    ),
     "promtool": _one("promtool", package="prometheus"),
     "containers": Program(
         name="What runs containers",

@@ -3,7 +3,7 @@ function varargout = equimesh (action, varargin)
 %
 %   mesh = equimesh ('generate', url, spec)
 %   mesh = equimesh ('round', url, mesh, u)             % the next mesh for a solution with the values u
-%   mesh = equimesh ('round', url, mesh, u, more)       % more: further members of the spec, such as its domain
+%   mesh = equimesh ('round', url, mesh, u, further)    % further: members of the spec, such as its domain
 %   [sequence, mesh] = equimesh ('begin', url, spec)
 %   [sequence, mesh, fields] = equimesh ('step', sequence, u, fields)
 %   equimesh ('end', sequence)
@@ -34,8 +34,8 @@ function varargout = equimesh (action, varargin)
   end
 end
 
-function mesh = next_round (url, mesh, u, more)
-  if nargin < 4, more = struct (); end
+function mesh = next_round (url, mesh, u, further)
+  if nargin < 4, further = struct (); end
   if min (size (mesh.x)) > 1
     u = sprintf ('{"nodal":{"x":%s,"y":%s,"values":%s}}', rows (mesh.x), rows (mesh.y), rows (u));
     grid = sprintf (',"grid":{"n_xi":%d,"n_eta":%d}', size (mesh.x, 1), size (mesh.x, 2));
@@ -43,7 +43,7 @@ function mesh = next_round (url, mesh, u, more)
     u = sprintf ('{"block_nodes":{"points":%s,"values":[%s]}}', rows (mesh.points), list (u));
     grid = '';
   end
-  members = text_of (more);
+  members = text_of (further);
   members = strtrim (members(2:end-1));
   if ~isempty (members), members = [',' members]; end
   body = sprintf ('{"monitor":{"kind":"nodal_solution","u":%s}%s%s}', u, grid, members);
@@ -68,7 +68,7 @@ function [sequence, mesh, fields] = next_step (sequence, u, fields)
 end
 
 function text = text_of (spec)
-  if ischar (spec), text = spec; else, text = jsonencode (spec); end
+  if isstruct (spec), text = jsonencode (spec); else, text = char (spec); end
 end
 
 function text = rows (values)
@@ -108,7 +108,9 @@ function [file, place] = send_until_done (url, path, body)
 end
 
 function [status, file, place] = send_once (url, method, path, body, once)
+  url = char (url);
   file = tempname (); head = tempname (); sent = tempname ();
+  if ~isempty (body), body = unicode2native (body, 'UTF-8'); end
   handle = fopen (sent, 'w'); fwrite (handle, body); fclose (handle);
   tidy = onCleanup (@() remove (sent, head));
   granted = ''; given = '';

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import subprocess
 import threading
 from collections.abc import Iterator
@@ -225,6 +226,26 @@ def test_fortran_finds_the_same(expected: dict[str, str], listed: Path, url: str
 def test_octave_finds_the_same(expected: dict[str, str], listed: Path, url: str) -> None:
     command = ["octave-cli", "--norc", "--quiet", "--path", ROOT / "client" / "octave", DRIVERS / "conformance.m"]
     check(run(*command, CASES=str(listed)), expected, url)
+
+
+@pytest.mark.needs("julia")
+def test_julia_finds_the_same(expected: dict[str, str], listed: Path, url: str) -> None:
+    client = ROOT / "client" / "julia" / "Equimesh.jl"
+    check(run("julia", "--startup-file=no", DRIVERS / "conformance.jl", client, listed), expected, url)
+
+
+def only_octave_has(code: str) -> list[str]:
+    """What MATLAB does not take of a text for Octave, without what stands in quotes or comments."""
+    plain = re.sub(r"(?<![\w)\]}.'])'(?:[^'\n]|'')*'", "''", code)
+    plain = re.sub(r"%.*", "", plain)
+    words = r"\b(?:end[a-z_]+|until|do|unwind_protect|printf|puts|columns|ifelse)\b"
+    return re.findall(words + r"|[#\"!]|\+\+|--|[-+*/^|&]=|\*\*|\)[({]", plain)
+
+
+def test_matlab_takes_the_file_for_octave() -> None:
+    assert only_octave_has((ROOT / "client" / "octave" / "equimesh.m").read_text()) == []
+    for code in ("endif", "x += 1", 'y = "a"', "z = f(1)(2)", "# note", "!x", "printf ('a')", "a = size (x)(1)", "n++"):
+        assert only_octave_has(f"{code}\nb = x.' % 'don''t'\n"), code
 
 
 @pytest.mark.needs("octave")
