@@ -102,10 +102,10 @@ class ClientOperations(ABC, Generic[M]):
                 flow = flows.create(request, settings, wait=hold, deadline=limit)
                 mesh = self._mesh(self._session, await self._session.run(flow))
                 await mesh._wait(limit, watch)
+                raise_unless_succeeded(mesh)
         except (DeadlineExceeded, KeyboardInterrupt, CancelledError):
             await self._session.run(flows.abandon(request, mesh.id if mesh else None, settings))
             raise
-        raise_unless_succeeded(mesh)
         return mesh
 
     @operation

@@ -76,7 +76,7 @@ class MeshOperations(MeshState, Generic[M]):
         """
         with Watch(progress) as watch:
             await self._wait(Deadline.after(deadline), watch)
-        raise_unless_succeeded(self)
+            raise_unless_succeeded(self)
         return cast("M", self)
 
     @operation

@@ -69,8 +69,14 @@ class Bar:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, failure: object, *_: object) -> None:
+        if failure is None and not self._line.disable:
+            self._line.n = self._line.total  # a notebook leaves a red line of less
         self._line.close()
+
+    def __del__(self) -> None:
+        if hasattr(self, "_line"):
+            self.__exit__(None)
 
 
 class ProgressBar(Bar):

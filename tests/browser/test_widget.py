@@ -20,9 +20,13 @@ SHOW = """async ([code, state]) => {
     on: (_, tell) => listeners.add(tell),
     off: (_, tell) => listeners.delete(tell),
   };
-  window.end = widget.render({ model: window.model, el: document.body });
+  const el = document.createElement("div"); // Jupyter adds it to the page afterwards
+  window.end = widget.render({ model: window.model, el });
+  document.body.append(el);
   window.listeners = listeners;
 }"""
+DRAWN = """[...document.querySelectorAll("canvas")].map((canvas) =>
+  canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((part) => part > 0))"""
 STATE = {
     "formula": "tanh(k*(x - y))",
     "parameters": {"k": 10},
@@ -35,6 +39,8 @@ STATE = {
 
 def test_sliders_and_python_change_one_state(chromium: Browser) -> None:
     page = chromium.new_page()
+    faults: list[str] = []
+    page.on("pageerror", lambda fault: faults.append(str(fault)))
     page.evaluate(SHOW, [module_text(), STATE])
     settled = page.locator("[data-state=settled]")
     settled.wait_for()
@@ -49,5 +55,8 @@ def test_sliders_and_python_change_one_state(chromium: Browser) -> None:
     assert page.get_by_label("u(x, y) =").input_value() == "sin(k*x)"
     assert slider.input_value() == "3"
     assert page.evaluate("model.saved") == 1
+    assert slider.get_attribute("data-lm-suppress-shortcuts") == "true"
+    assert page.evaluate(DRAWN) == [True, True]
     assert page.evaluate("(end(), listeners.size)") == 0
+    assert faults == []
     page.close()

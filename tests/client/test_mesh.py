@@ -170,7 +170,8 @@ def test_it_never_runs_backwards(capsys: pytest.CaptureFixture[str]) -> None:
     with Watch(True) as watch:
         watch.update(RECORD)
         watch.update({**RECORD, "progress": {"fraction": 0.1}})
-    assert capsys.readouterr().err.rstrip().split("\r")[-1].split("|")[0] == " 50% "
+        assert capsys.readouterr().err.rstrip().split("\r")[-1].split("|")[0] == " 50% "
+    assert capsys.readouterr().err.rstrip().split("\r")[-1].split("|")[0] == "100% "
 
 
 def test_where_nobody_knows_the_work_ahead_it_shows_no_percentage(capsys: pytest.CaptureFixture[str]) -> None:

@@ -71,6 +71,20 @@ def test_a_line_that_came_late_is_taken_away(capsys: pytest.CaptureFixture[str])
     assert capsys.readouterr().err.split("words")[1].split("\r")[-2].strip() == ""
 
 
+def test_only_a_failure_leaves_the_bar_of_a_notebook_unfinished() -> None:
+    bars = [Bar(True), Bar(True), Bar(True)]
+    lines = [bar._line for bar in bars]
+    for bar in bars:
+        bar.show(0.5, "words")
+    with bars[0]:
+        pass
+    with pytest.raises(ZeroDivisionError), bars[1]:
+        raise ZeroDivisionError
+    del bar, bars  # as an observer, which nobody closes
+    assert [line.n for line in lines] == [100.0, 50.0, 100.0]
+    assert all(line.disable for line in lines)
+
+
 def test_a_notebook_shows_it_although_it_is_no_terminal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -161,7 +161,7 @@ export function createFigure(root, { problems = [], state: first = null, onChang
   }
 
   function draw() {
-    if (!shown) return;
+    if (!shown || !root.isConnected) return; // Jupyter adds it to the page later, which the observer tells
     const scale = scaleOf("root", [shown.error, shown.uniformError]);
     const isDark = isDarkAt(root);
     drawMesh(panes[0].canvas, { x: shown.uniformX, y: shown.uniformY, error: shown.uniformError }, shown.shape, scale, isDark);

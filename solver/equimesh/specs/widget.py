@@ -30,6 +30,8 @@ export default {
   render({ model, el }) {
     let sent = "";
     const root = document.createElement("div");
+    // Jupyter takes the arrow keys of a slider, unless the control itself says that it has its own.
+    root.addEventListener("focusin", ({ target }) => target.setAttribute("data-lm-suppress-shortcuts", "true"));
     el.append(root);
     const onChange = (state) => {
       sent = JSON.stringify(state);
@@ -68,7 +70,9 @@ def widget(
     Raises :class:`equimesh.MissingLibrary` without anywidget, and :class:`equimesh.InputError`, or its kin, for what
     cannot be used.
     """
-    anywidget, traitlets = (library(name, install="pip install anywidget") for name in ("anywidget", "traitlets"))
+    anywidget, traitlets = (
+        library(name, install="pip install 'equimesh[notebook]'") for name in ("anywidget", "traitlets")
+    )
     if monitor not in METHODS:
         raise InputError(f"monitor = {monitor!r:.40}: choose {' or '.join(METHODS)}", field="monitor")
     values = dict(parameters or ({"k": 40.0} if u == FIRST else {}))
