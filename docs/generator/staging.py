@@ -37,8 +37,11 @@ _GENERATED = """
 - [options of all commands](commands.md)
 - [all settings of the service](variables.md)
 """
-# The last line of the page of a notebook.
-_DOWNLOAD = "\n{{download}}`Take this notebook along <{}>`, and open it with `jupyter lab`.\n"
+# The last line of the page of a notebook: its place on the server of deploy/notebook.yaml, and its file.
+OPEN = """
+[Run this notebook](http://localhost:8888/lab/tree/{0}) on your
+[notebook server](../../how-to/deploy.md#with-compose), or {{download}}`take it along <{0}>`.
+"""
 # The page of the service for an address below /site that leads nowhere.
 _NOWHERE = """---
 orphan: true
@@ -87,7 +90,7 @@ def _written_pages() -> dict[str, str]:
         is_page = is_notebook or path.endswith(".md")
         pages[name] = relinked(text, path, paths.append) if is_page else _source_page(path, text)
         if is_notebook:
-            pages[name] += _DOWNLOAD.format(posixpath.basename(path))
+            pages[name] += OPEN.format(posixpath.basename(path))
             pages[name.removesuffix(".md") + ".ipynb"] = (ROOT / path).read_text(encoding="utf-8")
     return pages
 

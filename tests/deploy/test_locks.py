@@ -31,7 +31,7 @@ def test_what_is_installed_is_locked_by_its_bytes(file: str) -> None:
     groups = {
         "deploy/locked.txt": ("solver", "plot", "service", "postgres", "s3", "tracing", "dask"),
         "deploy/locked-site.txt": ("site",),
-        ".ci/locked.txt": extras,
+        ".ci/locked.txt": extras.keys() - {"notebook"},  # no test starts JupyterLab
     }
     wanted = [*project["project"]["dependencies"]]
     wanted += [] if file == "deploy/locked-site.txt" else project["build-system"]["requires"]

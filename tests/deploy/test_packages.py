@@ -8,6 +8,8 @@ from pathlib import Path
 
 import yaml
 
+from generator.staging import OPEN
+
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 ON_CONDA = {"matplotlib": "matplotlib-base"}
@@ -32,6 +34,11 @@ def test_the_notebook_server_is_built_from_what_the_context_holds() -> None:
     copied = re.findall(r"^COPY (.+) \S+$", found["build"]["dockerfile_inline"], re.MULTILINE)
     known = (ROOT / ".dockerignore").read_text().split()
     assert len(copied) == 6
+    assert "127.0.0.1:8888:8888" in found["ports"]  # where pages of notebooks say that they run
+    assert "http://localhost:8888/lab/tree/first_mesh.ipynb" in OPEN.format("first_mesh.ipynb")
+    assert "RUN cp /src/examples/notebooks/*.ipynb ." in found["build"]["dockerfile_inline"]
+    assert '"http://127.0.0.1:8000' in (ROOT / "examples/notebooks/over_http.ipynb").read_text().replace("\\", "")
+    assert "sed --in-place s,//127.0.0.1:8000,//equimesh:8000, *.ipynb" in found["build"]["dockerfile_inline"]
     assert all(f"!{name}" in known for line in copied for name in line.split())
     services = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]
     assert found["depends_on"].keys() <= services.keys()

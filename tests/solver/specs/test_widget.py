@@ -69,5 +69,5 @@ def test_what_a_widget_cannot_show_is_refused(settings: dict[str, Any], sentence
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "anywidget", None)
-    with pytest.raises(em.MissingLibrary, match=r"this needs anywidget, which .*: pip install anywidget"):
+    with pytest.raises(em.MissingLibrary, match=r"this needs anywidget, which .*: pip install 'equimesh\[notebook\]'"):
         em.widget()
