@@ -111,14 +111,19 @@ def _sides_of_blocks(
 def _check_uses(description: Description, ends: list[Ends], block_edges: IntArray, forward: BoolArray) -> None:
     """Refuse an edge that more than two blocks have, or two on the same side of it."""
     on_left = forward == np.array(RISES_WITH_BLOCK_ON_LEFT)  # whether the block lies on the left of the edge
-    for edge in np.flatnonzero(np.bincount(block_edges.ravel()) > 1):
-        blocks, sides = np.nonzero(block_edges == edge)
+    uses: dict[int, list[tuple[int, int]]] = {}
+    for (b, side), edge in np.ndenumerate(block_edges):
+        uses.setdefault(int(edge), []).append((b, side))
+    for edge, places in uses.items():
+        if len(places) == 1:
+            continue
+        blocks = [b for b, _ in places]
         names = [description.blocks[b].name for b in blocks]
         name, field = f"{ends[edge][0]}-{ends[edge][1]}", f"{description.blocks[blocks[-1]].field}.corners"
         if len(blocks) > 2:
             message = f"the edge {name} is a side of {len(blocks)} blocks, {', '.join(names)}: two can have it at most"
             raise InputError(message, field=field)
-        if on_left[blocks[0], sides[0]] == on_left[blocks[1], sides[1]]:
+        if on_left[places[0]] == on_left[places[1]]:
             raise InputError(
                 f"the blocks {names[0]} and {names[1]} lie on the same side of their common edge {name}: list the"
                 " corners of every block counter-clockwise",

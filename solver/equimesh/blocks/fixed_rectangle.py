@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -73,9 +73,9 @@ class Line:
     curve: str | None = None
     is_fixed: bool = False
 
-    def place(self, along: float) -> float:  # noqa: ARG002
-        """Its place where it crosses the other family at ``along``."""
-        return self.at
+    def place(self, along: Array) -> Array:
+        """Its places where it crosses the other family at ``along``, of the same shape."""
+        return np.full(np.shape(along), self.at)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,14 +87,14 @@ class CurvedLine(Line):
     known: tuple[Array, Array]
     is_fixed: bool = True
 
-    def place(self, along: float) -> float:
-        """Its place, by Newton's method from the parameter between those that are known."""
-        t = float(np.interp(along, *self.known))
+    def place(self, along: Array) -> Array:
+        """Its places, by Newton's method from the parameters between those that are known."""
+        t = np.interp(along, *self.known)
         for _ in range(NEWTON_STEPS):
-            x, y, x_t, y_t = (float(part) for part in self.path.evaluate(np.array(t)))
-            t = float(np.clip(t - ((x, y)[self.way] - along) / ((x_t, y_t)[self.way] or math.inf), *self.path.ends))
-        x, y, *_ = (float(part) for part in self.path.evaluate(np.array(t)))
-        return (x, y)[1 - self.way]
+            places = self.path.evaluate(t)
+            slope = places[2 + self.way]
+            t = np.clip(t - (places[self.way] - along) / np.where(slope == 0.0, math.inf, slope), *self.path.ends)
+        return np.asarray(self.path.evaluate(t)[1 - self.way])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,15 +102,13 @@ class LineThroughPoints(Line):
     """A line between two others, at a share of the way from one to the other that depends on the place along it."""
 
     between: tuple[Line, Line]
-    shares: Mapping[float, float]
-    """The shares at its points, by the places along it; between these it changes linearly."""
+    known: tuple[Array, Array]
+    """The places along it of its points, rising, and their shares; between these the share changes linearly."""
 
-    def place(self, along: float) -> float:
-        """Its place: it cannot meet the two lines."""
+    def place(self, along: Array) -> Array:
+        """Its places: it cannot meet the two lines."""
         low, high = (line.place(along) for line in self.between)
-        known = sorted(self.shares.items())
-        share = float(np.interp(along, [a for a, _ in known], [b for _, b in known]))
-        return low + share * (high - low)
+        return low + np.interp(along, *self.known) * (high - low)
 
 
 def numbered(wanted: Sequence[float], low: int, high: int) -> list[int] | None:
@@ -135,6 +133,8 @@ class Fixed:
     layers: Mapping[str, Layers]
     lines: tuple[list[Line], list[Line]] = field(default_factory=lambda: ([], []))
     """The lines of constant x, then those of constant y, by their numbers."""
+    through: tuple[dict[Point, Line], dict[Point, Line]] = field(default_factory=lambda: ({}, {}))
+    """The line of each family on which a point is."""
 
     def place(self) -> None:
         """Find the lines: sides and layers, then curves, then those through points."""
@@ -142,9 +142,9 @@ class Fixed:
         for axis in (0, 1):
             self._add_straight(axis)
             self._add_curves(axis, [name for name in self.curves if axis_of[name] == axis])
-        through: dict[Point, Line] = {}
+        places = [self._find_fixed(axis) for axis in (0, 1)]
         for axis in (0, 1):
-            through = self._add_points(axis, through)
+            self._add_points(axis, places[axis])
 
     @property
     def _near(self) -> float:
@@ -209,73 +209,97 @@ class Fixed:
                 for index, (_, name, known) in zip(indices, here, strict=True)
             )
         self.lines[axis].sort(key=lambda line: line.index)
-        along = sorted({place for _, _, (places, _) in found for place in places.tolist()})
-        for one, other in pairwise(self.lines[axis]):
-            meeting = [place for place in along if other.place(place) - one.place(place) <= self._near]
-            if meeting:
+        along = np.unique([places for _, _, (places, _) in found])
+        places = [line.place(along) for line in self.lines[axis]]
+        for one, other, gap in zip(self.lines[axis], self.lines[axis][1:], np.diff(places, axis=0), strict=False):
+            meeting = along[gap <= self._near]
+            if meeting.size:
                 names_of = " and ".join(line.curve or "a straight line" for line in (one, other))
                 raise InputError(
                     f"{names_of} meet near {'yx'[axis]} = {meeting[0]:.6g}: move one", field="domain.curves"
                 )
 
-    def _add_points(self, axis: int, others: Mapping[Point, Line]) -> dict[Point, Line]:
-        """The lines through the points, by these. Points at nearly the same place of the axis may have one line.
+    def _find_fixed(self, axis: int) -> Array:
+        """The places of the lines so far at the points, shape ``(lines, points)``; points on one that is fixed are its."""
+        along = np.array([at[1 - axis] for at in self.points])
+        places = np.array([line.place(along) for line in self.lines[axis]])
+        for line, row in zip(self.lines[axis], places, strict=True):
+            for at, place in zip(self.points, row, strict=True):
+                if line.is_fixed and abs(place - at[axis]) < self._near:
+                    self.through[axis].setdefault(at, line)
+        return places
 
-        ``others`` are their lines of the other family: two points have two lines in common nowhere.
-        """
-        fixed, through = [*self.lines[axis]], dict[Point, Line]()
+    def _add_points(self, axis: int, places: Array) -> None:
+        """The lines through the other points, which lie between ``places``. Near points may have one line."""
+        fixed, through = [*self.lines[axis]], self.through[axis]
         gaps: dict[int, list[tuple[float, Point]]] = {}
-        for at in self.points:
-            places = [line.place(at[1 - axis]) for line in fixed]
-            on = [
-                line for line, q in zip(fixed, places, strict=True) if line.is_fixed and abs(q - at[axis]) < self._near
-            ]
-            if on:
-                through[at] = on[0]
-                continue
-            k = sum(q < at[axis] for q in places)
-            gaps.setdefault(k, []).append(((at[axis] - places[k - 1]) / (places[k] - places[k - 1]), at))
+        for at, here in zip(self.points, places.T, strict=True):
+            if at not in through:
+                k = int(np.count_nonzero(here < at[axis]))
+                gaps.setdefault(k, []).append((float((at[axis] - here[k - 1]) / (here[k] - here[k - 1])), at))
         for k, inside in gaps.items():
             low, high = fixed[k - 1], fixed[k]
             count = high.index - low.index
-            groups: list[list[tuple[float, Point]]] = []
-            for share, at in sorted(inside):
-                last = groups[-1] if groups else []
-                is_near = bool(last) and (share - last[0][0]) * count < LEAST_GAP
-                if is_near and all(self._may_share(at, other, axis, others) for _, other in last):
-                    last.append((share, at))
-                else:
-                    groups.append([(share, at)])
+            groups = self._groups(sorted(inside), count, axis)
             wanted = [low.index + count * float(np.mean([share for share, _ in group])) for group in groups]
             indices = numbered(wanted, low.index, high.index)
             if indices is None:
                 at = groups[-1][0][1]
                 raise InputError(
-                    f"no line is left for the point ({at[0]:g}, {at[1]:g}): {REMEDY}", field="domain.points"
+                    f"no line is left for the point ({at[0]:g}, {at[1]:g}): the lines of constant"
+                    f" {'xy'[axis]} next to it are taken; {REMEDY}",
+                    field="domain.points",
                 )
             for index, group in zip(indices, groups, strict=True):
-                shares = {at[1 - axis]: share for share, at in group}
-                line = LineThroughPoints(index=index, between=(low, high), shares=shares)
+                known = np.array(sorted((at[1 - axis], share) for share, at in group)).T
+                line = LineThroughPoints(index=index, between=(low, high), known=(known[0], known[1]))
                 self.lines[axis].append(line)
                 through |= {at: line for _, at in group}
         self.lines[axis].sort(key=lambda line: line.index)
-        return through
 
-    @staticmethod
-    def _may_share(one: Point, other: Point, axis: int, others: Mapping[Point, Line]) -> bool:
-        """Whether two points can have one line: at different places along it, and no other line in common."""
-        return one[1 - axis] != other[1 - axis] and (not others or others[one] is not others[other])
-
-    def crossing(self, column: Line, row: Line) -> Point:
-        """Where two lines cross; a point that is fixed is there exactly."""
-        x = column.place(float(np.mean(self.box[1])))
-        for _ in range(CROSSINGS):
-            y, before = row.place(x), x
-            x = column.place(y)
-            if abs(x - before) < CROSSED * self._near:
+    def _groups(self, inside: Sequence[tuple[float, Point]], count: int, axis: int) -> list[list[tuple[float, Point]]]:
+        """Points with their shares, which rise, by common lines: those that are near, and more where lines are few."""
+        groups: list[list[tuple[float, Point]]] = []
+        for one in inside:
+            is_near = bool(groups) and (one[0] - groups[-1][0][0]) * count < LEAST_GAP
+            if is_near and self._may_share(groups[-1], [one], axis):
+                groups[-1].append(one)
+            else:
+                groups.append([one])
+        while len(groups) >= count:
+            pairs = [(k, one, two) for k, (one, two) in enumerate(pairwise(groups)) if self._may_share(one, two, axis)]
+            if not pairs:
                 break
-        near = [at for at in self.points if max(abs(at[0] - x), abs(at[1] - y)) < self._near]
-        return near[0] if near else (x, y)
+            k, one, two = min(pairs, key=lambda pair: max(pair[2])[0] - min(pair[1])[0])
+            groups[k : k + 2] = [one + two]
+        return groups
+
+    def _may_share(self, ones: Sequence[tuple[float, Point]], others: Sequence[tuple[float, Point]], axis: int) -> bool:
+        """Whether points can have one line: at different places along it, and no other line in common."""
+        lines = self.through[1 - axis]
+        return all(
+            one[1 - axis] != other[1 - axis] and (one not in lines or lines[one] is not lines.get(other))
+            for (_, one), (_, other) in product(ones, others)
+        )
+
+    def _crossings(self) -> tuple[Array, set[tuple[int, int]]]:
+        """Where the lines cross, shape ``(columns, rows, 2)``, and the crossings at points, which are there exactly."""
+        columns, rows = self.lines
+        x = np.array([[line.place(np.mean(self.box[1]))] * len(rows) for line in columns])
+        y, is_open = np.empty_like(x), np.ones(x.shape, dtype=bool)
+        for _ in range(CROSSINGS):
+            y = np.where(is_open, np.column_stack([row.place(x[:, j]) for j, row in enumerate(rows)]), y)
+            found = np.array([column.place(y[i]) for i, column in enumerate(columns)])
+            change, x = np.abs(found - x), np.where(is_open, found, x)
+            is_open &= change >= CROSSED * self._near
+            if not is_open.any():
+                break
+        crossings = np.stack([x, y], axis=-1)
+        numbers = [{line: k for k, line in enumerate(lines)} for lines in self.lines]
+        at_points = {(numbers[0][self.through[0][at]], numbers[1][self.through[1][at]]): at for at in self.points}
+        for place, at in at_points.items():
+            crossings[place] = at
+        return crossings, set(at_points)
 
     def document(self) -> dict[str, Any]:
         """The description of the blocks between the lines."""
@@ -287,10 +311,8 @@ class Fixed:
                 " fewer layers or points, or points on common lines",
                 field="domain",
             )
-        vertices = {
-            (i, j): self.crossing(column, row) for i, column in enumerate(columns) for j, row in enumerate(rows)
-        }
-        name = {place: f"{columns[place[0]].index},{rows[place[1]].index}" for place in vertices}
+        crossings, at_points = self._crossings()
+        name = {(i, j): f"{columns[i].index},{rows[j].index}" for i, j in np.ndindex(len(columns), len(rows))}
         blocks = [
             {
                 "name": f"{name[i, j]}".replace(",", "_"),
@@ -315,11 +337,11 @@ class Fixed:
                 if k in (0, len(lines) - 1):
                     sides[ENDS[1 - axis][k > 0]] = ends
         return {
-            "vertices": {name[place]: list(at) for place, at in vertices.items()},
+            "vertices": {name[place]: crossings[place].tolist() for place in name},
             "edges": edges,
             "blocks": blocks,
             "sides": {side: sides[side] for side in SIDES},
-            "corners": [name[place] for place, at in vertices.items() if at in self.points],
+            "corners": [name[place] for place in name if place in at_points],
             "fixed": fixed,
         }
 
@@ -352,10 +374,10 @@ def fixed_rectangle(
             sizes = f"x from {left:g} to {right:g}, y from {bottom:g} to {top:g}"
             here = f"points[{k}] = ({at[0]:g}, {at[1]:g})"
             raise InputError(f"{here} is not inside the rectangle: {sizes}", field=f"domain.points[{k}]")
-        if at in places[:k]:
-            raise InputError(
-                f"points[{k}] = ({at[0]:g}, {at[1]:g}) is there twice: leave one out", field=f"domain.points[{k}]"
-            )
+        size = NEAR * max(high - low for low, high in box)
+        if any(abs(at[0] - other[0]) < size and abs(at[1] - other[1]) < size for other in places[:k]):
+            message = f"points[{k}] = ({at[0]:g}, {at[1]:g}) is there twice, or nearly: leave one out"
+            raise InputError(message, field=f"domain.points[{k}]")
     given = (
         {}
         if curves is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -47,6 +48,7 @@ def is_same(one: Grading, other: Grading) -> bool:
     return len(one) == len(other) and bool(np.allclose(one, other, rtol=1e-9, atol=0.0))
 
 
+@lru_cache
 def shares(grading: Grading, cells: int) -> Array:
     """The places of the nodes as shares of the length, from 0 to 1, shape ``(cells + 1,)``.
 

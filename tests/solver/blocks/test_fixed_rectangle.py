@@ -17,6 +17,7 @@ from solver.blocks import documents
 U = "tanh(20*(x - y + 0.1*sin(5*x)))"
 POINTS = [(0.3, 0.4), (0.31, 0.8), (0.71, 0.41), (0.5, 0.6)]
 WAVE = {"x": "t", "y": "0.6 + 0.05*sin(2*pi*t)"}
+BULGE = {"x": "t", "y": "0.5 + 0.4*t*(1 - t)"}
 THIN = {"first": 1e-3, "growth": 1.0, "count": 100}
 ALL: dict[str, Any] = {
     "cells": (16, 20),
@@ -127,7 +128,8 @@ def test_edges_of_the_boundary_and_doubled_ones_are_refused() -> None:
         ({"cells": (0, 4)}, "domain.cells[0]", "0"),
         ({"points": [(0.5, 0.5)] * 1001}, "domain.points", "1000 are possible"),
         ({"cells": (250, 250), "layers": dict.fromkeys(SIDES, THIN)}, "domain", "10000 are possible"),
-        ({"points": [(0.5, 0.5), (0.5 + 1e-12, 0.5)]}, "domain", r"block 8_0 folds at .* move points or curves apart"),
+        ({"points": [(0.5, 0.5), (0.5 + 1e-12, 0.5)]}, "domain.points[1]", "twice, or nearly"),
+        ({"points": [(0.02, 0.52)], "curves": {"a": BULGE}}, "domain", r"block .* move points or curves apart"),
         ({"curves": {"a": {"points": "wave.dat"}}}, "domain.curves.a.points", "name of a file"),
     ],
 )
@@ -137,10 +139,17 @@ def test_what_does_not_fit_is_refused(given: dict[str, Any], field: str, sentenc
     assert caught.value.field == field
 
 
-def test_points_that_are_near_have_lines_that_do_not_meet() -> None:
-    near = [(0.4, 0.5), (0.401, 0.5), (0.4, 0.501), (0.402, 0.503), (0.9, 0.61)]  # the last next to the wave
-    blocks = em.Blocks.rectangle(cells=(16, 20), points=near, curves={"wave": WAVE})
-    for x, y in near:
+@pytest.mark.parametrize(
+    ("cells", "points", "curves"),
+    [
+        ((16, 20), [(0.4, 0.5), (0.401, 0.5), (0.4, 0.501), (0.402, 0.503), (0.9, 0.61)], {"wave": WAVE}),
+        ((4, 5), [(0.2, 0.3), (0.3, 0.8), (0.5, 0.6), (0.7, 0.2), (0.9, 0.7)], {}),
+    ],
+    ids=["the last next to the wave", "more points than lines"],
+)
+def test_points_have_common_lines_that_do_not_meet(cells: Any, points: Any, curves: Any) -> None:
+    blocks = em.Blocks.rectangle(cells=cells, points=points, curves=curves)
+    for x, y in points:
         assert np.hypot(blocks.mesh.x - x, blocks.mesh.y - y).min() < 1e-15
     assert not blocks.mesh.is_folded
 
