@@ -112,13 +112,14 @@ def _check_uses(description: Description, ends: list[Ends], block_edges: IntArra
     """Refuse an edge that more than two blocks have, or two on the same side of it."""
     on_left = forward == np.array(RISES_WITH_BLOCK_ON_LEFT)  # whether the block lies on the left of the edge
     uses: dict[int, list[tuple[int, int]]] = {}
-    for (b, side), edge in np.ndenumerate(block_edges):
-        uses.setdefault(int(edge), []).append((b, side))
+    for b, edges in enumerate(block_edges.tolist()):
+        for side, edge in enumerate(edges):
+            uses.setdefault(edge, []).append((b, side))
     for edge, places in uses.items():
         if len(places) == 1:
             continue
         blocks = [b for b, _ in places]
-        names = [description.blocks[b].name for b in blocks]
+        names = [description.blocks[block].name for block in blocks]
         name, field = f"{ends[edge][0]}-{ends[edge][1]}", f"{description.blocks[blocks[-1]].field}.corners"
         if len(blocks) > 2:
             message = f"the edge {name} is a side of {len(blocks)} blocks, {', '.join(names)}: two can have it at most"

@@ -210,8 +210,8 @@ class Fixed:
             )
         self.lines[axis].sort(key=lambda line: line.index)
         along = np.unique([places for _, _, (places, _) in found])
-        places = [line.place(along) for line in self.lines[axis]]
-        for one, other, gap in zip(self.lines[axis], self.lines[axis][1:], np.diff(places, axis=0), strict=False):
+        of_lines = [line.place(along) for line in self.lines[axis]]
+        for one, other, gap in zip(self.lines[axis], self.lines[axis][1:], np.diff(of_lines, axis=0), strict=False):
             meeting = along[gap <= self._near]
             if meeting.size:
                 names_of = " and ".join(line.curve or "a straight line" for line in (one, other))
@@ -220,7 +220,7 @@ class Fixed:
                 )
 
     def _find_fixed(self, axis: int) -> Array:
-        """The places of the lines so far at the points, shape ``(lines, points)``; points on one that is fixed are its."""
+        """The places of the lines so far at the points, shape ``(lines, points)``; notes which are on fixed ones."""
         along = np.array([at[1 - axis] for at in self.points])
         places = np.array([line.place(along) for line in self.lines[axis]])
         for line, row in zip(self.lines[axis], places, strict=True):
@@ -260,12 +260,12 @@ class Fixed:
     def _groups(self, inside: Sequence[tuple[float, Point]], count: int, axis: int) -> list[list[tuple[float, Point]]]:
         """Points with their shares, which rise, by common lines: those that are near, and more where lines are few."""
         groups: list[list[tuple[float, Point]]] = []
-        for one in inside:
-            is_near = bool(groups) and (one[0] - groups[-1][0][0]) * count < LEAST_GAP
-            if is_near and self._may_share(groups[-1], [one], axis):
-                groups[-1].append(one)
+        for share, at in inside:
+            is_near = bool(groups) and (share - groups[-1][0][0]) * count < LEAST_GAP
+            if is_near and self._may_share(groups[-1], [(share, at)], axis):
+                groups[-1].append((share, at))
             else:
-                groups.append([one])
+                groups.append([(share, at)])
         while len(groups) >= count:
             pairs = [(k, one, two) for k, (one, two) in enumerate(pairwise(groups)) if self._may_share(one, two, axis)]
             if not pairs:
@@ -285,7 +285,7 @@ class Fixed:
     def _crossings(self) -> tuple[Array, set[tuple[int, int]]]:
         """Where the lines cross, shape ``(columns, rows, 2)``, and the crossings at points, which are there exactly."""
         columns, rows = self.lines
-        x = np.array([[line.place(np.mean(self.box[1]))] * len(rows) for line in columns])
+        x = np.array([np.repeat(line.place(np.array(np.mean(self.box[1]))), len(rows)) for line in columns])
         y, is_open = np.empty_like(x), np.ones(x.shape, dtype=bool)
         for _ in range(CROSSINGS):
             y = np.where(is_open, np.column_stack([row.place(x[:, j]) for j, row in enumerate(rows)]), y)
