@@ -50,9 +50,17 @@ class Answer:
         super().__init_subclass__()
         names = cls.JSON_NAMES
         cls.__pydantic_config__ = {
-            "use_attribute_docstrings": True,
             "alias_generator": lambda name: names.get(name, name),
         }
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> Json:
+        # Whoever asks for a schema reads the sources: pydantic would read them for each class that is imported.
+        found: Json = handler(schema)
+        properties = handler.resolve_ref_schema(found)["properties"]
+        for name, text in docs_of(cls).items():
+            properties[cls.JSON_NAMES.get(name, name)]["description"] = text
+        return found
 
     @classmethod
     def from_json(cls, record: Mapping[str, Any]) -> Self:

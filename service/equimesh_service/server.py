@@ -1,5 +1,6 @@
 """The server: a service on a port, in the foreground or in a thread."""
 
+import gc
 import logging
 import os
 import signal
@@ -119,6 +120,8 @@ def run(settings: Settings) -> None:
         _log.warning("%s", describe_unknown(name, nearest))
     with _exit_cleanly(), announcing(None):
         server = _server(settings)
+        gc.freeze()  # modules and routes stay: to look through them takes as long as a few requests
+        gc.enable()
         listener = _open(settings)
         url = _url(settings, listener)
         _log.info("listening on %s", url)

@@ -243,6 +243,7 @@ PRELOAD = (
 )
 # More of them, where workers warm up: the last one does everything once.
 WARM_PRELOAD = (
+    "equimesh_service.worker.no_collection",
     *PRELOAD,
     "equimesh_service.worker.warm_fork",
 )

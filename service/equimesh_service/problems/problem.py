@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Any
 
-from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
@@ -320,6 +319,8 @@ def complaint_of(error: InputError, pointer: str) -> Complaint:
 
 def problem_of(error: Exception) -> Problem:
     """The table from exceptions to problems; an exception that is not in it is an internal error."""
+    from fastapi.exceptions import RequestValidationError  # workers answer no requests, and have no FastAPI
+
     match error:
         case Problem():
             return error

@@ -3,8 +3,14 @@
 A worker that replaces a killed one is then ready at once. All workers share the memory of the loops.
 """
 
+import gc
+
 from equimesh.compiling import silence
 from equimesh_service.worker.warmth import warm_up_unless_compiling
 
 silence()  # the service tells how far its workers are
 warm_up_unless_compiling()
+# A worker that looked through what is here would have a copy of its memory.
+gc.collect()
+gc.freeze()
+gc.enable()
