@@ -204,22 +204,16 @@ def test_an_address_without_a_scheduler_is_named(monkeypatch: pytest.MonkeyPatch
         solve(PROBLEM, "tcp://127.0.0.1:9")
 
 
-@pytest.mark.parametrize("stage", ["before", "coarse", "sweeps"])
+@pytest.mark.parametrize("stage", ["coarse", "sweeps"])
 def test_a_worker_that_is_killed_changes_nothing_in_the_mesh(processes: DaskProcesses, stage: str) -> None:
     processes.have(2)
     killed: list[str] = []
 
-    def kill() -> None:
-        if not killed:  # the worker of the coarse solution, and of part 0
-            killed.append(min(processes.client.nthreads()))
+    def observe(step: Progress) -> None:
+        if stage == ("coarse" if step.parts == 1 else "sweeps") and not killed:
+            killed.append(min(processes.client.nthreads()))  # the worker of the coarse solution, and of part 0
             processes.kill(processes.name_at(killed[0]))
 
-    def observe(step: Progress) -> None:
-        if stage == ("coarse" if step.parts == 1 else "sweeps"):
-            kill()
-
-    if stage == "before":
-        kill()
     with solve(LARGE, processes.client, mode=em.Mode.TIGHT, observe=observe) as handle:
         assert killed
         assert killed[0] not in handle.workers

@@ -18,8 +18,10 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import redirect_stdout, suppress
+from functools import cache
 from itertools import zip_longest
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
@@ -71,6 +73,13 @@ PRINTS = re.compile(r"^```python\n(.*?)^```\n\nIt prints:\n\n```text\n(.*?)^```$
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 NEAR = 0.1
 """Descents amplify rounding: what they print differs by some percent from processor to processor."""
+
+
+@cache
+def openapi() -> dict[str, Any]:
+    """The OpenAPI document, which takes a second."""
+    with TemporaryDirectory() as folder:
+        return create_app(Settings(data_dir=Path(folder))).openapi()
 
 
 def page(name: str) -> str:
@@ -320,8 +329,8 @@ def test_every_setting_that_any_page_names_exists() -> None:
         assert set(re.findall(r"EQUIMESH_\w*", path.read_text())) <= known, name
 
 
-def test_every_endpoint_is_documented_and_exists(tmp_path: Path) -> None:
-    paths = create_app(Settings(data_dir=tmp_path)).openapi()["paths"]
+def test_every_endpoint_is_documented_and_exists() -> None:
+    paths = openapi()["paths"]
     real = {(method.upper(), path) for path, methods in paths.items() for method in methods}
     told = set()
     for row in re.findall(r"^\| `((?:[A-Z]+(?:, )?)+) (/[^`]*)`", page("http"), re.MULTILINE):
@@ -331,8 +340,8 @@ def test_every_endpoint_is_documented_and_exists(tmp_path: Path) -> None:
     assert told - pages_for_people == real
 
 
-def test_every_query_parameter_and_header_is_described(tmp_path: Path) -> None:
-    paths = create_app(Settings(data_dir=tmp_path)).openapi()["paths"]
+def test_every_query_parameter_and_header_is_described() -> None:
+    paths = openapi()["paths"]
     parameters = [
         parameter
         for methods in paths.values()
@@ -376,16 +385,16 @@ def undescribed(schemas: dict[str, Any], text: str) -> set[str]:
     }
 
 
-def test_the_openapi_document_describes_every_object_and_key(tmp_path: Path) -> None:
-    schemas = create_app(Settings(data_dir=tmp_path)).openapi()["components"]["schemas"]
+def test_the_openapi_document_describes_every_object_and_key() -> None:
+    schemas = openapi()["components"]["schemas"]
     assert [name for name, schema in schemas.items() if not schema.get("description")] == []
     assert undescribed(schemas, page("http")) == set()
     schemas["Timings"]["properties"]["novel"] = {"type": "number"}
     assert undescribed(schemas, page("http")) == {"Timings.novel"}
 
 
-def test_every_key_of_the_convergence_is_documented(tmp_path: Path) -> None:
-    schemas = create_app(Settings(data_dir=tmp_path)).openapi()["components"]["schemas"]
+def test_every_key_of_the_convergence_is_documented() -> None:
+    schemas = openapi()["components"]["schemas"]
     u = Expression("x*y")
     problem = Problem(monitor=ArcLength(u=u), grid=Grid(n_xi=8, n_eta=8))
     found = solve(problem, Schwarz(subdomains=(2, 1), overlap=2)).convergence()

@@ -1,16 +1,19 @@
 """The requests of a fuzz run: a seed gives the same ones each time, on every machine.
 
 Nothing here depends on answers. Where a request needs an id that is there, it has a number, which chooses one when the
-request is sent. ``python -m fuzz.cases COUNT SEED ...`` prints, for each seed, the digest of this many random requests.
+request is sent. ``python -m fuzz.cases DOCUMENT COUNT SEED ...`` prints, for each seed, the digest of this many random
+requests by the OpenAPI document in a file.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import islice
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -21,8 +24,6 @@ from hypothesis import strategies as st
 from schemathesis import APIOperation, Case, GenerationMode
 from schemathesis.core import NotSet
 
-from equimesh_service import Settings
-from equimesh_service.api.app import create_app
 from solver.upload.test_samples import npy, npz
 
 EXPRESSIONS = ["x*y", "tanh(20*(x - y))", "1 + x", "where(x < 0.5, 1, 2)", "1/(x - 0.5)", "sin(", "k*x", "0"]
@@ -127,9 +128,10 @@ def filled(body: Any, samples: str) -> Any:
 
 
 def boundary_requests(operation: APIOperation, rng: Random, every: int, most: int | None = None) -> Iterator[Request]:
-    """At and beside every limit of the schema, and methods that a path does not take; ``every`` leaves cases out.
+    """At and beside every limit of the schema, and methods that a path does not take.
 
-    Of the first ``most`` cases, if it is given: to make all of those of a spec takes seconds.
+    ``every`` leaves cases out, fewer of an operation that has few. Only the first ``most`` cases are made, if it is
+    given: all of those of a spec take seconds.
 
     Each case as it is; with an id that is there; with a spec that may be solved; with parts of another spec.
     """
@@ -139,7 +141,7 @@ def boundary_requests(operation: APIOperation, rng: Random, every: int, most: in
     made = schema.iter_coverage_cases(operation, generation_modes=modes, generation_config=config)
     cases = list(islice(made, most))
     bodies = [case.body for case in cases]
-    for case in cases[:: every if len(cases) > 100 else 1]:
+    for case in cases[:: every if len(cases) > 100 else max(1, every // 80)]:
         with_id = (rng.randrange(MAX_NUMBER),) if "id" in case.path_parameters else ()
         yield Request(case=case, numbers=(None, *with_id))
         if case.method == "POST" and isinstance(case.body, dict):
@@ -205,7 +207,7 @@ def digest_of(operations: list[APIOperation], number: int, count: int) -> str:
     digest = Digest()
     for operation in operations:
         if operation.path == "/v1/expressions/check":
-            for request in boundary_requests(operation, Random(number), 5):
+            for request in boundary_requests(operation, Random(number), 5, 300):
                 digest.add(request)
     random_requests(operations, number, count, digest.add)
     return f"{digest.count} {digest}"
@@ -213,7 +215,7 @@ def digest_of(operations: list[APIOperation], number: int, count: int) -> str:
 
 if __name__ == "__main__":
     # Those of expressions and samples; strategies for the others are made in the same way, and take long.
-    every = operations_of(create_app(Settings()).openapi(), "http://127.0.0.1:1")
+    every = operations_of(json.loads(Path(sys.argv[1]).read_text()), "http://127.0.0.1:1")
     some = [operation for operation in every if operation.path.startswith(("/v1/expressions", "/v1/samples"))]
-    for chosen in sys.argv[2:]:
-        print(digest_of(some, int(chosen), int(sys.argv[1])))
+    for chosen in sys.argv[3:]:
+        print(digest_of(some, int(chosen), int(sys.argv[2])))

@@ -568,7 +568,7 @@ def test_every_event_comes_once_over_a_line_that_breaks(
     connect: Any, client: Any, proxy: CuttingProxy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("equimesh_service.api.events._RETRY_MILLISECONDS", 1)
-    mesh = client.meshes.create(heavy())
+    mesh = client.meshes.create(heavy(grid={"n_xi": 64, "n_eta": 64}))
     far = connect(proxy.url, retries=RetryPolicy(retries=99, first=0.001, longest=0.01)).meshes.get(mesh.id)
     proxy.cut(*(int(cut) for cut in np.random.default_rng(4).integers(1, 900, 500)))
     told = []

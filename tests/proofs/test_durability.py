@@ -67,14 +67,14 @@ class Saboteur:
 @pytest.mark.parametrize(
     ("database_url", "jobs", "deeds"),
     [
-        ("sqlite", 40, {"worker": 2, "both": 1}),
+        ("sqlite", 20, {"worker": 1, "both": 1}),
         pytest.param("sqlite", 200, {"worker": 10, "service": 2, "both": 1}, marks=pytest.mark.everything),
         pytest.param("postgresql", 60, {"worker": 5, "both": 1}, marks=pytest.mark.everything),
     ],
     indirect=["database_url"],
 )
 def test_nothing_is_lost_while_workers_and_services_are_killed(
-    tmp_path: Path, database_url: str, jobs: int, deeds: dict[str, int]
+    tmp_path: Path, database_url: str, jobs: int, deeds: dict[str, int], everything: bool
 ) -> None:
     with service_process(tmp_path / "service", DATABASE_URL=database_url, LEASE="3") as service:
         service.start()
@@ -95,12 +95,13 @@ def test_nothing_is_lost_while_workers_and_services_are_killed(
             assert work.repeated > 0, "no request was cut off: this proves nothing"
 
             until(lambda: unfinished(store) == 0, PATIENCE)
-            assert service.stop() == 0
-            age_files(database_url, service.folder / "data" / "files")
-            service.start()
-            service.ready()
+            if everything:  # a start sweeps files away that no mesh names
+                assert service.stop() == 0
+                age_files(database_url, service.folder / "data" / "files")
+                service.start()
+                service.ready()
+                check_files(database_url, service.folder / "data" / "files")
             check_meshes(store, work)
-            check_files(database_url, service.folder / "data" / "files")
             check_downloads(service.url, store)
             assert service.stop() == 0
             until(lambda: not service.left())

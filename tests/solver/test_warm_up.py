@@ -40,6 +40,7 @@ def run(*arguments: str, **variables: str) -> str:
     return done.stdout
 
 
+@pytest.mark.everything  # two warm-ups; archives themselves are in tests/solver/numerics/test_machine_code.py
 def test_with_an_archive_the_warm_up_compiles_nothing_and_needs_no_folder(tmp_path: Path) -> None:
     run("-c", CODE, "make", str(tmp_path / "archives"))
     (tmp_path / "a file").touch()  # no folder can be made there

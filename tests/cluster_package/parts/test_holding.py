@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,10 +22,14 @@ from equimesh_cluster.parts.holding import OnChannel, WindowSweep, chain, cuts_o
 from solver.schwarz.bent import bent
 
 CASE = problem("tanh20", 25, 17)
-START = bent(CASE, 0.004)
 # What the record of an iteration counts: not the numbers that all agree on, nor meshes that are shown or solved whole.
 COUNTED = ("interfaces", "nodes", "sums", "pushes", "corrections")
 SAME = ("iteration", "transmission", "accelerated", "global_step", "failed", "work", "traffic", "products")
+
+
+@cache
+def bent_case() -> em.Mesh:
+    return bent(CASE, 0.004)
 
 
 def held(
@@ -33,7 +38,7 @@ def held(
     parts: int,
     count: int,
     *,
-    start: em.Mesh = START,
+    start: em.Mesh | None = None,
     reference: em.Mesh | None = None,
 ) -> tuple[Sequence[IterationNumbers], list[dict[str, int]]]:
     """The first iterations as the first part has them, and the bytes that each part has sent."""
@@ -41,7 +46,7 @@ def held(
     def iterate(channel: Channel) -> tuple[list[IterationNumbers], dict[str, int]]:
         holding = OnChannel(channel, settings.decompose(case.grid), shows=True)
         exact = None if reference is None else holding.cut(reference)
-        records = iterations_on(holding, case, settings, holding.cut(start), exact)
+        records = iterations_on(holding, case, settings, holding.cut(start or bent_case()), exact)
         return [record for record, _ in itertools.islice(records, count)], holding.sent
 
     found = ThreadChannels(parts).run(iterate)
@@ -73,7 +78,7 @@ def test_the_iterates_are_those_of_one_process(
 ) -> None:
     """To the last bit; with corrections of whole lines, whose sums are added in another order, to rounding."""
     settings = em.Schwarz(subdomains=subdomains, transmission=condition)
-    expected = list(itertools.islice(schwarz_iterations(CASE, settings, START), 3))
+    expected = list(itertools.islice(schwarz_iterations(CASE, settings, bent_case()), 3))
     found, sent = held(CASE, settings, parts, 3)
     corrected = any(math.isfinite(record.deviation) for record in expected)
     for here, there in zip(found, expected, strict=True):
@@ -108,7 +113,7 @@ def test_turns_read_the_newest_data(ordering: em.Ordering, condition: em.Transmi
     settings = em.Schwarz(
         subdomains=(2, 2), overlap=4, transmission=condition, ordering=ordering, line_correction=0, acceleration="none"
     )
-    expected = list(itertools.islice(schwarz_iterations(CASE, settings, START), 3))
+    expected = list(itertools.islice(schwarz_iterations(CASE, settings, bent_case()), 3))
     found, sent = held(CASE, settings, 4, 3)
     for here, there in zip(found, expected, strict=True):
         assert_same(here, there, 0.0)
@@ -143,7 +148,7 @@ def test_steps_on_the_whole_grid_are_done_by_one_part(name: str, points: int, se
 def test_errors_against_a_reference_are_those_of_one_process() -> None:
     settings = em.Schwarz(subdomains=(3, 1), transmission=em.Classical())
     exact = bent(CASE, 0.0)
-    expected = list(itertools.islice(schwarz_iterations(CASE, settings, START, exact), 3))
+    expected = list(itertools.islice(schwarz_iterations(CASE, settings, bent_case(), exact), 3))
     found, _ = held(CASE, settings, 2, 3, reference=exact)
     assert [record.error for record in found] == [record.error for record in expected]
     errors = [[(r.error_x, r.error_y) for r in record.subdomains] for record in found]
@@ -182,7 +187,7 @@ def test_only_windows_are_held() -> None:
 
 def test_the_sides_of_the_grid_are_closed_wherever_they_are() -> None:
     decomposition = em.Decomposition(grid=CASE.grid, subdomains=(2, 2), overlap=4)
-    off = em.Mesh(START.x + 1e-9, START.y - 1e-9)
+    off = em.Mesh(bent_case().x + 1e-9, bent_case().y - 1e-9)
 
     def close(channel: Channel) -> em.Mesh | None:
         holding = OnChannel(channel, decomposition)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -41,7 +42,11 @@ from solver.schwarz.bent import bent
 SECTOR = em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0))
 SQUARE = problem("tanh20", 25, 17)
 CASE = em.Problem(monitor=SQUARE.monitor, grid=SQUARE.grid, domain=SECTOR)
-START = bent(CASE, 0.001)
+
+
+@cache
+def bent_case() -> em.Mesh:
+    return bent(CASE, 0.001)
 
 
 def plan(schwarz: em.Schwarz, *, shows: bool = False) -> SchwarzPlan:
@@ -56,7 +61,7 @@ def run(
     observe: Callable[[int, IterationNumbers], None] | None = None,
 ) -> list[SchwarzPart]:
     def part(channel: Channel) -> SchwarzPart:
-        windows = made.windows(START, channel.number, channel.count)
+        windows = made.windows(bent_case(), channel.number, channel.count)
         copies = None if kept is None else kept[channel.number]
         watch = None if observe is None else lambda record: observe(channel.number, record)
         return iterate_part(channel, made, windows, kept=copies, observe=watch)
@@ -72,7 +77,7 @@ def joined(parts: list[SchwarzPart]) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("subdomains", "parts"), [((4, 1), 2), ((2, 2), 3)], ids=str)
 def test_the_rows_of_all_parts_are_the_mesh_of_one_process(subdomains: tuple[int, int], parts: int) -> None:
     schwarz = em.Schwarz(subdomains=subdomains, tolerance=1e-10)
-    solution = em.solve(CASE, schwarz, initial=START)
+    solution = em.solve(CASE, schwarz, initial=bent_case())
     found = run(plan(schwarz), parts)
     x, y = joined(found)
     assert max(abs(x - solution.mesh.x).max(), abs(y - solution.mesh.y).max()) < 1e-12
@@ -127,7 +132,7 @@ def test_after_a_loss_the_iteration_goes_on_from_its_last_iterate(lost: int) -> 
     exact = em.solve(CASE, mode=em.Mode.TIGHT).mesh
     x, y = joined(found)
     assert max(abs(x - exact.x).max(), abs(y - exact.y).max()) < 1e-5
-    whole = em.solve(CASE, SLOW, initial=START)
+    whole = em.solve(CASE, SLOW, initial=bent_case())
     assert abs(numbers[-1] - (len(whole.iterations) - 1)) <= 2, "no iteration is done again"
 
 
@@ -135,7 +140,9 @@ def test_without_copies_it_begins_again() -> None:
     schwarz = em.Schwarz(subdomains=(2, 1), tolerance=None, max_iterations=2)
     found = run(plan(schwarz), 2, [Checkpoints(), Checkpoints()])
     assert (found[0].resumed, len(found[0].iterations)) == (None, 3)
-    windows = sum(x.nbytes + y.nbytes for x, y in ((m.x, m.y) for m in plan(schwarz).windows(START, 0, 2).values()))
+    windows = sum(
+        x.nbytes + y.nbytes for x, y in ((m.x, m.y) for m in plan(schwarz).windows(bent_case(), 0, 2).values())
+    )
     assert found[0].sent[1]["kept"].bytes == windows
     assert found[0].sent[0]["kept"].bytes == 0, "the start is known"
     assert "kept" not in found[0].sent[2], "nothing goes on from the last mesh"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,11 @@ ALL: dict[str, Any] = {
     "curves": {"wave": WAVE, "slanted": {"polyline": [[0.15, 0], [0.2, 1]]}},
     "layers": {"bottom": {"first": 0.002, "growth": 1.3, "count": 4}},
 }
+
+
+@cache
+def with_all() -> em.Blocks:
+    return em.Blocks.rectangle(**ALL)
 
 
 def assert_stays(mesh: em.Mesh, blocks: em.Blocks) -> None:
@@ -50,7 +56,7 @@ def assert_stays(mesh: em.Mesh, blocks: em.Blocks) -> None:
     "monitor", [em.LeastError(u=U), em.LeastError(u=U, norm="h1"), em.Auto(u=U)], ids=["l2", "h1", "auto"]
 )
 def test_nodes_stay_in_solves(monitor: Any) -> None:
-    blocks = em.Blocks.rectangle(**ALL)
+    blocks = with_all()
     assert blocks.points == 17 * 21
     solution = em.solve(em.Problem(monitor=monitor, domain=blocks))
     assert_stays(solution.mesh, blocks)
@@ -59,7 +65,7 @@ def test_nodes_stay_in_solves(monitor: Any) -> None:
 
 
 def test_nodes_stay_between_subdomains_in_sequences_and_in_rounds() -> None:
-    blocks = em.Blocks.rectangle(**ALL)
+    blocks = with_all()
     problem = em.Problem(monitor=em.LeastError(u=U), domain=blocks)
     groups = [range(k, len(blocks.mesh.blocks), 2) for k in (0, 1)]
     assert_stays(em.solve(problem, em.Schwarz(groups=[list(group) for group in groups])).mesh, blocks)
@@ -167,8 +173,8 @@ def test_documents_have_it_as_a_domain() -> None:
     document = {"kind": "fixed_rectangle", **ALL}
     made = specs.build({"monitor": {"kind": "least_error", "u": U}, "domain": document, "grid": None}).problem
     assert made.points == specs.count_points(document) == 17 * 21
-    assert (made.domain.mesh.points == em.Blocks.rectangle(**ALL).mesh.points).all()
-    again = em.Blocks.of(em.Blocks.rectangle(**ALL).description())
+    assert (made.domain.mesh.points == with_all().mesh.points).all()
+    again = em.Blocks.of(with_all().description())
     assert (again.node_curve == made.domain.node_curve).all()
 
 

@@ -28,9 +28,19 @@ def test_classical_rate_is_the_predicted_one() -> None:
     assert solution.rate == pytest.approx(solution.predicted_rate, abs=0.005)
 
 
-@pytest.mark.parametrize("ordering", em.Ordering)
+EVERY = [*em.Ordering]
+
+
 @pytest.mark.parametrize(
-    ("subdomains", "overlap"), [((2, 1), 3), ((1, 3), 4), ((4, 1), 4), ((3, 2), 4), (((8, 17), (6,)), 4)], ids=str
+    ("subdomains", "overlap", "ordering"),
+    [
+        *(((2, 1), 3, ordering) for ordering in EVERY),
+        *(((3, 2), 4, ordering) for ordering in EVERY),
+        *(((1, 3), 4, ordering) for ordering in EVERY[::2]),
+        ((4, 1), 4, EVERY[1]),
+        (((8, 17), (6,)), 4, EVERY[-1]),
+    ],
+    ids=str,
 )
 def test_predicted_rates_hold_for_strips_and_blocks(
     subdomains: tuple[int | tuple[int, ...], int | tuple[int, ...]], overlap: int, ordering: em.Ordering
