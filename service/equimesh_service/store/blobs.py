@@ -79,6 +79,14 @@ class BlobFiles:
             size = connection.execute(_MEASURE, {"file": file.sha256}).scalar()
         return size == file.size if size is not None else self.larger.holds(file)
 
+    def require(self, sha256: str) -> None:
+        """Raise :class:`FileNotFoundError` where a file is not there any more."""
+        with self.database.read() as connection:
+            size = connection.execute(_MEASURE, {"file": sha256}).scalar()
+        if size is None:
+            with self.larger.local(sha256):
+                pass
+
     @contextmanager
     def local(self, sha256: str) -> Iterator[Path]:
         """A temporary copy of a small file; a larger one as its storage gives it."""

@@ -23,11 +23,16 @@ class Recent:
     def __init__(self) -> None:
         self._kept: OrderedDict[Hashable, Any] = OrderedDict()
 
-    def get(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """The object of a key, which ``make`` returns where it is not here."""
+    def get(self, key: Hashable, make: Callable[[], Any], require: Callable[[], None]) -> Any:
+        """The object of a key, which ``make`` returns where it is not here.
+
+        ``require`` raises FileNotFoundError where its file was deleted: then it is refused here as everywhere.
+        """
         found = self._kept.get(key)
         if found is None:
             found = make()
+        else:
+            require()
         self.keep(key, found)
         return found
 

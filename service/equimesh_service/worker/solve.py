@@ -161,12 +161,13 @@ class StepStart:
     motion: Mapping[str, Any]
 
     @classmethod
-    def of(cls, mesh_input: MeshInput, spec: BuiltSpec, files: Files) -> StepStart | None:
+    def of(cls, mesh_input: MeshInput, spec: BuiltSpec, files: BlobFiles) -> StepStart | None:
         """The start of a step; None for the first step, and for a mesh that is no step."""
         if mesh_input.start is None:
             return None
         try:
-            mesh = MESHES.get(mesh_input.start, partial(_read_mesh, files, mesh_input.start))
+            require = partial(files.require, mesh_input.start)
+            mesh = MESHES.get(mesh_input.start, partial(_read_mesh, files, mesh_input.start), require)
         except FileNotFoundError:
             raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
         fields: Mapping[str, StepField] = {}
@@ -230,7 +231,7 @@ def _read_mesh(files: Files, sha256: str) -> equimesh.Mesh:
         return load_mesh(path)
 
 
-def _earlier(before: Mapping[str, Any] | None, spec: BuiltSpec, files: Files) -> equimesh.Earlier | None:
+def _earlier(before: Mapping[str, Any] | None, spec: BuiltSpec, files: BlobFiles) -> equimesh.Earlier | None:
     """The source and the gains of the mesh before; None for steps of earlier releases."""
     if before is None:
         return None
@@ -239,7 +240,7 @@ def _earlier(before: Mapping[str, Any] | None, spec: BuiltSpec, files: Files) ->
     return equimesh.Earlier(u=_u_of(before, spec, files), gain=math.nan if gain is None else float(gain))
 
 
-def _u_of(before: Mapping[str, Any], spec: BuiltSpec, files: Files) -> equimesh.Field | None:
+def _u_of(before: Mapping[str, Any], spec: BuiltSpec, files: BlobFiles) -> equimesh.Field | None:
     """The u of the mesh before; None where it has none, or where its samples are gone."""
     source = before["u"]
     if source is None:
@@ -250,7 +251,8 @@ def _u_of(before: Mapping[str, Any], spec: BuiltSpec, files: Files) -> equimesh.
             with files.local(before["samples"]) as path:
                 return field_of(path, box)
 
-        found: equimesh.Field = FUNCTIONS.get((before["samples"], box), read)
+        require = partial(files.require, before["samples"])
+        found: equimesh.Field = FUNCTIONS.get((before["samples"], box), read, require)
         return found
 
     try:
@@ -429,7 +431,7 @@ def _requested(work: Work, outcome: Outcome) -> Artifact | None:
     return next((file for file in outcome.files if file.name == name), None)
 
 
-def _build(job: Job, store: Store, files: Files) -> Work:
+def _build(job: Job, store: Store, files: BlobFiles) -> Work:
     """Read the input of a mesh and build its problem; raises :class:`AttemptLostError` for a mesh that is gone."""
     mesh_input = job.mesh_input or store.meshes.get_input(job.claim.mesh_id)
     if mesh_input is None:
@@ -441,9 +443,13 @@ def _build(job: Job, store: Store, files: Files) -> Work:
             find = samples_of(mesh_input, files, samples)
 
             def kept(name: str, box: Any) -> equimesh.Field:
-                found: equimesh.Field = FUNCTIONS.get(
-                    (mesh_input.samples.get(name), box), lambda: field_of(find(name), box)
-                )
+                sha256 = mesh_input.samples.get(name, "")
+                try:
+                    found: equimesh.Field = FUNCTIONS.get(
+                        (sha256, box), lambda: field_of(find(name), box), partial(files.require, sha256)
+                    )
+                except FileNotFoundError:
+                    raise Problem("conflict", "The samples of this mesh were deleted.") from None
                 return found
 
             spec = build(mesh_input.spec, find, None if mesh_input.start is None else kept)

@@ -144,10 +144,13 @@ def test_a_file_of_an_earlier_release_is_found_where_it_is(files: BlobFiles) -> 
         file = files.larger.seal(path)
         files.larger.publish(path, file, lambda _: False)
     assert files.holds(file)
+    files.require(file.sha256)
     with files.local(file.sha256) as path:
         assert path.read_bytes() == b"earlier"
     files.remove(file.sha256)
     assert not files.holds(file)
+    with pytest.raises(FileNotFoundError):
+        files.require(file.sha256)
 
 
 def test_a_listing_of_many_rows_has_each_once(files: BlobFiles, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace as Namespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import equimesh as em
 from equimesh.io.npz import load_mesh, load_npz
 from equimesh.io.write import mesh_bytes
 from equimesh.specs import build
+from equimesh_service.problems.problem import Problem
 from equimesh_service.store.rows import MeshInput
 from equimesh_service.worker import recent, solve
 from equimesh_service.worker.recent import Recent, as_read
@@ -28,11 +30,14 @@ class Folder:
         self.folder = folder
         self.read: list[str] = []
 
-    @contextmanager
-    def local(self, name: str) -> Iterator[Path]:
-        self.read.append(name)
+    def require(self, name: str) -> None:
         if not (self.folder / name).exists():
             raise FileNotFoundError(name)
+
+    @contextmanager
+    def local(self, name: str) -> Iterator[Path]:
+        self.require(name)
+        self.read.append(name)
         yield self.folder / name
 
 
@@ -70,6 +75,29 @@ def test_a_step_from_a_mesh_and_a_function_that_stayed_is_that_of_a_new_worker_t
     assert len(files.read) == 4, "a new worker reads both"
 
 
+def test_what_was_deleted_is_not_used_where_it_stayed(files: Any) -> None:
+    solution = em.solve(build({"monitor": {"rho": "1 + x", "kind": "weight"}, "grid": GRID}).problem)
+    (files.folder / "mesh").write_bytes(mesh_bytes(solution.data(), format="npz"))
+    mesh = solution.mesh
+    np.savez(files.folder / "u.npz", x=mesh.x, y=mesh.y, values=mesh.x)
+    before = {"u": {"samples": "n-1"}, "samples": "u.npz", "gains": {}}
+    spec = {"monitor": {"u": {"samples": "n-1"}, "kind": "arc_length"}, "grid": GRID}
+    task = MeshInput(spec=spec, samples={"n-1": "u.npz"}, format=None, start="mesh", settings={"before": before})
+    job: Any = Namespace(mesh_input=task, packed=None)
+    store: Any = None
+    built = solve._build(job, store, files).spec
+    (files.folder / "u.npz").unlink()
+    with pytest.raises(Problem, match="The samples of this mesh were deleted"):
+        solve._build(job, store, files)
+    start = solve.StepStart.of(task, built, files)
+    assert start is not None
+    assert start.earlier is not None
+    assert start.earlier.u is None
+    (files.folder / "mesh").unlink()
+    with pytest.raises(Problem, match="The mesh that this step starts from was deleted"):
+        solve.StepStart.of(task, built, files)
+
+
 def test_a_computed_grid_is_as_it_is_read(tmp_path: Path) -> None:
     for domain in (em.Rectangle(), em.AnnulusSector(closed=True)):
         problem = em.Problem(
@@ -93,7 +121,7 @@ def test_the_last_small_ones_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     last, made = Recent(), []
 
     def get(key: int) -> None:
-        last.get(key, lambda: made.append(key) or em.Mesh.uniform(em.Grid(n_xi=4, n_eta=4)))
+        last.get(key, lambda: made.append(key) or em.Mesh.uniform(em.Grid(n_xi=4, n_eta=4)), lambda: None)
 
     for key in (1, 2, 3, 4, 1, 5, 1, 2):
         get(key)
@@ -104,4 +132,4 @@ def test_the_last_small_ones_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     assert made[-2:] == [9, 9]
     formula: Any = em.Expression("x")
     last.keep("u", formula)
-    assert last.get("u", lambda: None) is None, "what is not at nodes may change with its use"
+    assert last.get("u", lambda: None, lambda: None) is None, "what is not at nodes may change with its use"
