@@ -408,6 +408,8 @@ class Objective:
         def part(span: tuple[int, int]) -> float:
             return float(kernels.oblique_corners(nodes, span, limit, own * weight, self._sums))
 
+        if len(self._spans) == 1:
+            return own * part(self._spans[0])
         return own * float(self._each(self._groups, part).sum())
 
     def _each(self, groups: list[list[tuple[int, int]]], part: Callable[[tuple[int, int]], float]) -> Array:

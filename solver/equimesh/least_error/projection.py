@@ -10,7 +10,7 @@ at the nodes.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -20,7 +20,7 @@ from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.kernels import CELLS_AT_ONCE, SUMS, NodalValues, Nodes, Values
 from equimesh.least_error.objective import Objective
-from equimesh.numerics.compiled import inlined, vectorised
+from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.elements import Element, determinant, gradient
 from equimesh.quality.ritz import unknowns
@@ -96,22 +96,34 @@ class ProjectedObjective(Objective):
         """The square of the error, with its sums of the nodes in place of all others; negative without a projection."""
         element, elements = self._rule.element, self._elements
         shape, split = (element.weights.size, len(elements)), nodes.x.size
-        x, y = np.empty((2, split + shape[0] * shape[1]))
+        x, y = self._points
         x[:split], y[:split] = nodes.x, nodes.y
         kernels.place_points(nodes, elements, element.shape, split, x, y)
         values = self._u.evaluate(x, y, order=2)
         nodal = NodalValues(*(part[:split].copy() for part in values[:3]))
         if not self._has_slopes(nodes, nodal):
             return math.inf
-        if not math.isfinite(sum(float(part[split:].sum()) for part in values)):
-            return math.inf
         at = Values(*(part[split:].reshape(shape) for part in values))
+        if not are_finite(at):
+            return math.inf
         self._sums.fill(0.0)
-        unknowns = unknowns_of(self.cells)
         elements, element = of_four_corners(elements, element)
-        places = Places(nodes, elements, nodal, at)
-        square = projected_errors(places, element, unknowns.number, unknowns.size, unknowns.width, self._sums)
-        return float(square)
+        self._matrix.fill(0.0)
+        places, number = Places(nodes, elements, nodal, at), unknowns_of(self.cells).number
+        return float(projected_errors(places, element, number, self._matrix, self._sums))
+
+    # Memory that is kept: to get its pages anew for each mesh takes as long as to compute with it.
+
+    @cached_property
+    def _points(self) -> Array:
+        """Memory for x and y of the nodes and of the points of all elements."""
+        return np.empty((2, self.cells.nodes + len(self._elements) * self._rule.element.weights.size))
+
+    @cached_property
+    def _matrix(self) -> Array:
+        """Memory for the matrix."""
+        unknowns = unknowns_of(self.cells)
+        return np.empty((unknowns.size, unknowns.width + 1))
 
 
 def of_four_corners(elements: IntArray, element: Element) -> tuple[IntArray, Element]:
@@ -132,6 +144,18 @@ class Places(NamedTuple):
     """The corners ``4 cell + corner`` of each element, shape ``(elements, 4)``."""
     nodal: NodalValues
     at: Values
+
+
+@compiled
+def are_finite(values: Values) -> bool:
+    """Whether u and its derivatives are finite at all points."""
+    others = 0
+    for part in values:
+        for q in range(part.shape[0]):
+            row = part[q]
+            for j in range(row.size):
+                others += 0 if row[j] - row[j] == 0.0 else 1
+    return others == 0
 
 
 @inlined
@@ -386,10 +410,12 @@ def add_corner(batch: Array, j: int, k: int, part: float, slope: tuple[float, fl
 
 
 @vectorised
-def projected_errors(places: Places, element: Element, number: IntArray, count: int, width: int, sums: Array) -> float:
-    """The integral of the squared error of the projection; adds its derivatives. Negative without a projection."""
-    matrix, load = np.zeros((count, width + 1)), np.zeros(count)
-    added, dual = np.zeros(number.size), np.zeros(number.size)
+def projected_errors(places: Places, element: Element, number: IntArray, matrix: Array, sums: Array) -> float:
+    """The integral of the squared error of the projection; adds its derivatives. Negative without a projection.
+
+    ``matrix`` of shape ``(unknowns, width + 1)`` is memory of zeros.
+    """
+    load, added, dual = np.zeros(matrix.shape[0]), np.zeros(number.size), np.zeros(number.size)
     if not assemble(places, element, number, matrix, load) or not factorise(matrix):
         return -1.0
     substitute(matrix, load)

@@ -10,9 +10,9 @@ import pytest
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.iteration import LeastErrorSolve
-from equimesh.least_error.kernels import Rule
+from equimesh.least_error.kernels import Rule, Values
 from equimesh.least_error.objective import Objective
-from equimesh.least_error.projection import ProjectedObjective, is_projected, unknowns_of
+from equimesh.least_error.projection import ProjectedObjective, are_finite, is_projected, unknowns_of
 from equimesh.least_error.starts import mesh_of
 from equimesh.numerics.types import Array
 from equimesh.quality.ritz import coarsened, ritz_errors
@@ -120,3 +120,11 @@ def test_blocks_descend_on_a_solvers_error_too() -> None:
         assert found is not None
         gains.append(found.l2)
     assert gains[1] > 1.2 * gains[0]
+
+
+@pytest.mark.parametrize("part", range(6))
+def test_a_number_that_is_not_finite_is_found_in_every_derivative(part: int) -> None:
+    values = Values(*np.ones((6, 4, 5)))
+    assert are_finite(values)
+    values[part][2, 3] = np.nan if part % 2 else np.inf
+    assert not are_finite(values)
