@@ -116,7 +116,7 @@ class Service:
     settings: Settings
     storage: Storage
     store: Store
-    files: Files
+    files: BlobFiles
     engine: Engine
     side_workers: SideWorkers
     dispatcher: Dispatcher

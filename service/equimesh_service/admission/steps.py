@@ -48,8 +48,10 @@ from equimesh_service.spec.document import escape_token, parse, sent_pointer
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.monitors import completed, functions_of, with_functions, with_u
 from equimesh_service.spec.strict import validate
+from equimesh_service.store.blobs import BlobFiles
 from equimesh_service.store.rows import NODAL, Artifact, SamplesRow
 from equimesh_service.store.store import Store
+from equimesh_service.worker.recent import MESHES
 
 # Names of other arrays in mesh files, and of arguments of numpy.savez.
 RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"} | {"file", "allow_pickle"}
@@ -339,7 +341,7 @@ class StepAdmission:
 
     admission: Admission
     store: Store
-    files: Files
+    files: BlobFiles
 
     def prepare(self, move: Move, mesh_id: str, caller: Caller, stack: ExitStack) -> PreparedStep:
         """The spec of the mesh after ``mesh_id``; raises 409 and 422 problems. Files last until ``stack`` closes."""
@@ -407,11 +409,15 @@ class StepAdmission:
             raise repointed(problem, lambda pointer: sent_pointer(move.sent, _pointer_of(pointer, from_u))) from None
 
     def _mesh(self, sha256: str) -> Mesh:
-        try:
+        def read() -> Mesh:
             with self.files.local(sha256) as path:
                 return load_mesh(path)
+
+        try:
+            found: Mesh = MESHES.get(sha256, read, partial(self.files.require, sha256))
         except FileNotFoundError:
             raise _gone() from None
+        return found
 
     def _keep(self, mesh: Mesh, u: Array, caller: Caller) -> SamplesRow:
         """Store u as samples, which a monitor can name."""
@@ -422,7 +428,8 @@ class StepAdmission:
             kind = "nodal" if mesh.is_grid else "block_nodes"
             summary = {"kind": kind, "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
             row = SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, self.store.clock())
-            self.store.samples.add(row, partial(self.files.publish, path, file), key_id=caller.key_id)
+            publish = partial(self.files.publish, path, file)
+            self.store.samples.add(row, publish, key_id=caller.key_id, durable=False)  # the mesh that needs them is
         return row
 
 

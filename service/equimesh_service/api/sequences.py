@@ -33,7 +33,7 @@ from equimesh_service.api.routing import (
 )
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
-from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Ending, MeshRow, NewStep
+from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Ending, MeshRow, NewStep, SequenceRow
 from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire import body as bodies
 
@@ -209,25 +209,23 @@ async def step(
         raise Problem("forbidden", "Only the key that began a sequence takes its steps.")
     waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
-    with service.bodies.place(caller.key_id) as place:
-        kind, data = await _read_body(request, service, place)
-        stopwatch.lap("receive")
-        fingerprint = await run_in_threadpool(_fingerprint, f"{id} {waiting.format} {kind} ", data)
-        with refusals():
-            again = await run_in_threadpool(service.store.meshes.find_repeated, caller.key_id, key, fingerprint)
-        if again is not None:
-            with service.quotas.count_wait(caller, waiting.seconds):
-                return await _answer(waiting, request, service, caller, AcceptedMesh(again))
-        await service.quotas.check_bytes(caller, len(data))
-        mesh = await service.mesh(sequence.mesh_id, caller)
-        points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
-        move = await service.check(_read_step, service, kind, data, points)
-        del data  # a mesh that is waited for needs it no more
-    # Where another step was taken meanwhile, the store refuses this one.
-    is_usual = move.step == sequence.number and mesh.status == SUCCEEDED
-    start = mesh.id if is_usual else await _start(service, caller, sequence.id, move.step)
-    with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:
-        made = await service.check(_prepare_step, service, move, start, caller, stack)
+    with ExitStack() as stack:
+        with service.bodies.place(caller.key_id) as place:
+            kind, data = await _read_body(request, service, place)
+            stopwatch.lap("receive")
+            head = f"{id} {waiting.format} {kind} "
+            with refusals():
+                fingerprint, again = await run_in_threadpool(_find_repeated, service, caller, key, head, data)
+            if again is not None:
+                with service.quotas.count_wait(caller, waiting.seconds):
+                    return await _answer(waiting, request, service, caller, AcceptedMesh(again))
+            await service.quotas.check_bytes(caller, len(data))
+            mesh = await service.mesh(sequence.mesh_id, caller)
+            move, made = await service.check(_check_step, service, (kind, data), (sequence, mesh), caller, stack)
+            del data  # a mesh that is waited for needs it no more
+        if made is None:
+            start = await _start(service, caller, sequence.id, move.step)
+            made = await service.check(_prepare_step, service, move, start, caller, stack)
         stopwatch.lap("check")
         new = NewStep(
             sequence_id=id,
@@ -241,9 +239,10 @@ async def step(
             publish=partial(made.publish, service.files),
             discard=service.discard,
         )
-        mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=new)
-        accepted = await service.intake.accept(made.admitted, caller, mesh_request)
-        return await _answer(waiting, request, service, caller, accepted)
+        with service.quotas.count_wait(caller, waiting.seconds):
+            mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=new)
+            accepted = await service.intake.accept(made.admitted, caller, mesh_request)
+            return await _answer(waiting, request, service, caller, accepted, (id, new.number))
 
 
 @router.delete(
@@ -301,6 +300,19 @@ def _read_step(service: Service, kind: str, data: bytes, points: int) -> "Move":
     return steps.read_long_json(admission, data, points)
 
 
+def _check_step(
+    service: Service, body: tuple[str, bytes], at: tuple[SequenceRow, MeshRow], caller: Caller, stack: ExitStack
+) -> "tuple[Move, PreparedStep | None]":
+    """The step in a body, prepared where it follows the mesh that the sequence is at; raises 4xx problems.
+
+    Where another step is taken meanwhile, the store refuses this one.
+    """
+    sequence, mesh = at
+    move = _read_step(service, *body, mesh.n_xi * mesh.n_eta)  # all meshes of a sequence have as many points
+    is_usual = move.step == sequence.number and mesh.status == SUCCEEDED
+    return move, _prepare_step(service, move, mesh.id, caller, stack) if is_usual else None
+
+
 def _prepare_step(service: Service, move: "Move", start: str, caller: Caller, stack: ExitStack) -> "PreparedStep":
     """The step after the mesh ``start``; raises 409 and 422 problems."""
     from equimesh_service.admission.steps import StepAdmission
@@ -317,11 +329,12 @@ async def _read_body(request: Request, service: Service, place: bodies.BodyPlace
     return kind, await bodies.read_body(request, service.settings.max_body, place)
 
 
-def _fingerprint(head: str, data: bytes) -> str:
-    """Equal for equal requests of a step."""
+def _find_repeated(service: Service, caller: Caller, key: str | None, head: str, data: bytes) -> tuple[str, str | None]:
+    """What is equal for equal requests of a step, and the mesh of an earlier one with this idempotency key."""
     digest = sha256(head.encode())
     digest.update(data)
-    return digest.hexdigest()
+    fingerprint = digest.hexdigest()
+    return fingerprint, service.store.meshes.find_repeated(caller.key_id, key, fingerprint)
 
 
 async def _start(service: Service, caller: Caller, sequence_id: str, step: int) -> str:
@@ -339,10 +352,15 @@ async def _start(service: Service, caller: Caller, sequence_id: str, step: int) 
 
 
 async def _answer(
-    waiting: Waiting, request: Request, service: Service, caller: Caller, accepted: AcceptedMesh
+    waiting: Waiting,
+    request: Request,
+    service: Service,
+    caller: Caller,
+    accepted: AcceptedMesh,
+    found: tuple[str, int] | None = None,
 ) -> Response:
-    """The answer with the mesh, its file or its state, and the sequence that it belongs to."""
-    found = await run_in_threadpool(service.store.sequences.step_of, accepted.mesh_id)
+    """The answer with the mesh, its file or its state, and with the sequence and the number that it is ``found`` at."""
+    found = found or await run_in_threadpool(service.store.sequences.step_of, accepted.mesh_id)
     if found is None:
         raise Problem("conflict", "The sequence was deleted at this moment.")
     (sequence_id, number), root = found, service.settings.root

@@ -14,6 +14,7 @@ from equimesh_service.store.database import Database, insert_new, lock, to_json
 from equimesh_service.store.rows import NODAL, QUEUED, RUNNING, SUCCEEDED, Artifact, Lease, NewMesh, Outcome
 from equimesh_service.store.schema import (
     artifacts,
+    blobs,
     events,
     idempotency,
     mesh_samples,
@@ -28,6 +29,8 @@ from equimesh_service.store.schema import (
 # Statements are built once, since building them takes longer than executing them.
 _REMOVE = delete(artifacts).where(artifacts.c.mesh_id == bindparam("mesh"), artifacts.c.name == bindparam("file"))
 _INSERT = insert(artifacts)
+# The most small files that are removed in one transaction.
+_MOST_TOGETHER = 16
 _FIND_REMOVAL = select(removals.c.sha256).where(removals.c.sha256 == bindparam("file")).limit(1)
 
 
@@ -53,13 +56,18 @@ def removal_lookup(connection: Connection) -> Removed:
 def remove_unused(database: Database, files: Iterable[str], remove_file: Callable[[str], None]) -> None:
     """Call ``remove_file`` for all files that no row names any more; their removal has been noted.
 
-    No row that names a file can be added between the check and the removal. Each file has its own transaction, since
-    the storage may be slow.
+    No row that names a file can be added between the check and the removal. Some small files, which are rows, go in one
+    transaction. Each other file has its own, since the storage may be slow. What a crash undoes is swept up later.
     """
-    for sha256 in sorted(set(files)):
-        with database.write() as connection:
-            lock(connection, [sha256])
-            if find_unnamed(connection, [sha256]):
+    left = sorted(set(files))
+    with database.read() as connection:
+        known = connection.execute(select(blobs.c.sha256).where(blobs.c.sha256.in_(left))).scalars() if left else ()
+        small = sorted(known)
+    together = [small[first : first + _MOST_TOGETHER] for first in range(0, len(small), _MOST_TOGETHER)]
+    for names in [*together, *([name] for name in left if name not in small)]:
+        with database.write(durable=False) as connection:
+            lock(connection, names)
+            for sha256 in sorted(find_unnamed(connection, names)):
                 remove_file(sha256)
 
 

@@ -5,6 +5,7 @@ Both are known by the SHA-256 of their files, so another worker, or a new one, r
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Any
@@ -22,6 +23,7 @@ class Recent:
 
     def __init__(self) -> None:
         self._kept: OrderedDict[Hashable, Any] = OrderedDict()
+        self._lock = threading.Lock()  # guards the changes of it: a service checks steps in several threads
 
     def get(self, key: Hashable, make: Callable[[], Any], require: Callable[[], None]) -> Any:
         """The object of a key, which ``make`` returns where it is not here.
@@ -44,10 +46,11 @@ class Recent:
         mesh = found.mesh if isinstance(found, equimesh.NodalField) else found
         if not mesh.is_grid or mesh.x.size > MAX_POINTS:
             return
-        self._kept[key] = found
-        self._kept.move_to_end(key)
-        while len(self._kept) > _MOST:
-            self._kept.popitem(last=False)
+        with self._lock:
+            self._kept[key] = found
+            self._kept.move_to_end(key)
+            while len(self._kept) > _MOST:
+                self._kept.popitem(last=False)
 
 
 MESHES, FUNCTIONS = Recent(), Recent()
