@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from equimesh.domains.curve import Curve
-from equimesh.domains.domain import PLACES, area_between
+from equimesh.domains.domain import PLACES, areas_between, changes_of_areas
 from equimesh.errors import InputError
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
@@ -322,7 +322,27 @@ class Chords:
 
     def cut_off(self, parameters: Array) -> float:
         """The area between the curve and the edges, for ``parameters`` of all nodes, shape ``(nodes,)``."""
+        _, (x, y, _, _) = self._pieces(parameters)
+        return float(areas_between(x, y).sum())
+
+    def derivatives(self, parameters: Array) -> tuple[Array, Array]:
+        """The derivatives of the area by the parameters of all nodes, and its second ones, shape ``(nodes,)`` each.
+
+        The second ones are those of a parabola, whose area is like the third power of the length of the edge.
+        """
+        lengths, (x, y, x_t, y_t) = self._pieces(parameters)
+        slopes, bends = np.zeros_like(parameters), np.zeros_like(parameters)
+        areas = areas_between(x, y)
+        second = np.divide(6.0 * areas, lengths**2, out=np.zeros_like(areas), where=lengths != 0.0)
+        for end, share in enumerate((1.0 - np.array(PLACES), np.array(PLACES))):
+            slides = np.isnan(self.fixed[:, end])
+            nodes, changes = self.nodes[slides, end], changes_of_areas(x, y, share * x_t, share * y_t)
+            np.add.at(slopes, nodes, changes[slides])
+            np.add.at(bends, nodes, second[slides])
+        return slopes, bends
+
+    def _pieces(self, parameters: Array) -> tuple[Array, tuple[Array, Array, Array, Array]]:
+        """How far the parameter goes along each edge, and the curve at the places between its ends."""
         begins, ends = np.where(np.isnan(self.fixed), parameters[self.nodes], self.fixed).T
-        t = begins[:, None] + np.multiply.outer(ends - self.turns - begins, PLACES)
-        x, y, _, _ = self.curve.evaluate(t)
-        return area_between(x, y)
+        lengths = ends - self.turns - begins
+        return lengths, self.curve.evaluate(begins[:, None] + np.multiply.outer(lengths, PLACES))

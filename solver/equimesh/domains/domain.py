@@ -333,15 +333,21 @@ MAX_MORE_SHARE = 0.25
 """A mesh may cut off this share of the area more than the initial mesh; or twice as much, where that is more."""
 
 
-def area_between(x: Array, y: Array) -> float:
-    """The area between pieces of curves and their chords, on either side of these.
+def areas_between(x: Array, y: Array) -> Array:
+    """The areas between pieces of curves and their chords, on either side of these, shape ``(pieces,)``.
 
     The points of a piece at the ``PLACES`` are a row of ``x`` and ``y``, of shape ``(pieces, 5)``. The rule is exact
     for a parabola.
     """
-    along_x, along_y = x[:, -1:] - x[:, :1], y[:, -1:] - y[:, :1]
-    heights = np.abs((x - x[:, :1]) * along_y - (y - y[:, :1]) * along_x)
-    return float((heights @ np.array(WEIGHTS)).sum())
+    x, y = x - x[:, :1], y - y[:, :1]
+    return np.asarray(np.abs(x * y[:, -1:] - y * x[:, -1:]) @ np.array(WEIGHTS))
+
+
+def changes_of_areas(x: Array, y: Array, d_x: Array, d_y: Array) -> Array:
+    """The derivatives of :func:`areas_between` where the points move by ``d_x`` and ``d_y``, of the same shape."""
+    x, y, d_x, d_y = (part - part[:, :1] for part in (x, y, d_x, d_y))
+    changes = d_x * y[:, -1:] + x * d_y[:, -1:] - d_y * x[:, -1:] - y * d_x[:, -1:]
+    return np.asarray((np.sign(x * y[:, -1:] - y * x[:, -1:]) * changes) @ np.array(WEIGHTS))
 
 
 def cut_off(domain: Domain, begins: Array, ends: Array) -> float:
@@ -351,7 +357,7 @@ def cut_off(domain: Domain, begins: Array, ends: Array) -> float:
     """
     s, t = (np.multiply.outer(one, 1.0 - np.array(PLACES)) + np.multiply.outer(two, PLACES)
             for one, two in zip(begins, ends, strict=True))  # fmt: skip
-    return area_between(*domain.map(s, t))
+    return float(areas_between(*domain.map(s, t)).sum())
 
 
 def most_cut_off(first: float, area: float) -> float:

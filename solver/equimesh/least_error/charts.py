@@ -240,6 +240,15 @@ class CurveChart:
             self._chords = [chords for chords in found if chords is not None]
         return math.fsum(chords.cut_off(parameters) for chords in self._chords)
 
+    def add_cut_off(self, mesh: Array, weight: float, gradient: Array, blocks: Array) -> None:
+        """Add ``weight`` times the derivatives of :meth:`cut_off`, which was called before, by the parameters."""
+        parameters = self.parameters(mesh)
+        for chords in self._chords or ():
+            slopes, bends = chords.derivatives(parameters)
+            for _, nodes, speed in self._curves:
+                gradient[0, nodes] += weight / speed * slopes[nodes]
+                blocks[0, nodes] += weight / speed**2 * bends[nodes]
+
     def pulled(self, mesh: Array, moves: Array) -> Array:
         """The moves of the unknowns at ``mesh`` for small ``moves`` of the nodes, both of shape ``(2, nodes)``.
 

@@ -13,7 +13,7 @@ from equimesh.domains.domain import most_cut_off
 from equimesh.fields.expression import Field
 from equimesh.least_error import kernels, lagrange
 from equimesh.least_error.cells import Cells, Region
-from equimesh.least_error.charts import Chart, DomainChart
+from equimesh.least_error.charts import Chart, CurveChart, DomainChart
 from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Rule, Smoothness, Values
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
@@ -26,6 +26,8 @@ BACK_SHARES = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
 """Shares of the way back to the initial mesh that are tried for a mesh that cuts too much off the domain."""
 ROUNDING_SHARE = 1e-13
 """The share of the largest value of u below which its error is rounding; of the gradient, times ten over a spacing."""
+CUT_OFF_WEIGHT = 30.0
+"""The weight of the share of the area that is cut off a domain of blocks, next to the logarithm of the error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,11 +77,12 @@ class Sums:
 
 
 class Objective:
-    """``log |e| + distortion mean((r^2 - 1) / 2) + smoothness sum(b^2) / 2`` of the meshes of a chart.
+    """``log |e| + distortion mean((r^2 - 1) / 2) + smoothness sum(b^2) / 2 + 30 c`` of the meshes of a chart.
 
     ``|e|`` is the norm of the interpolation error. r is the distortion of a corner relative to the mesh ``start``: 1
     for a similar one, unbounded towards a fold. b are the second differences of the displacement from the start along
-    lines of nodes. The logarithm makes the objective independent of the units of u. Where it is at most that of the
+    lines of nodes. c is the share of the area that is cut off between blocks and their curves, beyond that of the
+    initial mesh. The logarithm makes the objective independent of the units of u. Where it is at most that of the
     start, the error is at most that of the start: the other terms are 0 there, and nowhere negative.
 
     Meshes are arrays of the unknowns of the ``chart``, of shape ``(2, nodes)``.
@@ -108,6 +111,7 @@ class Objective:
         """The squared error of further cells that do not change."""
         self.rounding = self._rounding()
         self._initial, self._most_cut_off = start, math.inf
+        self._cut_off_weight, self._first_cut_off = 0.0, 0.0
 
     @property
     def weights(self) -> Weights:
@@ -135,6 +139,7 @@ class Objective:
         )
         if self._most_cut_off < math.inf:
             local.bound_cut_off(np.ascontiguousarray(self._initial[:, region.nodes]), share)
+            local._cut_off_weight = 0.0  # regions have common edges: their sums have no part of it
         return local
 
     def bound_cut_off(self, initial: Array, scale: float) -> None:
@@ -144,7 +149,10 @@ class Objective:
         same map cuts off as many times as much. For a part of the mesh it is its share of the cells.
         """
         self._initial = initial
-        self._most_cut_off = most_cut_off(self._chart.cut_off(initial, self.cells.sides), scale * self._chart.area)
+        self._first_cut_off = self._chart.cut_off(initial, self.cells.sides)
+        self._most_cut_off = most_cut_off(self._first_cut_off, scale * self._chart.area)
+        if isinstance(self._chart, CurveChart):
+            self._cut_off_weight = CUT_OFF_WEIGHT / (scale * self._chart.area)
 
     @property
     def length(self) -> float:
@@ -213,7 +221,8 @@ class Objective:
         nodes, count = self.nodes(mesh), self.cells.count
         if not kernels.smallest_share(nodes, self._first) > (0.0 if floor is None else floor):
             return None
-        if floor is not None and self._cuts_off_much(mesh):
+        cut_off = self._chart.cut_off(mesh, self.cells.sides) if self._most_cut_off < math.inf else 0.0
+        if floor is not None and cut_off > self._most_cut_off:
             return None
         square = self._squared_error(nodes) + self.beyond
         if square < 0.0 or not self.rounding < math.sqrt(square) < math.inf:  # folded cells count negative
@@ -225,7 +234,10 @@ class Objective:
             return None
         obliqueness = self._obliqueness(nodes, 2.0 * square / (4 * count)) / (4 * count)
         smoothness, gradient, blocks = self._finished(mesh, 0.5 / square)
-        value = 0.5 * math.log(square) + self._weights.distortion * distortion + obliqueness
+        more = self._cut_off_weight * (cut_off - self._first_cut_off)
+        if more > 0.0 and isinstance(self._chart, CurveChart):
+            self._chart.add_cut_off(mesh, self._cut_off_weight, gradient, blocks)
+        value = max(0.0, more) + 0.5 * math.log(square) + self._weights.distortion * distortion + obliqueness
         return Evaluation(
             value=value + self._weights.smoothness * smoothness,
             error=math.sqrt(square),

@@ -143,7 +143,7 @@ MIN_SILENT_JACOBIAN = 1e-6
 # Faces with a larger angle, in degrees, deserve a warning: corrections of fluxes diverge there.
 MAX_SILENT_ANGLE = 60.0
 # Cells that cut off more of a domain at its curved sides, as a share, deserve a warning.
-MAX_SILENT_CUT_OFF = 0.05
+MAX_SILENT_CUT_OFF = 0.01
 # A mesh is uniform when no coordinate of a node is further from the uniform mesh, as a share of the spacing.
 MAX_UNIFORM_MOVE = 0.01
 # Every so many nodes are compared with it first.

@@ -159,6 +159,11 @@ def test_longer_edges_cut_off_more_also_beyond_the_begin_of_the_circle() -> None
     moved = CHORD_ANGLES + 0.9 * np.sin(CHORD_ANGLES) + 2.0
     lengths = np.diff(np.append(moved, moved[0] + 2.0 * math.pi))
     assert found.cut_off(moved) == pytest.approx(0.5 * float((lengths - np.sin(lengths)).sum()), rel=1e-2)
+    slopes, bends = found.derivatives(moved)
+    steps = 1e-4 * np.eye(COUNT)
+    before, here, after = (np.array([found.cut_off(moved + k * step) for step in steps]) for k in (-1, 0, 1))
+    assert slopes == pytest.approx((after - before) / 2e-4, rel=1e-5, abs=1e-9)
+    assert bends == pytest.approx((after - 2.0 * here + before) / 1e-8, rel=0.1, abs=1e-3)
 
 
 def test_lines_and_nodes_elsewhere_have_none() -> None:

@@ -55,6 +55,12 @@ def test_meshes_of_blocks_are_measured_on_their_curves() -> None:
     assert measure_cut_off(straight, straight.mesh) == CutOff(share=0.0, initial=0.0)
 
 
+def test_long_cells_follow_their_curve() -> None:
+    found = em.solve(em.Problem(monitor=em.LeastError(u="tanh(20*(x - 0.3))"), domain=ring(1000)))
+    assert found.cut_off.share < 0.02  # 0.085 without a weight
+    assert found.gain > 60.0
+
+
 def test_a_mesh_beyond_the_bound_is_no_gain_and_is_not_kept() -> None:
     problem = em.Problem(monitor=em.LeastError(u=PEAK), domain=RING, grid=em.Grid(n_xi=17, n_eta=17))
     found = em.solve(problem)
