@@ -33,6 +33,7 @@ MESH_SUFFIXES = tuple(SUFFIXES)
 SECOND_ORDER = (".vtu", ".hdf", ".msh", ".inp", ".ism", ".re2", ".specfem.zip")
 PART_SUFFIXES = (".pvtu", ".vtkhdf")
 PLOT_SUFFIXES = (".png", ".svg")
+LEAST_POINTS = 25
 PLOT_KINDS = ("mesh", "quality", "convergence", "comparison")
 
 
@@ -202,6 +203,8 @@ def _check_target(options: argparse.Namespace) -> None:
     if options.points is not None:
         if has_n or options.target_error is not None:
             raise CommandError("--points takes the place of -n, --n-eta and --target-error: give one of them")
+        if options.points < LEAST_POINTS:
+            raise CommandError(f"--points {options.points}: give at least {LEAST_POINTS}, 5 points a direction")
     elif options.target_error is None:
         if options.target_norm is not None:
             raise CommandError("--target-norm is the norm of a target; add --target-error, e.g. --target-error 1e-4")

@@ -117,7 +117,7 @@ class Blocks:
         y: tuple[float, float] = (0.0, 1.0),
         cells: tuple[int, int] = (32, 32),
         *,
-        points: Iterable[tuple[float, float]] = (),
+        points: Iterable[tuple[float, float]] | None = None,
         curves: Mapping[str, Any] | None = None,
         layers: Mapping[str, Any] | None = None,
         folder: Path | str | None = None,
@@ -134,7 +134,9 @@ class Blocks:
         it has.
         """
         with between_fixed_lines():
-            return cls.of(fixed_rectangle(x, y, cells, tuple(points), curves, layers, folder))
+            return cls.of(
+                fixed_rectangle(x, y, cells, points if points is None else tuple(points), curves, layers, folder)
+            )
 
     @classmethod
     def of_mesh(

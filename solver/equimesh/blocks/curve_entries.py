@@ -26,9 +26,9 @@ from equimesh_schema.document import is_number, is_whole
 SHOWN = 40
 
 
-def members(value: object, field: str, known: Collection[str]) -> Mapping[str, Any]:
+def members(value: object, field: str, known: Collection[str], such: str = "") -> Mapping[str, Any]:
     """``value`` as an object with no other members than the ``known`` ones."""
-    found = mapping(value, field)
+    found = mapping(value, field, such)
     for name in found:
         if name not in known:
             message = f"{place(field)} has a member {name[:SHOWN]!r} that is not known: {', '.join(known)} are"
@@ -36,23 +36,28 @@ def members(value: object, field: str, known: Collection[str]) -> Mapping[str, A
     return found
 
 
-def mapping(value: object, field: str) -> Mapping[str, Any]:
-    """``value`` as an object whose names are texts."""
+def mapping(value: object, field: str, such: str = "") -> Mapping[str, Any]:
+    """``value`` as an object whose names are texts, ``such`` as an example."""
     if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
-        raise InputError(f"{place(field)} is {describe_value(value)}: it must be an object", field=field)
+        raise InputError(f"{place(field)} is {describe_value(value)}: it must be an object{such}", field=field)
     return value
 
 
-def named(value: object, field: str, what: str) -> Mapping[str, Any]:
+def named(value: object, field: str, what: str, such: str = "") -> Mapping[str, Any]:
     """``value`` as an object whose members are named by the caller; ``what`` each of them is."""
-    found = mapping(value, field)
+    found = mapping(value, field, such)
     for name in found:
         check_name(name, what, field)
     return found
 
 
 def entries(value: object, field: str, *, count: int | None = None, what: str = "a list") -> Sequence[Any]:
-    """``value`` as a list, of ``count`` entries where that is given; ``what`` it must be is said where it is none."""
+    """``value`` as a list, of ``count`` entries where that is given; ``what`` it must be is said where it is none.
+
+    An array is a list of its rows.
+    """
+    if isinstance(value, np.ndarray) and value.ndim:
+        value = value.tolist()
     if isinstance(value, str) or not isinstance(value, Sequence):
         raise InputError(f"{place(field)} is {describe_value(value)}: it must be {what}", field=field)
     if count is not None and len(value) != count:

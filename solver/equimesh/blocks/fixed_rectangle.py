@@ -38,6 +38,10 @@ CROSSINGS, CROSSED = 400, 1e-9
 PLACES, NEWTON_STEPS = 257, 8
 WANTED_CELLS = "two numbers, those along x and along y, such as (32, 32)"
 REMEDY = "take more cells, or fewer of them"
+# Examples of what is given by name.
+LAYER = ", such as {'first': 0.001, 'growth': 1.2, 'count': 5}"
+LAYERS = ", such as {'bottom': {'first': 0.001}}"
+CURVES = ", such as {'interface': {'x': 't', 'y': '0.5'}}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +55,7 @@ class Layers:
     @classmethod
     def of(cls, value: object, where: str) -> Layers:
         """The layers of an entry."""
-        entry = members(value, where, ("first", "growth", "count"))
+        entry = members(value, where, ("first", "growth", "count"), LAYER)
         return cls(
             first=number(entry.get("first"), f"{where}.first", positive=True),
             growth=number(entry.get("growth", 1.2), f"{where}.growth", positive=True),
@@ -350,7 +354,7 @@ def fixed_rectangle(
     x: object = (0.0, 1.0),
     y: object = (0.0, 1.0),
     cells: object = (32, 32),
-    points: object = (),
+    points: object = None,
     curves: object = None,
     layers: object = None,
     folder: Path | str | None = None,
@@ -365,7 +369,10 @@ def fixed_rectangle(
             raise InputError(f"{name} = [{low:g}, {high:g}]: give two numbers that increase", field=f"domain.{name}")
     counts = entries(cells, "domain.cells", count=2, what=WANTED_CELLS)
     along_x, along_y = (whole(n, f"domain.cells[{k}]", MAX_CELLS) for k, n in enumerate(counts))
-    places = [point(at, f"domain.points[{k}]") for k, at in enumerate(entries(points, "domain.points"))]
+    places = [
+        point(at, f"domain.points[{k}]")
+        for k, at in enumerate(entries(() if points is None else points, "domain.points"))
+    ]
     if len(places) > MAX_POINTS:
         raise InputError(f"{len(places)} points: {MAX_POINTS} are possible; take fewer", field="domain.points")
     for k, at in enumerate(places):
@@ -381,9 +388,9 @@ def fixed_rectangle(
     given = (
         {}
         if curves is None
-        else with_points(named(curves, "domain.curves", "a curve"), None if folder is None else Path(folder))
+        else with_points(named(curves, "domain.curves", "a curve", CURVES), None if folder is None else Path(folder))
     )
-    of = members({} if layers is None else layers, "domain.layers", SIDES)
+    of = members({} if layers is None else layers, "domain.layers", SIDES, LAYERS)
     found = Fixed(
         box=box,
         cells=(along_x, along_y),

@@ -246,6 +246,17 @@ SLIDING_NODES = "the nodes on the curves of blocks slide for the least error: le
 """Why a boundary condition is refused on blocks."""
 
 
+def require_domain(domain: object) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for what is neither a domain with four sides nor one of blocks."""
+    if not isinstance(domain, Blocks) and not all(
+        callable(getattr(domain, name, None)) for name in ("map", "jacobian")
+    ):
+        raise InputError(
+            f"domain = {str(domain)[:40]!r} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
+            field="domain",
+        )
+
+
 @dataclass(frozen=True)
 class Problem(Generic[D]):
     """A mesh of ``domain``, by ``monitor``.
@@ -288,11 +299,7 @@ class Problem(Generic[D]):
                 f"monitor = {str(self.monitor)[:40]!r} is no monitor: give one, such as ArcLength(u=...)",
                 field="monitor",
             )
-        if not (callable(getattr(self.domain, "map", None)) and callable(getattr(self.domain, "jacobian", None))):
-            raise InputError(
-                f"domain = {str(self.domain)[:40]!r} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
-                field="domain",
-            )
+        require_domain(self.domain)
         if is_closed(self.domain) and isinstance(self.monitor, NodalSolution):
             raise InputError(NO_NODAL_SOLUTION, field="monitor")
 

@@ -58,7 +58,8 @@ def draw_comparison(comparison: UniformComparison, path: str | Path) -> None:
 
     Every cell has the colour of its interpolation error, the root mean square of ``u - u_h`` in the unit of u. The
     colours are even in the logarithm, and the same for both meshes. Cells without a finite error, those of a folded
-    mesh, are grey. Where there is no u, the cells have no colours. ``comparison`` is that of
+    mesh, are grey. Where there is no u, or all errors are rounding, the cells
+    have no colours. ``comparison`` is that of
     :attr:`equimesh.Solution.against_uniform`; ``path`` ends in ``.png`` or ``.svg``.
     """
     meshes = (comparison.uniform, comparison.adapted)
@@ -70,13 +71,14 @@ def draw_comparison(comparison: UniformComparison, path: str | Path) -> None:
     side = min((WIDTH / columns - GAP) * height / width, MAX_SIDE)
     with figure_file(path, WIDTH, rows * (side + GAP) + BELOW) as figure:
         panels = figure.subplots(rows, columns)
-        scale = colours_of([compared.error for compared in meshes if compared.error is not None])
-        for axes, compared, name in zip(panels, meshes, (first, "adapted"), strict=True):
-            drawn = draw_cells(axes, compared.mesh, compared.error, scale)
+        errors = [None if comparison.is_exact else compared.error for compared in meshes]
+        scale = colours_of([error for error in errors if error is not None])
+        for axes, compared, error, name in zip(panels, meshes, errors, (first, "adapted"), strict=True):
+            drawn = draw_cells(axes, compared.mesh, error, scale)
             axes.set_title(name, fontsize=15)
             axes.set_aspect("equal")
             axes.set_axis_off()
-        if comparison.interpolation is not None:
+        if errors[0] is not None:
             bar = figure.colorbar(drawn, ax=panels, location="bottom", fraction=0.06, aspect=45, pad=0.02)
             bar.set_label("interpolation error of u in the cell", fontsize=12)
             bar.outline.set_visible(False)
@@ -91,6 +93,8 @@ def words(comparison: UniformComparison) -> str:
         return f"No u is given, so there is no error to compare ({points})"
     if gain is None:
         return f"The mesh is folded, and has no error ({points})"
+    if comparison.is_exact:
+        return f"u is interpolated exactly on both meshes, to rounding ({points})"
     if max(gain, 1.0 / gain if gain > 0.0 else math.inf) <= SAME:
         return f"the same interpolation error, with the same {points}"
     if gain > 1.0:

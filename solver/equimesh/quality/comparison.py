@@ -54,6 +54,11 @@ class UniformComparison:
     """The errors on both meshes, and their ratios, the gains; ``None`` where there is no u."""
 
     @property
+    def is_exact(self) -> bool:
+        """Whether the errors on both meshes are rounding, so that no gain is told."""
+        return self.interpolation is not None and self.interpolation.is_exact
+
+    @property
     def gain(self) -> float | None:
         """The L2 error on the uniform mesh over the L2 error on this mesh.
 

@@ -81,6 +81,11 @@ class InterpolationErrors:
         """``h1_uniform / h1``, NaN where the norm is not resolved."""
         return self.estimated_gain("h1") if self.resolved[1] else math.nan
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether the L2 errors on both meshes are rounding."""
+        return max(self.l2, self.l2_uniform) <= self.rounding[0]
+
     def estimated_gain(self, norm: str) -> float:
         """The gain in ``norm``, ``"l2"`` or ``"h1"``, by the best estimate of the errors: also where not resolved."""
         if norm == "l2":

@@ -173,23 +173,23 @@ def warnings(
         return
     yield from _about_noise(problem.monitor.u)
     yield from _about_jumps(problem.monitor.u)
-    yield from _about_resolution(errors)
+    more = "Add grid points" if is_grid else "Give the blocks more cells"
+    yield from _about_resolution(errors, more)
     if status.succeeded:
         yield from _about_thin_cells(meshes[0].min_jacobian / (problem.domain.area if is_grid else 1.0))
-        yield from _about_structure(problem, meshes, errors, relaxed)
-        yield from about_cut_off(measure_cut_off(problem.domain, meshes[1]))
+        yield from _about_structure(problem, meshes, errors, relaxed, more)
+        yield from about_cut_off(measure_cut_off(problem.domain, meshes[1]), more)
     yield from _about_gains(errors, other)
     yield from about_degrees(gains, errors, other)
 
 
-def about_cut_off(cut: CutOff) -> Iterator[str]:
-    """A warning about long cells, which cut off the curved sides of a domain."""
+def about_cut_off(cut: CutOff, more: str) -> Iterator[str]:
+    """A warning about long cells, which cut off the curved sides of a domain; ``more`` begins the remedy."""
     if cut.is_much or cut.share > MAX_SILENT_CUT_OFF:
         yield (
             f"Between the curved sides of the domain and the cells lie {_percent(cut.share)} of its area,"
             f" {_percent(cut.initial)} with the mesh before adapting, since long cells cut the sides off. The error is"
-            " measured on the cells alone, and the gain can be flattered: add grid points along the curved sides, or"
-            " raise distortion."
+            f" measured on the cells alone, and the gain can be flattered. {more}, or raise distortion."
         )
 
 
@@ -233,17 +233,21 @@ def _about_thin_cells(smallest: float) -> Iterator[str]:
         )
 
 
-def _about_resolution(errors: InterpolationErrors) -> Iterator[str]:
+def _about_resolution(errors: InterpolationErrors, more: str) -> Iterator[str]:
     if not all(errors.resolved):
         names = [name for name, known in zip(("L2", "H1"), errors.resolved, strict=True) if not known]
         yield (
             f"A layer, a jump or a kink of u lies inside a cell: the {' and the '.join(names)} gain is not known, as"
-            " two rules of quadrature do not agree. Add grid points, or replace a jump by a steep tanh."
+            f" two rules of quadrature do not agree. {more}, or replace a jump by a steep tanh."
         )
 
 
 def _about_structure(
-    problem: Problem[Any], meshes: tuple[AnyMesh, AnyMesh], errors: InterpolationErrors, relaxed: Sequence[Relaxed]
+    problem: Problem[Any],
+    meshes: tuple[AnyMesh, AnyMesh],
+    errors: InterpolationErrors,
+    relaxed: Sequence[Relaxed],
+    more: str,
 ) -> Iterator[str]:
     """Warnings of features of u that the monitor or the grid misses."""
     mesh, reference = meshes
@@ -259,17 +263,17 @@ def _about_structure(
     elif uniform:
         yield from _about_uniformity(problem, mesh, u, errors, relaxed)
     else:
-        yield from _about_large_errors(errors)
+        yield from _about_large_errors(errors, more)
 
 
-def _about_large_errors(errors: InterpolationErrors) -> Iterator[str]:
+def _about_large_errors(errors: InterpolationErrors, more: str) -> Iterator[str]:
     if errors.largest is None:
         return
     (error, x, y), variation = errors.largest, errors.variation
     if error > MAX_ERROR_SHARE * variation and error > errors.rounding[0]:
         yield (
             f"Between the nodes near (x, y) = ({x:.4g}, {y:.4g}) u differs from its interpolant by"
-            f" {_percent(error / variation)} of its range: the grid does not resolve it. Add grid points."
+            f" {_percent(error / variation)} of its range: the mesh does not resolve it. {more}."
         )
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
-from equimesh.equations.problem import Problem
+from equimesh.equations.problem import Problem, require_domain
 from equimesh.errors import InputError
 from equimesh.fields.expression import Expression, Field
 from equimesh.meshes.mesh import Grid
@@ -78,6 +78,7 @@ def mesh(
         raise InputError(f"monitor = {monitor!r:.40}: choose one of {', '.join(KINDS)}{rest}", field="monitor")
     formula = {name: settings.pop(name) for name in ("parameters", "t") if name in settings}
     _require_known(make, monitor, settings)
+    require_domain(domain)
     function = field_of(u, domain, **formula)
     problem: Problem[Any]
     if isinstance(domain, Blocks):

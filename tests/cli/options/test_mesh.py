@@ -54,6 +54,7 @@ def test_files_of_second_order_are_those_that_the_service_writes() -> None:
         (["x", "-n", "9", "--target-error", "1e-3"], "--target-error takes the place of -n"),
         (["x", "--target-norm", "h1"], "add --target-error"),
         (["x", "--points", "99", "-n", "9"], "--points takes the place of -n"),
+        (["x", "--points", "4"], "--points 4: give at least 25"),
         (["x", "-a", "0.5"], "-a is for --monitor arc-length, and this is --monitor auto"),
         (["x", "--smoothing", "0.1"], "--smoothing is for --monitor arc-length or curvature"),
         (["x", "--distortion", "1"], "--distortion is for --monitor least-error, and this is --monitor auto"),

@@ -117,6 +117,8 @@ def test_edges_of_the_boundary_and_doubled_ones_are_refused() -> None:
     ("given", "field", "sentence"),
     [
         ({"points": [(0.3, 0.4), (0.3, 0.4)]}, "domain.points[1]", "there twice"),
+        ({"curves": [[0, 1]]}, "domain.curves", "such as {'interface'"),
+        ({"layers": {"left": 0.1}}, "domain.layers.left", "such as {'first'"),
         ({"points": [(2, 2)]}, "domain.points[0]", r"points\[0\] = \(2, 2\) is not inside .* x from 0 to 1"),
         ({"curves": {"a": {"x": "t", "y": "2"}}}, "domain.curves.a", "let it run inside"),
         ({"cells": 8}, "domain.cells", "two numbers, those along x and along y"),
@@ -179,7 +181,7 @@ def test_documents_have_it_as_a_domain() -> None:
 
 
 def test_without_anything_fixed_it_is_one_block() -> None:
-    plain = em.Blocks.rectangle((0, 2), (1, 2), (8, 4))
+    plain = em.Blocks.rectangle((0, 2), np.array([1, 2]), np.array([8, 4]), points=None)
     assert len(plain.mesh.blocks) == 1
     assert plain.box == ((0.0, 2.0), (1.0, 2.0))
     assert list(plain.mesh.sides) == ["left", "right", "bottom", "top"]

@@ -162,6 +162,13 @@ def test_the_gain_is_told_in_words_below_the_picture(gain: float | None, told: s
     assert ("interpolation error of u" in texts(tmp_path / "pair.svg")) == (gain is not None)
 
 
+def test_errors_of_rounding_have_no_gain_and_no_colours(tmp_path: Path) -> None:
+    comparison = em.mesh("x", 9).against_uniform
+    draw_comparison(comparison, tmp_path / "exact.svg")
+    assert words(comparison) == "u is interpolated exactly on both meshes, to rounding (9 × 9 points)"
+    assert "interpolation error of u" not in texts(tmp_path / "exact.svg")
+
+
 def test_a_folded_mesh_has_grey_cells_and_no_gain(tmp_path: Path) -> None:
     comparison = compared()
     assert comparison.interpolation is not None

@@ -66,7 +66,7 @@ def test_a_monitor_whose_units_hide_u_is_told_of() -> None:
 def test_structure_between_the_nodes_is_told_of_with_its_place() -> None:
     said = warnings(arc(SPIKE))[0]
     assert said.startswith("Between the nodes near (x, y) = (0.5")
-    assert "99 % of its range: the grid does not resolve it" in said
+    assert "99 % of its range: the mesh does not resolve it. Add grid points" in said
 
 
 @pytest.mark.parametrize(
@@ -163,6 +163,12 @@ def test_quadratic_elements_are_warned_of_a_mesh_for_bilinear_ones_where_they_lo
     assert float(warning.partition("than on the uniform one, about ")[2].partition(" times for quadratic")[0]) > 4
     assert " times for cubic elements. If your elements are such" in warning
     assert said(FRONT) == []
+
+
+def test_a_narrow_peak_on_blocks_needs_more_cells() -> None:
+    peak = em.LeastError(u="exp(-20000*((x - 0.37)^2 + (y - 0.61)^2))")
+    solution = em.solve(em.Problem(monitor=peak, domain=em.Blocks.rectangle(cells=(12, 12))))
+    assert "the mesh does not resolve it. Give the blocks more cells." in " ".join(solution.certificate.warnings)
 
 
 def test_quadratic_elements_on_blocks_are_compared_with_the_initial_mesh() -> None:
