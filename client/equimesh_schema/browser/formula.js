@@ -319,7 +319,20 @@ function parse(text, names) {
 }
 
 // Components of a value or of a derivative: an array over the points, one number for all of them, or null for zero.
-// The loops write into arrays of a pool, which lives until the next evaluation.
+// The loops write into arrays of a pool, which lives until the next evaluation, of any formula, at as many points.
+
+/** A function that keeps what it made for the last few sizes: a key in a formula allocates no array anew. */
+export function keeping(make, most = 16) {
+  const known = new Map();
+  return (...sizes) => {
+    const key = sizes.join(" ");
+    if (!known.has(key) && known.size === most) known.clear();
+    if (!known.has(key)) known.set(key, make(...sizes));
+    return known.get(key);
+  };
+}
+
+const poolFor = keeping(createPool);
 
 function createPool(size) {
   const arrays = [];
@@ -526,7 +539,7 @@ const OPERATORS = {
 
 /**
  * A formula as a function of points: `evaluate(x, y)` gives arrays `[u, u_x, u_y]`, which the next evaluation at as
- * many points overwrites.  `names` are those that occur, with their values in `constants`: the parameters, and t.
+ * many points overwrites, of this or another formula; `values(x, y)` gives u alone, in a third of the time.  `names` are those that occur, with their values in `constants`: the parameters, and t.
  *
  * Throws a `FormulaError` for a text that is not in the language.
  *
@@ -538,22 +551,21 @@ export function compile(text, constants = {}, variables = ["x", "y"]) {
   const known = { t: 0, ...constants, pi: Math.PI, e: Math.E };
   for (const name of variables) delete known[name];
   const { operations, result } = parse(text, new Set([...variables, ...Object.keys(known)]));
-  const pools = new Map();
-  const leaf = { x: (x) => [x, 1, null], y: (_, y) => [y, null, 1] };
-  const places = Object.fromEntries(variables.map((name, k) => [name, k ? leaf.y : leaf.x]));
 
-  function evaluate(x, y) {
-    if (!pools.has(x.length)) pools.set(x.length, createPool(x.length));
-    const pool = pools.get(x.length);
+  // Without slopes of the coordinates nothing has any: all of them are null, and no loop computes them.
+  function run(x, y, slope) {
+    const leaves = { [variables[0]]: [x, slope, null], [variables[1]]: [y, null, slope] };
+    const pool = poolFor(x.length);
     pool.reset();
     const values = [];
     for (const [name, ...given] of operations) {
       if (name === "number") values.push([given[0], null, null]);
-      else if (name === "name") values.push(places[given[0]]?.(x, y) ?? [known[given[0]], null, null]);
+      else if (name === "name") values.push(leaves[given[0]] ?? [known[given[0]], null, null]);
       else values.push((OPERATORS[name] ?? FUNCTIONS[name])(pool, ...given.map((k) => values[k])));
     }
-    return values[result].map((component) => (component instanceof Float64Array ? component : pool.take().fill(value(component))));
+    const filled = (component) => (component instanceof Float64Array ? component : pool.take().fill(value(component)));
+    return slope === null ? [filled(values[result][0])] : values[result].map(filled);
   }
   const names = operations.filter(([name]) => name === "name").map(([, name]) => name);
-  return { text, names, constants: known, evaluate };
+  return { text, names, constants: known, evaluate: (x, y) => run(x, y, 1), values: (x, y) => run(x, y, null)[0] };
 }

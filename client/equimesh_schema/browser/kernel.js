@@ -3,7 +3,7 @@
 // Nodes (i, j) of a grid of n x m points have the number i m + j.  A mesh is `{s, t}`, its coordinates on the reference
 // square; a domain maps these to x and y.  Every mesh that is given is valid: all corners of its cells are positive.
 
-import { FormulaError, compile } from "./formula.js";
+import { FormulaError, compile, keeping } from "./formula.js";
 
 export { FormulaError, compile };
 
@@ -158,11 +158,11 @@ function ruleOf(coarse, fine, isCubic) {
 const cornersOf = (i, j, m) => [i * m + j, (i + 1) * m + j, (i + 1) * m + j + 1, i * m + j + 1];
 
 // The corners of all cells, four after four.
-function cellsOf(n, m) {
+const cellsOf = keeping((n, m) => {
   const cells = new Int32Array(4 * (n - 1) * (m - 1));
   for (let i = 0, at = 0; i < n - 1; i += 1) for (let j = 0; j < m - 1; j += 1, at += 4) cells.set(cornersOf(i, j, m), at);
   return cells;
-}
+});
 
 function cornerAt(x, y, cells, c, k) {
   const p = cells[c + k], a = cells[c + ((k + 1) & 3)], b = cells[c + ((k + 3) & 3)];
@@ -213,6 +213,7 @@ function quadrature(x, y, cells, element, at) {
   return at;
 }
 
+const pointsOf = keeping((count) => pointsFor(count, ELEMENTS[4]));
 const pointsFor = (count, element) => ({ x: new Float64Array(count * element.length), y: new Float64Array(count * element.length) });
 
 /**
@@ -229,21 +230,19 @@ export function errorOf(u, domain, mesh, [n, m]) {
   const cells = cellsOf(n, m);
   const element = ELEMENTS[4];
   const count = cells.length / 4;
-  const nodal = u.evaluate(x, y)[0].slice();
-  const at = quadrature(x, y, cells, element, pointsFor(count, element));
-  const [exact] = u.evaluate(at.x, at.y);
+  const nodal = u.values(x, y).slice();
+  const at = quadrature(x, y, cells, element, pointsOf(count));
+  const exact = u.values(at.x, at.y);
   const squares = new Float64Array(count);
-  element.forEach(({ weight, shape, alongS, alongT }, q) => {
+  element.forEach(({ weight, shape: [n0, n1, n2, n3], alongS, alongT }, q) => {
+    const s0 = alongS[0], s2 = alongS[2], t0 = alongT[0], t2 = alongT[2];
     for (let c = 0; c < count; c += 1) {
-      let e = -exact[q * count + c], x_s = 0, x_t = 0, y_s = 0, y_t = 0;
-      for (let k = 0; k < 4; k += 1) {
-        const node = cells[4 * c + k];
-        e += shape[k] * nodal[node];
-        x_s += alongS[k] * x[node];
-        x_t += alongT[k] * x[node];
-        y_s += alongS[k] * y[node];
-        y_t += alongT[k] * y[node];
-      }
+      const a = cells[4 * c], b = cells[4 * c + 1], d = cells[4 * c + 2], o = cells[4 * c + 3];
+      const x_s = s2 * (x[d] - x[o]) - s0 * (x[b] - x[a]);
+      const y_s = s2 * (y[d] - y[o]) - s0 * (y[b] - y[a]);
+      const x_t = t2 * (x[d] - x[b]) - t0 * (x[o] - x[a]);
+      const y_t = t2 * (y[d] - y[b]) - t0 * (y[o] - y[a]);
+      const e = n0 * nodal[a] + n1 * nodal[b] + n2 * nodal[d] + n3 * nodal[o] - exact[q * count + c];
       squares[c] += weight * (x_s * y_t - x_t * y_s) * e * e;
     }
   });
@@ -300,7 +299,7 @@ export function* arcLength(u, shape, domain, { a = STRENGTH.a, b = STRENGTH.b, s
 // The size of the domain over the range of u.
 function rangeFactor(u, domain) {
   const [x, y] = placesOf(domain, uniform(RANGE_POINTS, RANGE_POINTS));
-  const known = u.evaluate(x, y)[0].filter(Number.isFinite);
+  const known = u.values(x, y).filter(Number.isFinite);
   const low = known.reduce((p, q) => Math.min(p, q), Infinity), high = known.reduce((p, q) => Math.max(p, q), -Infinity);
   if (!(high - low > 1e-12 * Math.max(Math.abs(low), Math.abs(high)))) return 0;
   return Math.sqrt(domain.area) / (high - low);
@@ -343,7 +342,7 @@ function metricOn(u, domain, [n, m], { a2, b, factor }) {
   const out = [new Float64Array(count), new Float64Array(count), new Float64Array(count)];
   return (mesh) => {
     const [x, y] = placesOf(domain, mesh);
-    const nodal = u.evaluate(x, y)[0];
+    const nodal = u.values(x, y);
     for (let i = 0, c = 0; i < n - 1; i += 1) for (let j = 0; j < m - 1; j += 1, c += 1) {
       const k = i * m + j;
       s[c] = (mesh.s[k] + mesh.s[k + 1] + mesh.s[k + m] + mesh.s[k + m + 1]) / 4;
@@ -922,7 +921,7 @@ export function comparison(u, domain, shape) {
   const [uniformX, uniformY] = placesOf(domain, plain);
   const before = errorOf(u, domain, plain, shape);
   if (!Number.isFinite(before.l2)) throw new FormulaError("u is not finite everywhere on the domain: keep away from its singular points");
-  const valuesAt = (x, y) => u.evaluate(x, y)[0].slice();
+  const valuesAt = (x, y) => u.values(x, y).slice();
   const uniformU = valuesAt(uniformX, uniformY);
   const cells = cellsOf(...shape);
   return ({ mesh, shape: own = shape }) => {

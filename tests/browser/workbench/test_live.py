@@ -35,6 +35,11 @@ TYPE = """async (texts) => {
   return times;
 }"""
 
+# Whether the error in the caption of the adapted mesh is smaller than in that of the uniform one.
+GAINS = """() => {
+  const [uniform, adapted] = document.querySelector("#captions").innerText.match(/[0-9.e-]+(?=\\s|$)/g).map(Number);
+  return 0 < adapted && adapted < uniform;
+}"""
 # Notes for each drawing whether it is a quick look, whether the numbers say so, and whether the headline has a gain.
 WATCH = """() => {
   window.seen = [];
@@ -112,8 +117,7 @@ def test_a_key_is_answered_by_the_page_where_the_service_is_far(visit: Callable[
     page.wait_for_selector("#stage[data-quick=true]")
     expect(page.locator("#headline")).to_contain_text("A first look that this page computes itself.")
     expect(page.locator("#status")).to_contain_text("First look of the page of 17 × 17 points")
-    uniform, adapted = (page.locator("#captions span", has_text=name).inner_text() for name in ("uniform", "adapted"))
-    assert float(uniform.rpartition(" ")[2]) > float(adapted.rpartition(" ")[2]) > 0
+    page.wait_for_function(GAINS)  # the first step from the mesh before may be worse yet
     while not held:
         page.wait_for_timeout(50)
     held[-1].continue_()

@@ -16,7 +16,8 @@ PARAMETERS = {"k": 3.0, "eps": 0.25}
 X, Y = np.array([0.1, 0.5, 0.8, 0.3]), np.array([0.2, 0.5, 0.35, 0.95])
 EVALUATE = """
 const u = kernel.compile(given.text, given.constants);
-return u.evaluate(Float64Array.from(given.x), Float64Array.from(given.y));
+const [x, y] = [Float64Array.from(given.x), Float64Array.from(given.y)];
+return [...u.evaluate(x, y).map((part) => part.slice()), u.values(x, y)];
 """
 ONE = (
     "acosh(1 + x)",
@@ -48,8 +49,10 @@ REFUSED = [
 def test_a_formula_has_the_values_and_the_gradient_of_the_service(kernel: Run, text: str) -> None:
     expected = em.Expression(text, parameters=PARAMETERS, t=0.3).evaluate(X, Y, order=1)
     given = {"text": text, "constants": {**PARAMETERS, "t": 0.3}, "x": X.tolist(), "y": Y.tolist()}
-    for mine, its in zip(kernel(EVALUATE, given), expected, strict=True):
+    *found, alone = kernel(EVALUATE, given)
+    for mine, its in zip(found, expected, strict=True):
         np.testing.assert_allclose(mine, its, rtol=1e-12, atol=1e-14)
+    np.testing.assert_array_equal(alone, found[0])
 
 
 @pytest.mark.parametrize("text", REFUSED)

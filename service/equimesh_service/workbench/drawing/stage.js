@@ -40,6 +40,9 @@ export function createStage(stage, app) {
     stage,
     overlay,
     renderer,
+    /** Pixels of the stage: to read them of the page in each frame would lay it out anew. */
+    width: stage.clientWidth,
+    height: stage.clientHeight,
     camera: createCamera(),
     mesh: null,
     errors: null,
@@ -84,7 +87,7 @@ export function createStage(stage, app) {
   let isFresh = false; // a drawing that no frame has shown
   let restTimer = 0;
   let lastDrawn = 0;
-  let paper = [1, 1, 1]; // the background
+  let paper = null; // the background, which only the theme changes
 
   function redraw() {
     if (isScheduled) return;
@@ -107,9 +110,9 @@ export function createStage(stage, app) {
     isScheduled = false;
     const { view } = app.store.get();
     arrange(self, view);
-    const ratio = canvas.width / Math.max(1, stage.clientWidth);
+    const ratio = canvas.width / Math.max(1, self.width);
     const { isMoving } = self;
-    const drawn = renderer.draw(self.panes, self.camera, { ratio, lines: view.lines, ink: null, paper, isMoving });
+    const drawn = renderer.draw(self.panes, self.camera, { ratio, lines: view.lines, ink: null, paper: paper ?? [1, 1, 1], isMoving });
     // On a slow machine movements are further apart; the time counts from a frame that was drawn.
     clearTimeout(restTimer);
     const pace = Math.min(REST, performance.now() - lastDrawn);
@@ -131,15 +134,16 @@ export function createStage(stage, app) {
 
   function resize() {
     const ratio = Math.min(MOST_RATIO, devicePixelRatio || 1);
-    canvas.width = Math.max(1, Math.round(stage.clientWidth * ratio));
-    canvas.height = Math.max(1, Math.round(stage.clientHeight * ratio));
+    Object.assign(self, { width: stage.clientWidth, height: stage.clientHeight });
+    canvas.width = Math.max(1, Math.round(self.width * ratio));
+    canvas.height = Math.max(1, Math.round(self.height * ratio));
     draw();
   }
 
   function colour() {
     if (!self.mesh) return;
     self.coloured = valuesOf(app.drawing, self.mesh, app.store.get().view.colour);
-    paper = getComputedStyle(stage).backgroundColor.match(/[\d.]+/g).slice(0, 3).map((value) => value / 255);
+    paper ??= getComputedStyle(stage).backgroundColor.match(/[\d.]+/g).slice(0, 3).map((value) => value / 255);
     self.table = tableOf(self.coloured.name, dark.matches);
     renderer.setColours({ table: self.table, ...placesOf(self.coloured, self.mesh) });
     redraw();
@@ -154,6 +158,7 @@ export function createStage(stage, app) {
     uploads += 1;
     self.camera.setBox(boxOf([mesh.x, mesh.y], [mesh.uniformX, mesh.uniformY]));
     colour();
+    if (drawing.isLocal) move(); // looks follow each other while the hand types
     isFresh = true;
   });
   app.on("busy", (isBusy) => stage.classList.toggle("busy", isBusy));
@@ -161,7 +166,10 @@ export function createStage(stage, app) {
     if (state.view.colour !== before.view.colour) colour();
     else if (state.view !== before.view) redraw();
   });
-  dark.addEventListener("change", colour);
+  dark.addEventListener("change", () => {
+    paper = null;
+    colour();
+  });
   new ResizeObserver(resize).observe(stage);
   followGestures(self);
   followCells(self, app);
@@ -171,7 +179,7 @@ export function createStage(stage, app) {
 
 // One pane, or one for each mesh: next to each other or below each other, whichever shows them larger.
 function arrange(self, view) {
-  const { clientWidth: width, clientHeight: height } = self.stage;
+  const { width, height } = self;
   const blend = self.journey ?? view.blend;
   if (view.layout !== "pair") {
     self.camera.resize(width, height - CAPTION);

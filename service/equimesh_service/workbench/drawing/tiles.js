@@ -6,18 +6,21 @@ const SIDE = 16;
 const STRIDES = [1, 2, 4, 8];
 
 /**
- * The tiles of a mesh: `indices`, three for each triangle, and `choose(camera, pane, most)`.
+ * The tiles of a mesh: its `triangles`, which another mesh of the same shape has, too, with their `indices`, three for
+ * each; and `choose(camera, pane, most)`.
  *
  * `choose` returns `{stride, ranges}`: the number of a block, and the first and the number of the indices that draw its
  * tiles in a pane.  Where these have more cells than `most`, `stride` of them in each direction are drawn as one; with 8
  * it stops.
  *
  * @param {object} mesh of `meshOf`
+ * @param {object} [known] triangles of such a mesh
  */
-export function createTiles(mesh) {
+export function createTiles(mesh, known) {
   const tiles = mesh.blocks.flatMap(tilesOf);
   const boxes = tiles.map((tile) => [boxOfTile(mesh.uniformX, mesh.uniformY, tile), boxOfTile(mesh.x, mesh.y, tile)]);
-  const { indices, starts } = trianglesOf(tiles);
+  const triangles = known ?? trianglesOf(tiles);
+  const { starts } = triangles;
 
   function choose(camera, pane, most) {
     const window = windowOf(camera, pane);
@@ -34,7 +37,7 @@ export function createTiles(mesh) {
     return { stride: STRIDES[level], ranges };
   }
 
-  return { indices, choose };
+  return { triangles, choose };
 }
 
 // The tiles of a block, row by row: its number, its first node, its columns, and the first and last node [i, j, i, j].

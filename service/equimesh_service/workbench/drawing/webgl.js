@@ -90,16 +90,16 @@ export function createWebglRenderer(canvas, gl) {
   });
 
   function setNodes(next) {
+    const shape = next.blocks.map((block) => block.shape.join(" ")).join();
     mesh = next;
-    tiles = createTiles(next);
+    tiles = createTiles(next, parts.shape === shape ? tiles.triangles : undefined);
     upload(gl, parts.buffers.adapted, interleaved(next.x, next.y));
     upload(gl, parts.buffers.uniformly, interleaved(next.uniformX, next.uniformY));
-    const shape = next.blocks.map((block) => block.shape.join(" ")).join();
     if (parts.shape === shape) return;
     parts.shape = shape;
     gl.bindVertexArray(parts.vertices);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, parts.buffers.cells);
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, tiles.indices, gl.STATIC_DRAW);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, tiles.triangles.indices, gl.STATIC_DRAW);
   }
 
   function setColours(next) {
