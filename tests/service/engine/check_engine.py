@@ -53,6 +53,12 @@ def spin(marker: str) -> None:
     sum(range(10**12))
 
 
+def sit(marker: str) -> None:
+    """A task that does not end, and leaves the processor to others."""
+    Path(marker).write_text(str(os.getpid()))
+    time.sleep(600.0)
+
+
 def die() -> None:
     """The worker's death, as by the kernel's memory killer."""
     os.kill(os.getpid(), signal.SIGKILL)

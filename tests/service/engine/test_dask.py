@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +18,7 @@ from equimesh_service.engine.port import PackedCall, PoolSettings
 from equimesh_service.errors import SchedulerLostError, WorkerLostError
 from service.clusters import ClusterProcesses, cluster_processes
 from service.conftest import until
-from service.engine.check_engine import SECONDS, add, check_engine, expect_closed, own_pid, spin
+from service.engine.check_engine import SECONDS, add, check_engine, expect_closed, own_pid, sit, spin
 from service.processes import children, free_port, runs
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
@@ -50,9 +50,9 @@ def engine_on(cluster: ClusterProcesses, settings: PoolSettings = SETTINGS) -> I
         engine.close()
 
 
-def spinning(engine: DaskEngine, marker: Path) -> tuple[Future[None], int]:
+def begun(engine: DaskEngine, marker: Path, endless: Callable[[str], None] = sit) -> tuple[Future[None], int]:
     """A task that does not end, and the process that runs it."""
-    task = engine.submit(spin, str(marker))
+    task = engine.submit(endless, str(marker))
     until(lambda: marker.exists() and marker.read_text())
     return task, int(marker.read_text())
 
@@ -68,14 +68,14 @@ def test_a_cluster_keeps_the_contract(cluster: ClusterProcesses, tmp_path: Path)
 def test_workers_join_and_leave_and_take_their_jobs_with_them(cluster: ClusterProcesses, tmp_path: Path) -> None:
     with engine_on(cluster) as engine:
         until(lambda: engine.health().workers == 2)
-        before = [spinning(engine, tmp_path / f"before{number}") for number in range(2)]
+        before = [begun(engine, tmp_path / f"before{number}") for number in range(2)]
         waiting = engine.submit(own_pid)
         time.sleep(0.5)
         assert not waiting.done(), "it has no process yet, so it waits"
         cluster.start_worker("second", "--no-nanny")
         assert waiting.result(SECONDS) not in [pid for _, pid in before]
         assert engine.health().workers == 3
-        task, pid = spinning(engine, tmp_path / "second")
+        task, pid = begun(engine, tmp_path / "second")
         left = engine.submit(own_pid)
         cluster.kill_worker("second")
         assert isinstance(task.exception(SECONDS), WorkerLostError)
@@ -94,7 +94,7 @@ def test_a_job_is_not_begun_again_by_the_worker_that_takes_the_place_of_a_lost_o
     marker = tmp_path / "marker"
     with engine_on(cluster) as engine:
         until(lambda: engine.health().ready)
-        first, pid = spinning(engine, marker)
+        first, pid = begun(engine, marker, spin)
         (worker,) = [pid for pid in children(cluster.workers["first"].pid, deep=False) if children(pid)]
         os.kill(worker, signal.SIGKILL)
         os.kill(pid, signal.SIGKILL)  # its one call lets no other thread look for the end of the worker
@@ -112,7 +112,7 @@ def test_a_lost_scheduler_gives_back_what_runs_and_what_waits_waits(tmp_path: Pa
         until(lambda: engine.health().detail.endswith("there are no workers"))
         cluster.start_worker("one", "--no-nanny")
         first.result(SECONDS)
-        running, pid = spinning(engine, tmp_path / "running")
+        running, pid = begun(engine, tmp_path / "running")
         waiting = engine.submit(add, 1, 2)
         cluster.kill_scheduler()
         assert isinstance(running.exception(SECONDS), SchedulerLostError)
