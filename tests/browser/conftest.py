@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from fastapi import Request, Response
 from playwright.sync_api import Browser
 
 from browser.browsers import BROWSERS
 from equimesh_service import Settings, running
+from equimesh_service.api import pages
 
 FOLDER = Path(__file__).parent
 # WebGL2 in software, for what is marked `webgl`: no test depends on the graphics of a machine.
@@ -28,9 +30,19 @@ def page_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
 
 @pytest.fixture(scope="session")
 def page_url(page_settings: Settings) -> Iterator[str]:
-    """The URL of the service."""
-    with running(page_settings) as url:
-        yield url
+    """The URL of the service, whose scripts a browser keeps: it would ask for each again with every page."""
+    answer = pages._answer
+
+    def kept(request: Request, file: pages.WorkbenchFile) -> Response:
+        answered = answer(request, file)
+        if file.media_type != "text/html":
+            answered.headers["Cache-Control"] = "max-age=3600"
+        return answered
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pages, "_answer", kept)
+        with running(page_settings) as url:
+            yield url
 
 
 @pytest.hookimpl(wrapper=True)
