@@ -24,7 +24,7 @@ from equimesh.quality.cells import (
 from equimesh.quality.resolution import Pieces, resolved_integrals, scattered_between
 from equimesh.quality.tally import ErrorRule, ErrorTally
 
-MIN_SAMPLED_CELLS = 5_000
+MIN_SAMPLED_CELLS = 3_200
 """Cells on which errors are sampled, or up to three times as many; on smaller meshes all cells."""
 SAMPLING = ((89, 34), (34, 13), (13, 5), (5, 2))  # one cell of this many; the shift from row to row
 ROUNDING_SHARE = 1e-13
