@@ -129,6 +129,7 @@ def test_layers_of_all_packages_are_exhaustive() -> None:
     assert {name for contract in layered for name in contract["containers"]} >= set(PACKAGES)
 
 
+@cache
 def resolves(name: str) -> bool:
     """Whether a dotted name is a module, or a member of one; fields and attributes of instances count."""
     parts = name.split(".")
@@ -175,9 +176,12 @@ def _missing_in(text: str) -> set[str]:
 
 
 def docstrings(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text())):
+    left: list[ast.AST] = [ast.parse(path.read_text())]
+    while left:  # statements alone: most nodes are parts of expressions
+        node = left.pop()
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             yield ast.get_docstring(node) or ""
+        left += [n for n in ast.iter_child_nodes(node) if isinstance(n, ast.stmt | ast.excepthandler | ast.match_case)]
 
 
 def test_names_in_docstrings_exist() -> None:
