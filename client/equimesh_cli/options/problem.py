@@ -15,6 +15,9 @@ from equimesh_client.spec.domains import domain_json
 from equimesh_client.spec.request import MeshOptions, mesh_spec, monitor_json
 from equimesh_schema.mesh import UNIT_SQUARE
 
+FILES = (".csv", ".json", ".msh", ".npz", ".vtu")
+"""Ends of names of files, which are no expressions."""
+
 
 def document_of(options: argparse.Namespace) -> dict[str, Any]:
     """The JSON of the mesh; samples are named by their files."""
@@ -67,5 +70,8 @@ def _carets(document: Mapping[str, Any]) -> Iterator[None]:
             text = text.get(part) if isinstance(text, Mapping) else None
         place = error.position
         marked = "" if place is None else caret(text, line=place.line, column=place.column)
+        if isinstance(text, str) and text.lower().endswith(FILES):
+            advice = "give samples by --samples FILE, a domain by --domain-file FILE"
+            raise CommandError(f"{text} is no expression: {advice}") from error
         which = f"{error.field}: " if error.field.startswith("domain.") else ""
         raise CommandError(f"{which}{error}\n{marked}".rstrip("\n")) from error

@@ -201,11 +201,6 @@ class LeastErrorSolve:
         mesh = self._lifted(reached, level).mesh
         return self._objective(level, reached.origin, self.monitor.norm, FINER_POINTS).error(mesh)
 
-    def initial_error(self, reached: DescentEnd) -> float:
-        """The error of the initial mesh where :meth:`lifted_error` is measured."""
-        level = self.levels[min(reached.level.number + 1, len(self.levels) - 1)]
-        return self._objective(level, reached.origin, self.monitor.norm, FINER_POINTS).error(self.nest.initial(level))
-
     def _continue(self, start: Mesh) -> Iterator[Descent]:
         """The records of the steps from a given mesh."""
         *coarse, finest = self.levels

@@ -55,6 +55,16 @@ def require_degree(degree: object, cells: Literal["quad", "triangle"]) -> None:
         )
 
 
+def require_measured(monitor: LeastError | Auto) -> None:
+    """Raises :class:`~equimesh.errors.InputError` for a u, an angle, a norm, cells or a degree that cannot be."""
+    require_fields(monitor, "u")
+    require_orthogonality(monitor.orthogonality)
+    for name, known in (("norm", NORMS), ("cells", CELLS)):
+        if getattr(monitor, name) not in known:
+            raise InputError(f"{name} = {getattr(monitor, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
+    require_degree(monitor.degree, monitor.cells)
+
+
 PURPOSES = ("finite_element", "finite_volume", "interpolation")
 """What a mesh can be for."""
 
@@ -116,12 +126,7 @@ class LeastError:
     _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_fields(self, "u")
-        require_orthogonality(self.orthogonality)
-        for name, known in (("norm", NORMS), ("cells", CELLS)):
-            if getattr(self, name) not in known:
-                raise InputError(f"{name} = {getattr(self, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
-        require_degree(self.degree, self.cells)
+        require_measured(self)
         if not isinstance(self.rectilinear, bool):
             raise InputError(f"rectilinear = {str(self.rectilinear)[:20]}: give True or False", field="rectilinear")
         require_purpose(self.purpose, ("finite_element", "interpolation"), self.degree)
@@ -231,12 +236,7 @@ class Auto:
     _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_fields(self, "u")
-        require_orthogonality(self.orthogonality)
-        for name, known in (("norm", NORMS), ("cells", CELLS)):
-            if getattr(self, name) not in known:
-                raise InputError(f"{name} = {getattr(self, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
-        require_degree(self.degree, self.cells)
+        require_measured(self)
         require_purpose(self.purpose, PURPOSES, 1 if self.purpose == "finite_element" else self.degree)
 
     @property

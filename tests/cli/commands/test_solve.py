@@ -120,6 +120,8 @@ def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], 
     pytest.importorskip("scipy")
     assert main(["solve", "x*", "-n", "8"]) == 2
     assert capsys.readouterr().err.endswith("    x*\n      ^\n")
+    assert main(["solve", "nofile.json", "-n", "8"]) == 2
+    assert "nofile.json is no expression: give samples by --samples FILE" in capsys.readouterr().err
     assert main(["solve", "x", "-n", "3"]) == 2
     assert "at least 4" in capsys.readouterr().err
     assert main(["solve", "x", "-n", "8", "--subdomains", "9x1"]) == 2
