@@ -10,14 +10,14 @@ import numpy as np
 
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array, HasParts, IntArray
-from equimesh_coupling.recovery import unique_edges
+from equimesh_coupling.recovery import edge_numbers, unique_edges
 
 MAX_DISTANCE_SHARE = 1e-9
 """The largest distance of a place from the node that it is, as a share of the extents of the mesh."""
 
 
 MAX_DEGREE = 4
-"""The highest degree of elements from whose values the next mesh follows; on blocks it is 2."""
+"""The highest degree of elements from whose values the next mesh follows."""
 
 
 @cache
@@ -36,45 +36,86 @@ class PlacedValues(NamedTuple):
     """The degree of its elements."""
 
 
-def is_known(degree: object, mesh: HasParts) -> bool:
+def is_known(degree: object) -> bool:
     """Whether fields of this degree are adapted to by their values at all nodes of elements."""
-    most = 2 if mesh.mesh_parts("quad").shape is None else MAX_DEGREE
-    return isinstance(degree, int) and 2 <= degree <= most
+    return isinstance(degree, int) and 2 <= degree <= MAX_DEGREE
 
 
 def element_shape(mesh: HasParts, degree: int) -> tuple[int, ...]:
     """The shape of values at the nodes of elements of a ``degree``, 1 to 4, on the quadrilaterals of ``mesh``.
 
     On a grid it is ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)`` for degree p: every p-th one is at a node of the mesh, the
-    others are at the Gauss-Lobatto points of edges and cells. On blocks, for degree 2, it is the number of nodes, edges
-    and cells. Raises :class:`BadValues` for a higher degree there.
+    others are at the Gauss-Lobatto points of edges and cells. On blocks it is ``(n + k (p - 1) + m (p - 1)^2,)`` with n
+    nodes, k edges and m cells.
     """
     parts = mesh.mesh_parts("quad")
     if degree == 1:
         return parts.node_shape
     if parts.shape is not None:
         return degree * (parts.shape[0] - 1) + 1, degree * (parts.shape[1] - 1) + 1
-    if degree > 2:
-        raise BadValues(f"elements of degree {degree}: on blocks the next mesh follows from those of degree 1 or 2")
-    return (len(parts.points) + len(unique_edges(parts.cells)[0]) + len(parts.cells),)
+    inner, edges = degree - 1, len(unique_edges(parts.cells)[0])
+    return (len(parts.points) + edges * inner + len(parts.cells) * inner**2,)
 
 
 def element_points(mesh: HasParts, degree: int) -> Array:
     """The nodes of elements of a ``degree``, 1 to 4, on the quadrilaterals of ``mesh``, shape ``(k, 2)``.
 
-    They are in the order of flat values. On blocks those are the nodes of the mesh, then the middles of the edges in
-    rising order of their lower and their higher node, then the centres of the cells.
+    They are in the order of flat values. On blocks those are the nodes of the mesh, then those on the edges in rising
+    order of their lower and their higher node, from the one to the other, then those in the cells, in rows along t.
     """
     parts = mesh.mesh_parts("quad")
     if degree == 1:
         return parts.points
     if parts.shape is None:
-        element_shape(mesh, degree)
-        edges, _ = unique_edges(parts.cells)
-        middles, centres = parts.points[edges].mean(axis=1), parts.points[parts.cells].mean(axis=1)
-        return np.concatenate([parts.points, middles, centres])
+        ends = np.sort(unique_edges(parts.cells)[0], axis=1)
+        on_edges = _between(parts.points[ends[:, 0]], parts.points[ends[:, 1]], degree)
+        inside = places_of_cells(parts.points[parts.cells], degree)[:, 1:-1, 1:-1]
+        return np.concatenate([parts.points, on_edges[:, 1:-1].reshape(-1, 2), inside.reshape(-1, 2)])
     points = parts.points.reshape(*parts.shape, 2)
     return lattice_between(lattice_between(points, degree).swapaxes(0, 1), degree).swapaxes(0, 1).reshape(-1, 2)
+
+
+def element_numbers(cells: IntArray, count: int, degree: int) -> IntArray:
+    """The nodes of the elements of ``cells`` between ``count`` nodes, in rows along t, shape ``(m, p + 1, p + 1)``.
+
+    Their numbers are those of :func:`element_points` on blocks.
+    """
+    edges, of_cells = unique_edges(cells)
+    ends = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2)
+    along = _on_edges(ends, of_cells, count, degree)
+    numbers = np.empty((len(cells), degree + 1, degree + 1), dtype=np.int64)
+    numbers[:, :, 0], numbers[:, -1] = along[:, 0], along[:, 1]
+    numbers[:, :, -1], numbers[:, 0] = along[:, 2, ::-1], along[:, 3, ::-1]
+    inside = np.arange(len(cells) * (degree - 1) ** 2).reshape(-1, degree - 1, degree - 1)
+    numbers[:, 1:-1, 1:-1] = count + len(edges) * (degree - 1) + inside
+    return numbers
+
+
+def nodes_on_edges(ends: IntArray, cells: IntArray, count: int, degree: int) -> IntArray:
+    """The nodes of elements on edges of ``cells``, in the direction of their ``ends``, shape ``(k, p + 1)``."""
+    return _on_edges(ends, edge_numbers(ends, unique_edges(cells)[0]), count, degree)
+
+
+def _on_edges(ends: IntArray, edges: IntArray, count: int, degree: int) -> IntArray:
+    """The nodes of elements on the ``edges`` of these numbers, whose two ``ends`` are the last axis."""
+    inner = np.arange(degree - 1)
+    is_rising = ends[..., :1] < ends[..., 1:]
+    between = count + (degree - 1) * edges[..., None] + np.where(is_rising, inner, inner[::-1])
+    found: IntArray = np.concatenate([ends[..., :1], between, ends[..., 1:]], axis=-1)
+    return found
+
+
+def places_of_cells(corners: Array, degree: int) -> Array:
+    """The nodes of elements in cells with ``corners``, ``(m, 4, 2)``, in rows along t, ``(m, p + 1, p + 1, 2)``."""
+    lower, upper = (_between(corners[:, a], corners[:, b], degree) for a, b in ((0, 1), (3, 2)))
+    return _between(lower, upper, degree)
+
+
+def _between(begin: Array, end: Array, degree: int) -> Array:
+    """The nodes of elements from ``begin`` to ``end``, points ``(..., 2)``, along the axis before the last."""
+    share = lobatto(degree)[:, None]
+    found: Array = (1.0 - share) * begin[..., None, :] + share * end[..., None, :]
+    return found
 
 
 def lattice_between(q: Array, degree: int) -> Array:

@@ -166,7 +166,7 @@ class NodalSolution(MonitorDocument):
     norm: ErrorNorm = "l2"
     orthogonality: Orthogonality = None
     degree: Annotated[int, LATER, Shown("Degree of the elements", minimum=1, maximum=4)] = 1
-    """The degree p of the solver's elements: 1, or 2 to 4, on blocks 2, with values at the Gauss-Lobatto points of
+    """The degree p of the solver's elements: 1, or 2 to 4 with values at the Gauss-Lobatto points of
     edges and cells, too, whose x and y are given with them; every p-th one along xi and along eta is a node of the
     mesh."""
     adjoint: Annotated[Function | None, LATER, described(ADJOINT)] = None

@@ -77,9 +77,9 @@ SQUARE = {"vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},
 
 @cache
 def of_the_solver() -> tuple[em.Adaptation, em.Adaptation]:
-    """Cubic elements on a grid, and quadratic ones on blocks."""
+    """Cubic elements on a grid, and those of degree 4 on blocks."""
     blocks = em.Blocks.of(SQUARE)
-    return em.adapt(of_degree(3), 7, rounds=1, degree=3), em.adapt(of_degree(2), domain=blocks, rounds=1, degree=2)
+    return em.adapt(of_degree(3), 7, rounds=1, degree=3), em.adapt(of_degree(4), domain=blocks, rounds=1, degree=4)
 
 
 def test_the_loop_of_elements_of_higher_degree_is_that_of_the_solver(connect: Connect, url: str) -> None:
@@ -89,7 +89,7 @@ def test_the_loop_of_elements_of_higher_degree_is_that_of_the_solver(connect: Co
     assert x_of(there.rounds[1].mesh) == pytest.approx(here.rounds[1].mesh.x, abs=1e-12)
     for one, other in zip(there.rounds, here.rounds, strict=True):
         assert one.numbers() == pytest.approx(other.numbers())
-    blocks = connect(url).adapt(quadratic, domain={"kind": "blocks", **SQUARE}, rounds=1, degree=2)
+    blocks = connect(url).adapt(of_degree(4), domain={"kind": "blocks", **SQUARE}, rounds=1, degree=4)
     assert [one.estimate for one in blocks.rounds] == pytest.approx([one.estimate for one in expected.rounds])
     with pytest.raises(equimesh_client.BadValues, match=r"elements of degree 2 have 289 nodes .* of shape \(17, 17\)"):
         connect(url).adapt(front, 9, degree=2)

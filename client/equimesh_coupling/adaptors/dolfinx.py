@@ -65,14 +65,14 @@ def _distributed(io: Any, mesh: Any, edges: IntArray, tags: Any) -> tuple[Any, A
         return tuple(io.distribute_entity_data(inner, 1, edges, tags))
 
 
-def placed_values(function: Any, mesh: HasParts) -> PlacedValues | None:
+def placed_values(function: Any, _: HasParts) -> PlacedValues | None:
     """The values at the degrees of freedom of a scalar Lagrange function of order 2 to 4; else ``None``."""
     space = function.function_space
     element, values = space.ufl_element(), np.asarray(function.x.array)
     degree = element.degree() if callable(element.degree) else element.degree
     places = np.asarray(space.tabulate_dof_coordinates())[:, :2]
     is_of_quads = space.mesh.topology.cell_name() == "quadrilateral"
-    if not is_known(degree, mesh) or len(places) != len(values) or not is_of_quads:
+    if not is_known(degree) or len(places) != len(values) or not is_of_quads:
         return None
     return PlacedValues(places, values, degree)
 

@@ -35,13 +35,13 @@ def mesh_of(parts: MeshParts) -> Any:
     return mesh
 
 
-def placed_values(field: Any, given: HasParts) -> PlacedValues | None:
+def placed_values(field: Any, _: HasParts) -> PlacedValues | None:
     """The values at the nodes of a scalar H1 ``GridFunction`` of order 2 to 4 on quadrilaterals; else ``None``."""
     mfem = library("mfem.ser", package="mfem", at_least=OLDEST, install=INSTALL)
     space = field.FESpace()
     collection, mesh = space.FEColl(), space.GetMesh()
     degree, is_scalar = collection.GetOrder(), collection.Name().startswith("H1") and space.GetVDim() == 1
-    if not (is_scalar and is_known(degree, given)) or mesh.GetElementType(0) != mfem.Element.QUADRILATERAL:
+    if not (is_scalar and is_known(degree)) or mesh.GetElementType(0) != mfem.Element.QUADRILATERAL:
         return None
     vectors = mfem.FiniteElementSpace(mesh, collection, 2, mfem.Ordering.byNODES)
     nodes = mfem.GridFunction(vectors)  # which does not keep its space

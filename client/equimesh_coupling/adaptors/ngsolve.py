@@ -41,7 +41,7 @@ def placed_values(field: Any, mesh: HasParts) -> PlacedValues | None:
     """
     space = field.space
     degree, is_scalar = space.globalorder, space.type.startswith("h1") and field.dim == 1
-    if not (is_scalar and is_known(degree, mesh)) or mesh.mesh_parts().is_triangular:
+    if not (is_scalar and is_known(degree)) or mesh.mesh_parts().is_triangular:
         return None
     points = element_points(mesh, degree)
     return PlacedValues(points, np.asarray(field(space.mesh(*points.T))).ravel(), degree)

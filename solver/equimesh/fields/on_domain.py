@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ from equimesh.fields.expression import Field
 from equimesh.fields.mesh_map import MeshMap, reference_of
 from equimesh.fields.nodal_field import HermiteField
 from equimesh.fields.patch_field import PatchField
+from equimesh.fields.quad_field import QuadField
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.second_order import ValueDegree, corners_of, lattice_of
 from equimesh.numerics.types import Array, Pair
@@ -123,25 +125,30 @@ class RecoveredField:
     """What the polynomials of a :class:`~equimesh.fields.patch_field.PatchField` leave; ``None`` of another field."""
 
 
-def recover(mesh: Mesh, values: npt.ArrayLike, domain: Domain, degree: ValueDegree = 1) -> RecoveredField:
-    """u from ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
+def recover(mesh: Mesh, values: npt.ArrayLike, domain: Any, degree: ValueDegree = 1) -> RecoveredField:
+    """u from ``values`` at the nodes of elements of a ``degree`` on ``mesh``, one of a ``domain`` of the same kind.
 
-    They have the shape of :func:`~equimesh.meshes.second_order.nodes_of_elements`.
-    Raises as :class:`~equimesh.fields.nodal_field.HermiteField`. On a domain with curved sides u is recovered on the
-    reference square, so that a layer along such a side has the values of that side on all of it. Of degree 3 and more,
-    and of degree 2 where such a side bends by more than the cells along it are thick, it is a
-    :class:`~equimesh.fields.patch_field.PatchField` of x and y, whose polynomials go on up to the side.
+    They have the shape of :func:`~equimesh.meshes.second_order.nodes_of_elements`. Of degree 1 and 2 u is a
+    :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks a :class:`~equimesh.fields.quad_field.QuadField`, and
+    on a grid with curved sides one of the reference square, so that a layer along such a side has the values of that
+    side on all of it. Of degree 3 and more, and of degree 2 where such a side bends by more than the cells along it are
+    thick, it is a :class:`~equimesh.fields.patch_field.PatchField` of x and y, whose polynomials go on up to the side.
+    Raises as these.
     """
     nodes = mesh if degree == 1 else lattice_of(mesh, degree)
-    reference = reference_on(nodes if degree < 3 else mesh, domain)
-    corners = corners_of(reference, degree) if degree == 2 else reference
-    if degree > 2 or (degree == 2 and reference.is_folded and not mesh.is_folded):
-        patches = PatchField(mesh=mesh, nodes=nodes, values=values, degree=degree)
+    reference = reference_on(nodes, domain) if mesh.is_grid and degree < 3 else mesh
+    if degree > 2 or (mesh.is_grid and degree == 2 and reference.is_folded and not mesh.is_folded):
+        patches = PatchField(mesh=mesh, values=values, degree=degree)
+        corners = reference_on(mesh, domain) if mesh.is_grid else mesh
         return RecoveredField(u=patches, reference=corners, values=patches.values, left=patches.left)
+    own: HermiteField | QuadField
+    if not mesh.is_grid:
+        own = QuadField(mesh=nodes, values=values, fitted=degree > 1)
+        return RecoveredField(u=own, reference=mesh, values=own.values)
     is_straight = isinstance(domain, Rectangle)
     own = HermiteField(mesh=nodes if is_straight else reference, values=values, fitted=degree > 1)
     u = own if is_straight else OnDomain(reference=own, domain=domain)
-    return RecoveredField(u=u, reference=corners, values=own.values)
+    return RecoveredField(u=u, reference=corners_of(reference, degree), values=own.values)
 
 
 def reference_on(mesh: Mesh, domain: Domain) -> Mesh:

@@ -11,7 +11,8 @@ from equimesh.errors import InputError
 from equimesh.meshes.cell_edges import originals_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
-from equimesh_coupling.elements import MAX_DEGREE, lattice_between
+from equimesh_coupling.elements import MAX_DEGREE, element_numbers, element_points, element_shape, nodes_on_edges
+from equimesh_coupling.recovery import unique_edges
 
 MIN_SHARE = 0.2
 """The least Jacobian at a node of a cell with bent edges, over that of the cell with straight ones."""
@@ -26,7 +27,7 @@ AT_GAUSS_POINTS = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 
 
 ValueDegree: TypeAlias = Literal[1, 2, 3, 4]
-"""The degree of the elements at whose nodes values are known; on blocks 1 or 2."""
+"""The degree of the elements at whose nodes values are known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,28 +181,36 @@ def _jacobians(nodes: Array, at: Array) -> Array:
 def lattice_of(mesh: Mesh, degree: int = 2) -> Mesh:
     """The mesh with the nodes of elements of a ``degree``, placed by the bilinear map.
 
-    Of a grid it is a grid of ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)`` nodes, of any other mesh, for degree 2, it has
-    the nodes of its :class:`SecondOrderMesh` in their order, and no blocks.
+    Of a grid it is a grid of ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)`` nodes. Of any other mesh its nodes are those of
+    :func:`~equimesh_coupling.elements.element_points` in their order, and it has no blocks.
     """
+    points = element_points(mesh, degree)
     if mesh.is_grid:
-        return Mesh(*(lattice_between(lattice_between(q, degree).T, degree).T.copy() for q in (mesh.x, mesh.y)))
-    second = SecondOrderMesh.of(mesh.points, mesh.cells)
-    places = second.cells[:, LATTICE]
-    corners = places[:, :2, :2], places[:, 1:, :2], places[:, 1:, 1:], places[:, :2, 1:]
+        x, y = (q.reshape(element_shape(mesh, degree)).copy() for q in points.T)
+        return Mesh(x, y)
+    count, numbers = len(mesh.points), element_numbers(mesh.cells, len(mesh.points), degree)
+    corners = numbers[:, :-1, :-1], numbers[:, 1:, :-1], numbers[:, 1:, 1:], numbers[:, :-1, 1:]
+
+    def parts(edges: IntArray) -> IntArray:
+        along = nodes_on_edges(edges, mesh.cells, count, degree)
+        return np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2)
+
     return Mesh(
-        points=second.points,
-        cells=np.stack([corner.reshape(-1) for corner in corners], axis=1),
-        sides={name: second.edges(edges)[:, [0, 2, 2, 1]].reshape(-1, 2) for name, edges in mesh.sides.items()},
-        ties=np.concatenate([mesh.ties, _tied_middles(mesh.ties, second)]),
+        points=points,
+        cells=np.stack(corners, axis=-1).reshape(-1, 4),
+        sides={name: parts(edges) for name, edges in mesh.sides.items()},
+        ties=np.concatenate([mesh.ties, _tied_between(mesh, degree)]),
     )
 
 
-def _tied_middles(ties: IntArray, second: SecondOrderMesh) -> IntArray:
-    """The middles of edges that are copies, and those of their originals, shape ``(k, 2)``."""
-    known, wanted = _keys(second.ends), _keys(originals_of(second.corners, ties)[second.ends])
-    places = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-    copies = np.flatnonzero((known[places] == wanted) & (known != wanted))
-    return second.corners + np.column_stack([copies, places[copies]])
+def _tied_between(mesh: Mesh, degree: int) -> IntArray:
+    """The nodes of elements on edges that are copies, and those on their originals, shape ``(k, 2)``."""
+    count, cells = len(mesh.points), mesh.cells
+    ends = np.sort(unique_edges(cells)[0], axis=1)
+    wanted = originals_of(count, mesh.ties)[ends]
+    is_copy = (_keys(wanted) != _keys(ends)) & np.isin(_keys(wanted), _keys(ends))
+    along = [nodes_on_edges(one[is_copy], cells, count, degree)[:, 1:-1].reshape(-1) for one in (ends, wanted)]
+    return np.column_stack(along)
 
 
 def corners_of(lattice: Mesh, degree: int) -> Mesh:
@@ -210,26 +219,15 @@ def corners_of(lattice: Mesh, degree: int) -> Mesh:
 
 
 def nodes_of_elements(mesh: Mesh, degree: ValueDegree) -> tuple[int, ...]:
-    """The shape of values at the nodes of elements of a ``degree``.
-
-    Of degree p it is ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)`` on a grid: every p-th one is at a node of the mesh, the
-    others are at the Gauss-Lobatto points of edges and cells. On any other mesh, for degree 2, these are the nodes of a
-    :class:`SecondOrderMesh`. Raises :class:`~equimesh.errors.InputError` for a higher degree there.
-    """
-    if degree == 1:
-        return mesh.node_shape
-    if mesh.is_grid:
-        return tuple(degree * (n - 1) + 1 for n in mesh.node_shape)
-    if degree > 2:
-        raise InputError(f"degree = {degree}: on blocks it is 1 or 2", field="degree")
-    return (len(SecondOrderMesh.of(mesh.points, mesh.cells).points),)
+    """The :func:`~equimesh_coupling.elements.element_shape` of values at the nodes of elements of a ``degree``."""
+    return element_shape(mesh, degree)
 
 
-def nodes_of_cells(mesh: Mesh, degree: ValueDegree = 2) -> IntArray:
+def nodes_of_cells(mesh: Mesh, degree: int = 2) -> IntArray:
     """The numbers of the nodes of each cell among flat values, in rows along t, shape ``(m, p + 1, p + 1)``."""
     if not mesh.is_grid:
-        return SecondOrderMesh.of(mesh.points, mesh.cells).cells[:, LATTICE]
-    n_xi, n_eta = nodes_of_elements(mesh, degree)
+        return element_numbers(mesh.cells, len(mesh.points), degree)
+    n_xi, n_eta = element_shape(mesh, degree)
     first, own = (
         np.arange(0, n_xi - 1, degree)[:, None] * n_eta + np.arange(0, n_eta - 1, degree),
         np.arange(degree + 1),

@@ -323,7 +323,7 @@ class NodalSolution:
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound, as on blocks."""
     degree: int = 1
-    """The degree of the elements at whose nodes the values are, 1 to 4, on blocks 1 or 2."""
+    """The degree of the elements at whose nodes the values are, 1 to 4."""
     adjoint: Field | None = None
     """The adjoint solution of a functional, whose error is then made small: values at the same nodes, of degree 1."""
     _nodal: NodalField | QuadField | None = field(default=None, init=False, repr=False, compare=False)
@@ -429,15 +429,9 @@ class NodalSolution:
         if is_bound_to(self._domain, domain):
             return self
         nodal, degree = self.nodal, require_value_degree(self.degree)
-        recovered: Field
-        if isinstance(nodal, QuadField) and isinstance(domain, Blocks):
-            fitted = degree == 2
-            is_known = nodal.limited and not fitted
-            recovered = nodal if is_known else QuadField(mesh=nodal.mesh, values=nodal.values, fitted=fitted)
-        elif isinstance(nodal, QuadField) or isinstance(domain, Blocks):
-            raise InputError(TWO_KINDS, field="u")
-        else:
-            recovered = recover(self.mesh_on(domain), nodal.values, domain, degree).u
+        is_known = isinstance(nodal, QuadField) and nodal.limited and degree == 1
+        mesh = self.mesh_on(domain)
+        recovered: Field = nodal if is_known else recover(mesh, nodal.values, domain, degree).u
         settings: Any = {"norm": self.norm, "orthogonality": self.orthogonality, "degree": degree}
         least = LeastError(u=recovered, **settings).on(domain)
         unbound = self

@@ -104,8 +104,8 @@ def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, grid: Grid | N
     if isinstance(domain, Blocks):
         norm = norm if known.is_resolved else "l2"
         kept = replace(kept, norm=norm)
-        return _best_of_blocks(known.recovery, domain, norm, threads, of_solver) or kept
-    return _best_of_grid(known.recovery, norm, threads, grid or before.grid, of_solver) or kept
+        return _best_of_blocks(known.wanted(norm), domain, norm, threads, of_solver) or kept
+    return _best_of_grid(known.wanted(norm), norm, threads, grid or before.grid, of_solver) or kept
 
 
 def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int, of_solver: bool) -> NextMesh | None:
@@ -175,11 +175,12 @@ def adapt_round(
     of degree p on a grid ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)``. ``mesh`` is one of ``domain``, of any kind. u is
     recovered from the values as in :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks as in
     :class:`~equimesh.fields.quad_field.QuadField`, for degree 2 with fitted slopes, for degrees 3 and 4 as in
-    :class:`~equimesh.fields.patch_field.PatchField`. The next mesh has the smallest
-    measured error in ``norm`` among descents from ``mesh`` and meshes of straight lines, on blocks from the initial
-    mesh of the domain: of its interpolant, in L2 of degree 1 that of a solver for the equation of Poisson where the
-    values resolve u. With the values of an ``adjoint`` at the same nodes, of degree 1, the error is that of its
-    functional: the sum over the cells of the products of both errors of the gradient.
+    :class:`~equimesh.fields.patch_field.PatchField`, and as limited cubics between their nodes where the values do not
+    resolve u. The next mesh has the smallest measured error in ``norm`` among descents from ``mesh`` and meshes of
+    straight lines, on blocks from the initial mesh of the domain: of its interpolant, in L2 of degree 1 that of a
+    solver for the equation of Poisson where the values resolve u. With the values of an ``adjoint`` at the same nodes,
+    of degree 1, the error is that of its functional: the sum over the cells of the products of both errors of the
+    gradient.
 
     A pure function: equal arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 70 to 120
     microseconds of processor time a point of a rectangle.

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,7 @@ from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.inputs import real_array
 from equimesh.io.reading.bounds import open_zip
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.second_order import lattice_of
+from equimesh.meshes.second_order import ValueDegree, lattice_of, nodes_of_elements
 from equimesh.numerics.types import Array
 from equimesh.upload.columns import MATRIX, MAX_COLUMNS, Limits, choose, header_columns, numbered_columns
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
@@ -89,15 +89,16 @@ class BlockNodes:
         Raises :class:`~equimesh.errors.SamplesError` for the nodes of another domain, and
         :class:`~equimesh.errors.InputError` where they make a folded mesh.
         """
-        mesh = blocks.mesh
-        if len(self.nodes) != blocks.points:
-            mesh = lattice_of(mesh)
-        if len(self.nodes) != len(mesh.points):
+        counts = {degree: nodes_of_elements(blocks.mesh, degree)[0] for degree in get_args(ValueDegree)}
+        degree = next((degree for degree, count in counts.items() if count == len(self.nodes)), None)
+        if degree is None:
+            first, *others = map(str, counts.values())
             raise SamplesError(
-                f"{len(self.nodes)} nodes: the mesh of this domain has {blocks.points}, and {len(mesh.points)} those of"
-                " elements of degree 2",
+                f"{len(self.nodes)} nodes: the mesh of this domain has {first}, and {', '.join(others)} those of"
+                " elements of degree 2, 3 and 4",
                 field="nodes",
             )
+        mesh = blocks.mesh if degree == 1 else lattice_of(blocks.mesh, degree)
         for line, (low, high) in zip(self.nodes.T, blocks.box, strict=True):
             rim = RIM_SHARE * (high - low)
             if abs(line.min() - low) > rim or abs(line.max() - high) > rim:

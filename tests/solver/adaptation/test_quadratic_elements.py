@@ -13,7 +13,6 @@ from skfem.helpers import dot, grad
 import equimesh as em
 from equimesh.least_error.kernels import Rule
 from equimesh.rounds.recovery import measured
-from equimesh.testing.geometries import l_shape
 from equimesh_coupling import BadValues, element_points
 
 PEAK, RING = "exp(-300*((x-0.5)**2 + (y-0.5)**2))", "atan(30*(hypot(x-0.5, y-0.5) - 0.25))"
@@ -70,18 +69,24 @@ def test_values_at_the_nodes_of_elements_adapt_the_mesh_and_need_the_degree(degr
         em.adapt(lambda mesh: mesh.x, 9, degree=degree)
 
 
-def test_there_is_no_fifth_degree_and_no_third_one_on_blocks() -> None:
+def test_there_is_no_fifth_degree() -> None:
     u = em.Expression("tanh(8*(x + y - 1))")
     with pytest.raises(em.InputError, match="degree = 5: give 1 to 4"):
         em.adapt(exact(u), 9, degree=5)
-    with pytest.raises(BadValues, match="on blocks the next mesh follows from those of degree 1 or 2"):
-        em.adapt(exact(u, 3), domain=l_shape(300), degree=3)
 
 
-def test_blocks_adapt_to_quadratic_elements() -> None:
-    domain, u = l_shape(300), em.Expression("tanh(15*(x + y - 1))")
-    found = em.adapt(exact(u), domain=domain, degree=2, rounds=1)
-    assert found.rounds[1].estimate < 0.8 * found.rounds[0].estimate
+HALVES = em.Blocks.of({
+    "vertices": {f"{x}{y}": [x / 2, y] for x in range(3) for y in range(2)},
+    "blocks": [{"corners": [f"{x}0", f"{x + 1}0", f"{x + 1}1", f"{x}1"], "cells": [8, 16]} for x in range(2)],
+})  # fmt: skip
+
+
+@pytest.mark.parametrize(("degree", "gain"), [(2, 3.0), (3, 3.0), (4, 3.0)])
+def test_blocks_adapt_to_elements_of_higher_degree(degree: int, gain: float) -> None:
+    u, rule = em.Expression("tanh(15*(x + y - 1))"), Rule(norm="l2", points=degree + 2, degree=degree)
+    found = em.adapt(exact(u, degree), domain=HALVES, degree=degree, rounds=1)
+    before, after = (measured(u, HALVES, one.mesh, rule) for one in found.rounds)
+    assert before > gain * after
     assert not found.mesh.is_folded
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from block_cases import channel, l_shape
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.patch_field import PatchField
 from equimesh.least_error.kernels import Norm, Rule
@@ -26,7 +27,7 @@ def wavy(count: int = 9) -> em.Mesh:
 def field(u: em.Field, degree: int, mesh: em.Mesh | None = None) -> PatchField:
     mesh = wavy() if mesh is None else mesh
     nodes = lattice_of(mesh, degree)
-    return PatchField(mesh=mesh, nodes=nodes, values=u.evaluate(nodes.x, nodes.y)[0], degree=degree)
+    return PatchField(mesh=mesh, values=u.evaluate(nodes.x, nodes.y)[0], degree=degree)
 
 
 @pytest.mark.parametrize("degree", DEGREES)
@@ -35,6 +36,21 @@ def test_polynomials_of_two_degrees_more_are_exact_with_their_derivatives(degree
     found, exact = (one.evaluate(*POINTS, order=2) for one in (field(u, degree), u))
     for part, wanted in zip(found, exact, strict=True):
         np.testing.assert_allclose(part, wanted, atol=1e-8)
+
+
+@pytest.mark.parametrize("degree", [3, 4])
+def test_polynomials_are_exact_on_blocks_and_go_on_beyond_a_join(degree: int) -> None:
+    u, blocks = em.Expression(f"(x - 0.3)**{degree + 2} + y"), l_shape()
+    inside = blocks.points[blocks.cells].mean(axis=1).T
+    for one, other in zip(field(u, degree, blocks).evaluate(*inside, order=2), u.evaluate(*inside, 2), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-6 * np.abs(other).max() + 1e-9)
+    joined, wave = channel(), em.Expression("sin(pi*x)")
+    ends = joined.points[joined.ties[1:3]].mean(axis=0)  # places on both sides of the join that are one
+    found = field(wave, degree, joined).evaluate(*(ends + [[-1e-9, 0.0], [1e-9, 0.0]]).T, order=1)
+    for part, wanted in zip(found, wave.evaluate(*ends.T, order=1), strict=True):
+        np.testing.assert_allclose(part, wanted, atol=2e-3)
+    outside = field(wave, degree, joined).evaluate(*(ends + [[0.01, 0.0], [-0.01, 0.0]]).T)[0]
+    np.testing.assert_allclose(outside, wave.evaluate(*(ends + [[0.01, 0.0], [-0.01, 0.0]]).T)[0], atol=2e-3)
 
 
 @pytest.mark.parametrize("degree", DEGREES)
@@ -64,7 +80,7 @@ def test_the_estimate_is_the_error_of_interpolation_where_u_is_resolved(degree: 
 def test_what_cannot_be_used_is_refused() -> None:
     mesh, nodes = wavy(), lattice_of(wavy(), 3)
     with pytest.raises(SamplesError, match="values has shape"):
-        PatchField(mesh=mesh, nodes=nodes, values=mesh.x, degree=3)
+        PatchField(mesh=mesh, values=mesh.x, degree=3)
     with pytest.raises(InputError, match="the mesh is folded"):
-        PatchField(mesh=em.Mesh(mesh.x, mesh.x), nodes=nodes, values=nodes.x, degree=3)
+        PatchField(mesh=em.Mesh(mesh.x, mesh.x), values=nodes.x, degree=3)
     assert np.isnan(field(em.Expression("x"), 3).evaluate(np.array([np.nan]), np.array([0.5]))[0]).all()

@@ -24,6 +24,7 @@ from equimesh.meshes.second_order import (
     smallest_shares,
 )
 from equimesh.numerics.types import Array, IntArray
+from equimesh_coupling.elements import places_of_cells
 from solver.io.files import DATA, adapted, areas
 
 GRID = em.Grid(n_xi=5, n_eta=4)
@@ -296,15 +297,17 @@ def test_a_lattice_has_four_cells_in_the_place_of_each() -> None:
     assert found.cell_areas().reshape(-1, 4).sum(axis=1) == pytest.approx(blocks.cell_areas())
     assert {name: len(edges) for name, edges in found.sides.items()} == {"inlet": 16, "outlet": 8, "wall": 40}
     for mesh in (grid, blocks):
-        numbers, nodes = nodes_of_cells(mesh), lattice_of(mesh).points
-        np.testing.assert_allclose(nodes[numbers[:, [0, 2, 2, 0], [0, 0, 2, 2]]], mesh.points[mesh.cells], atol=1e-15)
-        np.testing.assert_allclose(nodes[numbers[:, 1, 1]], mesh.points[mesh.cells].mean(axis=1), atol=1e-15)
+        for degree in (2, 3, 4):
+            nodes = lattice_of(mesh, degree).points
+            found = nodes[nodes_of_cells(mesh, degree)]
+            assert len(np.unique(nodes.round(9), axis=0)) == len(nodes)
+            np.testing.assert_allclose(found, places_of_cells(mesh.points[mesh.cells], degree), atol=1e-14)
 
 
 def test_joined_sides_of_a_lattice_are_joined_in_their_middles_too() -> None:
     mesh = channel()
-    ties = lattice_of(mesh).ties
-    assert len(ties) == 2 * len(mesh.ties) - 1
-    points = lattice_of(mesh).points
-    moves = points[ties[:, 0]] - points[ties[:, 1]]
-    np.testing.assert_allclose(moves, np.broadcast_to(moves[0], moves.shape), atol=1e-14)
+    for degree in (2, 4):
+        ties, points = lattice_of(mesh, degree).ties, lattice_of(mesh, degree).points
+        assert len(ties) == degree * (len(mesh.ties) - 1) + 1
+        moves = points[ties[:, 0]] - points[ties[:, 1]]
+        np.testing.assert_allclose(moves, np.broadcast_to(moves[0], moves.shape), atol=1e-14)
