@@ -60,11 +60,14 @@ def _command(arguments: Sequence[str]) -> float:
 
 def services(parts: Sequence[str], folder: Path) -> Iterator[Row]:
     """The CPU time of services until they are ready, and the number of loops that each of them compiles."""
+    chosen = [part for part in SERVICES if part in parts]
+    if not chosen:
+        return
     variables, ignored = {"PYTHONPATH": str(folder), "EQUIMESH_WARM_UP": "all"}, shutil.ignore_patterns("archives")
     shutil.copytree(Path(equimesh.__file__).parent, folder / "equimesh", ignore=ignored)
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     start(folder / "bytecode", {**variables, "EQUIMESH_WARM_UP": "none"})
-    for part in (part for part in SERVICES if part in parts):
+    for part in chosen:
         what, goal = SERVICES[part]
         if part == "warm":
             _warm_up([], variables)
