@@ -125,7 +125,9 @@ class RecoveredField:
     """What the polynomials of a :class:`~equimesh.fields.patch_field.PatchField` leave; ``None`` of another field."""
 
 
-def recover(mesh: Mesh, values: npt.ArrayLike, domain: Any, degree: ValueDegree = 1) -> RecoveredField:
+def recover(
+    mesh: Mesh, values: npt.ArrayLike, domain: Any, degree: ValueDegree = 1, *, fitted: bool = False
+) -> RecoveredField:
     """u from ``values`` at the nodes of elements of a ``degree`` on ``mesh``, one of a ``domain`` of the same kind.
 
     They have the shape of :func:`~equimesh.meshes.second_order.nodes_of_elements`. Of degree 1 and 2 u is a
@@ -133,7 +135,7 @@ def recover(mesh: Mesh, values: npt.ArrayLike, domain: Any, degree: ValueDegree 
     on a grid with curved sides one of the reference square, so that a layer along such a side has the values of that
     side on all of it. Of degree 3 and more, and of degree 2 where such a side bends by more than the cells along it are
     thick, it is a :class:`~equimesh.fields.patch_field.PatchField` of x and y, whose polynomials go on up to the side.
-    Raises as these.
+    Of degree 1 on a grid gradients are ``fitted`` where that is requested. Raises as these.
     """
     nodes = mesh if degree == 1 else lattice_of(mesh, degree)
     reference = reference_on(nodes, domain) if mesh.is_grid and degree < 3 else mesh
@@ -146,7 +148,7 @@ def recover(mesh: Mesh, values: npt.ArrayLike, domain: Any, degree: ValueDegree 
         own = QuadField(mesh=nodes, values=values, fitted=degree > 1)
         return RecoveredField(u=own, reference=mesh, values=own.values)
     is_straight = isinstance(domain, Rectangle)
-    own = HermiteField(mesh=nodes if is_straight else reference, values=values, fitted=degree > 1)
+    own = HermiteField(mesh=nodes if is_straight else reference, values=values, fitted=fitted or degree > 1)
     u = own if is_straight else OnDomain(reference=own, domain=domain)
     return RecoveredField(u=u, reference=corners_of(reference, degree), values=own.values)
 

@@ -108,22 +108,29 @@ class Recovery:
             return self
         return replace(self, u=recover(nodes, self.values, domain).u)
 
-    def estimate(self, norm: Norm, threads: int = 1) -> float:
+    def estimate(self, norm: Norm, threads: int = 1, *, of_solver: bool = True) -> float:
         """The norm of u minus its interpolant on the mesh of the values: an estimate of the solver's error.
 
         It is zero where the values are those of a polynomial of the degree of the elements. Layers that the mesh does
         not resolve at all are not seen. In L2 the projection stands in place of the interpolant, where :func:`measured`
-        knows it: values at the nodes of long cells can be wrong by more than the interpolant is. A share of what
-        polynomials leave at the nodes counts as error.
+        knows it, unless ``of_solver`` is false: values at the nodes of long cells can be wrong by more than the
+        interpolant is. A share of what polynomials leave at the nodes counts as error.
         """
         rule = Rule(norm=norm, points=self.degree + MORE_ESTIMATE_POINTS, degree=self.degree)
         plain = measured(self.u, self.domain, self.mesh, rule, threads)
         if self.left is not None:
             left = nodal_norms(cells_of(on_domain(self.mesh, self.domain)), self.left)
             return math.hypot(plain, LEFT_SHARES[norm] * left[norm])
-        if norm == "h1" or not plain > self.rounding:
+        if norm == "h1" or not of_solver or not plain > self.rounding:
             return plain
         return measured(self.u, self.domain, self.mesh, rule, threads, of_solver=True)
+
+    def fitted(self) -> Recovery:
+        """The recovery of degree 1 on a grid whose gradients are those of cubics; any other one is as it is."""
+        if self.degree > 1 or not self.mesh.is_grid or isinstance(self.domain, Blocks):
+            return self
+        mesh = on_domain(self.mesh, self.domain)
+        return replace(self, u=recover(mesh, self.values, self.domain, fitted=True).u)
 
     def gradient_norm(self) -> float:
         """The norm of the gradient of the interpolant of the values on their mesh, in the units of u."""
@@ -251,6 +258,12 @@ def error_products(one: Recovery, other: Recovery) -> ErrorProducts:
 
 KEPT = "kept"
 """The name of the mesh before, where no candidate is valid or the values are linear in x and y."""
+MAX_UNRESOLVED_FOR_SOLVER = 0.22
+"""The largest share of the gradient left unresolved on a grid at which a solver's error leads. Few points leave 0.2."""
+MIN_SOLVER_SHARE = 1.1
+"""The least error of a solver over that of the interpolant from which on it leads, whatever is resolved."""
+MAX_UNRESOLVED_FITTED = 0.07
+"""The largest share of the gradient left unresolved at which fitted gradients are nearer to u than limited ones."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -267,6 +280,8 @@ class ErrorEstimate:
     """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
     is_exact: bool
     """Whether the estimate is nothing but rounding."""
+    solver_share: float = 1.0
+    """``estimate`` over the L2 error of the interpolant. Above 1 the mesh serves interpolation more than a solver."""
     products: ErrorProducts | None = None
     """What tells the error of a functional, where its adjoint is given."""
 
@@ -291,6 +306,7 @@ class ErrorEstimate:
         recovery = Recovery.of(mesh, values, domain, degree)
         estimate, size, products = recovery.estimate("l2", threads), recovery.gradient_norm(), None
         is_exact = not estimate > recovery.rounding
+        plain = recovery.estimate("l2", threads, of_solver=False)
         if adjoint is not None:
             if degree != 1:
                 raise InputError(NO_DUAL_DEGREE, field="degree")
@@ -306,11 +322,18 @@ class ErrorEstimate:
             estimate_h1=slopes,
             unresolved=slopes / size if size > 0.0 else 0.0,
             is_exact=is_exact,
+            solver_share=estimate / plain if plain > 0.0 else 1.0,
             products=products and replace(products, bound=slopes**2),
         )
 
     def wanted(self, norm: Norm) -> Recovery:
-        """u by which the next mesh is made: limited cubics where polynomials do not see its error."""
+        """u by which the next mesh is made: limited cubics where polynomials do not see its error.
+
+        Of degree 1 gradients are fitted where u is resolved well.
+        """
+        if self.recovery.degree == 1:
+            is_sharp = self.unresolved <= MAX_UNRESOLVED_FITTED and self.products is None
+            return self.recovery.fitted() if is_sharp else self.recovery
         share = MAX_POLYNOMIAL_SHARES[norm if self.recovery.mesh.is_grid else "l2"]
         has_polynomials = self.recovery.left is not None and self.recovery.degree > 2
         return self.recovery.limited() if has_polynomials and self.unresolved > share else self.recovery
@@ -319,6 +342,12 @@ class ErrorEstimate:
     def is_resolved(self) -> bool:
         """Whether the mesh resolves the solution, as far as the values tell."""
         return self.unresolved <= MAX_UNRESOLVED_SHARE
+
+    @property
+    def is_for_solver(self) -> bool:
+        """Whether the error of a solver leads to the next mesh. Before that the interpolant finds layers faster."""
+        most = MAX_UNRESOLVED_FOR_SOLVER if self.recovery.mesh.is_grid else MAX_UNRESOLVED_SHARE
+        return self.products is None and (self.unresolved <= most or self.solver_share > MIN_SOLVER_SHARE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -334,7 +363,7 @@ class NextMesh:
     candidates: Mapping[str, float]
     """The candidates, with the errors of the recovered u on them in that norm: of its interpolant, or of a solver.
 
-    In L2 the error is that of a solver where the values resolve u: see :func:`measured`.
+    In L2 the error is that of a solver where the values nearly resolve u: see :attr:`ErrorEstimate.is_for_solver`.
     """
     gain: float
     """The same error on the mesh before over that on this one.

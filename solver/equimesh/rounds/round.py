@@ -23,7 +23,16 @@ from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.numerics.threads import thread_count
 from equimesh.rounds.candidates import PARTS, SHARP, SMOOTH, Search, rule_of
-from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells, on_domain
+from equimesh.rounds.recovery import (
+    KEPT,
+    ErrorEstimate,
+    NextMesh,
+    Recovery,
+    Round,
+    measured,
+    moved_cells,
+    on_domain,
+)
 from equimesh.rounds.shape import on_grid
 
 # The candidates for the next mesh of a domain in blocks.
@@ -100,7 +109,7 @@ def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, grid: Grid | N
     kept = NextMesh(reference=before, chosen=KEPT, norm=norm, candidates={}, gain=1.0, moved_cells=0.0)
     if known.is_exact:
         return kept
-    of_solver = known.is_resolved and known.products is None
+    of_solver = known.is_for_solver and norm == "l2"
     if isinstance(domain, Blocks):
         norm = norm if known.is_resolved else "l2"
         kept = replace(kept, norm=norm)
@@ -178,7 +187,7 @@ def adapt_round(
     :class:`~equimesh.fields.patch_field.PatchField`, and as limited cubics between their nodes where the values do not
     resolve u. The next mesh has the smallest measured error in ``norm`` among descents from ``mesh`` and meshes of
     straight lines, on blocks from the initial mesh of the domain: of its interpolant, in L2 of degree 1 that of a
-    solver for the equation of Poisson where the values resolve u. With the values of an ``adjoint`` at the same nodes,
+    solver for the equation of Poisson where the values nearly resolve u. With the values of an ``adjoint`` at the same nodes,
     of degree 1, the error is that of its functional: the sum over the cells of the products of both errors of the
     gradient.
 

@@ -76,7 +76,7 @@ def test_the_gain_compares_errors_of_one_rule(norm: Norm) -> None:
     mesh = uniform(17, 17)
     found = first_round(17, 17, norm=norm)
     u = Recovery.of(mesh, FRONT.evaluate(mesh.x, mesh.y)[0], UNIT_SQUARE).u
-    search = Search(u=u, domain=UNIT_SQUARE, before=mesh, norm=norm)
+    search = Search(u=u, domain=UNIT_SQUARE, before=mesh, norm=norm, of_solver=True)
     assert found.gain == pytest.approx(search.error_on(mesh) / search.error_on(found.reference), rel=1e-12)
 
 
@@ -230,6 +230,25 @@ def test_the_last_steps_lower_the_error() -> None:
     finished = here.finished(best)
     assert finished.error < 0.97 * best.error
     assert not mesh_of(finished.mesh, here.before.grid).is_folded
+
+
+def test_a_solver_leads_where_its_error_is_above_that_of_the_interpolant() -> None:
+    mesh = uniform(17, 17)
+    known = ErrorEstimate.of(mesh, STEEP_FRONT.evaluate(mesh.x, mesh.y)[0], UNIT_SQUARE)
+    plain = known.recovery.estimate("l2", of_solver=False)
+    assert known.solver_share == known.estimate / plain < 1.0
+    cases = {(0.3, 0.8): False, (0.2, 0.8): True, (0.3, 1.2): True}
+    found = [dataclasses.replace(known, unresolved=left, solver_share=share) for left, share in cases]
+    assert [one.is_for_solver for one in found] == list(cases.values())
+
+
+def test_fitted_gradients_are_nearer_to_a_smooth_function() -> None:
+    u = em.Expression("sin(3*x)*cos(2*y)")
+    mesh = uniform(17, 17)
+    limited = Recovery.of(mesh, u.evaluate(mesh.x, mesh.y)[0], UNIT_SQUARE)
+    x, y = np.random.default_rng(3).random((2, 200))
+    errors = [np.abs(one.u.evaluate(x, y)[0] - u.evaluate(x, y)[0]).max() for one in (limited, limited.fitted())]
+    assert errors[1] < 0.3 * errors[0]
 
 
 def test_the_error_of_a_solver_is_lowered_where_it_is_requested() -> None:
