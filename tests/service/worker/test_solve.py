@@ -148,6 +148,9 @@ def test_what_is_known_of_the_mesh_before(tmp_path: Path) -> None:
         def local(self, name: str) -> Any:
             return (tmp_path / name).open("rb")
 
+        def require(self, name: str) -> None:
+            self.local(name).close()
+
     spec = build({"monitor": {"kind": "least_error", "norm": "h1", "u": "x"}, "grid": GRID})
     files: Any = Folder()
     found = _earlier({"u": {"expression": "2*x"}, "samples": None, "gains": {"l2": 3.0, "h1": 2.0}}, spec, files)
