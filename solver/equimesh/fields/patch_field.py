@@ -23,6 +23,8 @@ from equimesh_coupling.recovery import unique_edges
 MORE_DEGREES = 2
 """How many degrees more than the elements the polynomials have: with one, estimates on graded meshes were 1.5 times
 too large, with two 1.1 times, and for degree 4 2.1 and 1.5 times."""
+MIN_PIVOT = 1e-9
+"""The least pivot over the largest one of polynomials that the nodes of a patch tell apart."""
 BLOCK_CELLS = 256
 """Cells whose polynomials are fitted at once."""
 
@@ -55,9 +57,9 @@ class PatchField:
     ``values`` have the shape :func:`~equimesh_coupling.elements.element_shape`. In each cell u is a polynomial of
     degree p + 2 in x and y, fitted to the values in the cells around it, plus the interpolant of degree p of what it
     leaves at the nodes of the cell: it has the values. At the boundary the cells are those around the next cell inside,
-    on a grid 3 x 3. Polynomials of degree p + 2 are exact on every mesh. From cell to cell u jumps by as much as the
-    polynomials differ. A point outside of the mesh has the values of the nearest cell; across a periodic join of blocks
-    u goes on.
+    on a grid 3 x 3. Polynomials of degree p + 2 are exact on every mesh, of degree p where one cell alone lies between
+    two sides. From cell to cell u jumps by as much as the polynomials differ. A point outside of the mesh has the
+    values of the nearest cell; across a periodic join of blocks u goes on.
 
     Implements :class:`~equimesh.fields.expression.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names
     the first bad index, and :class:`~equimesh.errors.InputError` for a folded mesh.
@@ -136,8 +138,7 @@ def _fitted(unrolled: Unrolled, values: Array) -> Fit:
         spread = np.linalg.cholesky(offsets.swapaxes(1, 2) @ offsets / is_there.sum(axis=1)[:, None, None])
         inverse = 0.5 * np.linalg.inv(spread)  # most points are between -1 and 1 then
         monomials = _monomials(offsets @ inverse.swapaxes(1, 2), degree + MORE_DEGREES) * is_there[..., None]
-        orthogonal, triangular = np.linalg.qr(monomials)
-        fit = np.linalg.solve(triangular, orthogonal.swapaxes(1, 2) @ np.where(is_there, nodal[nodes], 0.0)[..., None])
+        fit = _solved(monomials, np.where(is_there, nodal[nodes], 0.0)[..., None], degree)
         own = _monomials((places[numbers[some]] - centres[some, None]) @ inverse.swapaxes(1, 2), degree + MORE_DEGREES)
         rest = values[some] - (own @ fit).reshape(values[some].shape)
         scales = np.stack([inverse[:, 0, 0], inverse[:, 1, 0], inverse[:, 1, 1]], axis=1)
@@ -146,6 +147,25 @@ def _fitted(unrolled: Unrolled, values: Array) -> Fit:
         )
     *parts, left = (np.ascontiguousarray(np.concatenate(one)) for one in zip(*found, strict=True))
     return Fit(Patches(*parts), left)
+
+
+def _solved(monomials: Array, values: Array, degree: int) -> Array:
+    """The coefficients that fit the ``values`` best, shape ``(n, count, 1)``.
+
+    One cell between two sides of the mesh has too few nodes across: there the polynomials are of ``degree``.
+    """
+    fit, is_known = np.zeros((len(monomials), monomials.shape[2], 1)), np.zeros(len(monomials), dtype=bool)
+    if monomials.shape[1] >= monomials.shape[2]:
+        orthogonal, triangular = np.linalg.qr(monomials)
+        pivots = np.abs(np.diagonal(triangular, axis1=1, axis2=2))
+        is_known = pivots.min(axis=1) > MIN_PIVOT * pivots.max(axis=1)
+        right = orthogonal[is_known].swapaxes(1, 2) @ values[is_known]
+        fit[is_known] = np.linalg.solve(triangular[is_known], right)
+    if not is_known.all():
+        lower = np.array([k + j <= degree for k, j in _powers(degree + MORE_DEGREES)])
+        orthogonal, triangular = np.linalg.qr(monomials[~is_known][:, :, lower])
+        fit[np.ix_(~is_known, lower)] = np.linalg.solve(triangular, orthogonal.swapaxes(1, 2) @ values[~is_known])
+    return fit
 
 
 def _nodes_of(around: scipy.sparse.csr_array, numbers: IntArray) -> tuple[IntArray, BoolArray]:
@@ -164,8 +184,12 @@ def _nodes_of(around: scipy.sparse.csr_array, numbers: IntArray) -> tuple[IntArr
 def _monomials(local: Array, degree: int) -> Array:
     """``a^k b^j`` at places ``(a, b)``, shape ``(n, points, 2)``, in the order of the coefficients."""
     powers = local[..., None] ** np.arange(degree + 1)
-    pairs = [(k, j) for j in range(degree, -1, -1) for k in range(degree - j, -1, -1)]
-    return np.stack([powers[:, :, 0, k] * powers[:, :, 1, j] for k, j in pairs], axis=-1)
+    return np.stack([powers[:, :, 0, k] * powers[:, :, 1, j] for k, j in _powers(degree)], axis=-1)
+
+
+def _powers(degree: int) -> list[tuple[int, int]]:
+    """k and j of the monomials, in the order of the coefficients."""
+    return [(k, j) for j in range(degree, -1, -1) for k in range(degree - j, -1, -1)]
 
 
 @compiled

@@ -53,6 +53,17 @@ def test_polynomials_are_exact_on_blocks_and_go_on_beyond_a_join(degree: int) ->
             np.testing.assert_allclose(part, wanted, atol=2e-3)
 
 
+@pytest.mark.parametrize("cells", [(6, 1), (1, 1)])
+def test_polynomials_are_of_the_degree_of_the_elements_where_one_cell_lies_between_two_sides(
+    cells: tuple[int, int],
+) -> None:
+    mesh = em.Blocks.rectangle(cells=cells).mesh
+    for text, most in (("x**3 - x*y**2 + y", 1e-12), ("sin(2*x + y)", 0.02)):  # in between u was wrong by 1e10
+        u = em.Expression(text)
+        difference = field(u, 3, mesh).evaluate(*POINTS)[0] - u.evaluate(*POINTS)[0]
+        assert np.abs(difference).max() < most
+
+
 @pytest.mark.parametrize("degree", DEGREES)
 def test_the_values_stay_at_the_nodes_and_derivatives_are_those_of_u(degree: int) -> None:
     u, mesh, step = em.Expression("tanh(20*(x + y/2 - 0.75))"), wavy(), 1e-6
