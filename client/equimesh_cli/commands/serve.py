@@ -48,12 +48,20 @@ def run(options: argparse.Namespace) -> int:
     if threading.current_thread() is threading.main_thread():
         # The imports take seconds, and the first process of a container gets no SIGTERM without a handler.
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(Exit.DONE))
+    was_enabled = gc.isenabled()
     gc.disable()  # until the server runs: what is imported stays, and to look through it takes a fifth of the time
+    try:
+        return _serve(options)
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+def _serve(options: argparse.Namespace) -> int:
     try:
         import equimesh_service
         from equimesh_service.errors import CannotServeError
     except ImportError as error:
-        gc.enable()
         raise NotInstalled("service", error) from error
     settings = merged_settings(explicit_settings(options))
     try:
@@ -64,6 +72,4 @@ def run(options: argparse.Namespace) -> int:
         raise CommandError(str(error)) from None
     except OSError as error:
         raise CommandError(start_error(settings, error)) from error
-    finally:
-        gc.enable()
     return Exit.DONE

@@ -109,12 +109,15 @@ class FolderFiles:
         except FileNotFoundError:
             return False
 
+    def require(self, sha256: str) -> None:
+        """Raise :class:`FileNotFoundError` where the file is not there any more."""
+        self.path(sha256).stat()
+
     @contextmanager
     def local(self, sha256: str) -> Iterator[Path]:
         """The file itself."""
-        path = self.path(sha256)
-        path.stat()
-        yield path
+        self.require(sha256)
+        yield self.path(sha256)
 
     async def open_range(self, sha256: str, start: int, end: int) -> AsyncGenerator[bytes, None]:
         """The bytes from ``start`` up to ``end``; the file stays open, so that it can be removed in the meantime."""

@@ -87,6 +87,10 @@ class Files(Protocol):
         """Whether a published file is there, with all its bytes; its content is not read."""
         ...
 
+    def require(self, sha256: str) -> None:
+        """Raise :class:`FileNotFoundError` where a file is not there any more; its content is not read."""
+        ...
+
     def local(self, sha256: str) -> AbstractContextManager[Path]:
         """A local path of the file, for the length of a ``with``; the file must not be changed."""
         ...

@@ -105,6 +105,13 @@ class S3Files:
             return False
         return size == file.size
 
+    def require(self, sha256: str) -> None:
+        """Raise :class:`FileNotFoundError` where the object is not there any more."""
+        import obstore
+
+        with self._translate_errors():
+            obstore.head(self._store, key_of(sha256))
+
     @contextmanager
     def local(self, sha256: str) -> Iterator[Path]:
         """A copy of the file, whose content is checked."""

@@ -84,8 +84,7 @@ class BlobFiles:
         with self.database.read() as connection:
             size = connection.execute(_MEASURE, {"file": sha256}).scalar()
         if size is None:
-            with self.larger.local(sha256):
-                pass
+            self.larger.require(sha256)
 
     @contextmanager
     def local(self, sha256: str) -> Iterator[Path]:

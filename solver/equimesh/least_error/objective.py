@@ -122,7 +122,8 @@ class Objective:
         """The objective of the whole mesh as a function of the nodes of a region, on one thread.
 
         Its other nodes are constant. With the squared error of the cells outside in :attr:`beyond`, the two differ by
-        the distortion and the bends outside alone, which are constant, too.
+        the distortion and the bends outside, which are constant, too, and by the term of what is cut off, which only
+        the objective of the whole mesh has.
         """
         share = region.cells.count / self.cells.count
         local = Objective(
@@ -139,7 +140,7 @@ class Objective:
         )
         if self._most_cut_off < math.inf:
             local.bound_cut_off(np.ascontiguousarray(self._initial[:, region.nodes]), share)
-            local._cut_off_weight = 0.0  # regions have common edges: their sums have no part of it
+            local._cut_off_weight = 0.0
         return local
 
     def bound_cut_off(self, initial: Array, scale: float) -> None:

@@ -60,11 +60,14 @@ def check_life(files: Files, folder: Path) -> None:
     assert -2.0 < listed.age < 60.0
     assert keep(files, content) == file  # the same for another mesh
     assert files.holds(file)
+    files.require(file.sha256)
     assert not files.holds(StoredFile(file.sha256, file.size + 1))
     files.remove(file.sha256)
     files.remove(file.sha256)
     assert list(files.listing()) == []
     assert not files.holds(file)
+    with pytest.raises(FileNotFoundError):
+        files.require(file.sha256)
     with pytest.raises(FileNotFoundError):
         read(files, file.sha256)
     with pytest.raises(FileNotFoundError):
