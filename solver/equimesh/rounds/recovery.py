@@ -258,12 +258,10 @@ def error_products(one: Recovery, other: Recovery) -> ErrorProducts:
 
 KEPT = "kept"
 """The name of the mesh before, where no candidate is valid or the values are linear in x and y."""
-MAX_UNRESOLVED_FOR_SOLVER = 0.22
-"""The largest share of the gradient left unresolved on a grid at which a solver's error leads. Few points leave 0.2."""
 MIN_SOLVER_SHARE = 1.1
 """The least error of a solver over that of the interpolant from which on it leads, whatever is resolved."""
-MAX_UNRESOLVED_FITTED = 0.07
-"""The largest share of the gradient left unresolved at which fitted gradients are nearer to u than limited ones."""
+MAX_UNRESOLVED_FITTED = 0.035
+"""The largest share of the gradient left unresolved at which descents on fitted gradients end at a smaller error."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -346,8 +344,7 @@ class ErrorEstimate:
     @property
     def is_for_solver(self) -> bool:
         """Whether the error of a solver leads to the next mesh. Before that the interpolant finds layers faster."""
-        most = MAX_UNRESOLVED_FOR_SOLVER if self.recovery.mesh.is_grid else MAX_UNRESOLVED_SHARE
-        return self.products is None and (self.unresolved <= most or self.solver_share > MIN_SOLVER_SHARE)
+        return self.products is None and (self.is_resolved or self.solver_share > MIN_SOLVER_SHARE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -363,7 +360,7 @@ class NextMesh:
     candidates: Mapping[str, float]
     """The candidates, with the errors of the recovered u on them in that norm: of its interpolant, or of a solver.
 
-    In L2 the error is that of a solver where the values nearly resolve u: see :attr:`ErrorEstimate.is_for_solver`.
+    In L2 the error is that of a solver where :attr:`ErrorEstimate.is_for_solver` says so.
     """
     gain: float
     """The same error on the mesh before over that on this one.

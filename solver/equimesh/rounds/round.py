@@ -187,9 +187,9 @@ def adapt_round(
     :class:`~equimesh.fields.patch_field.PatchField`, and as limited cubics between their nodes where the values do not
     resolve u. The next mesh has the smallest measured error in ``norm`` among descents from ``mesh`` and meshes of
     straight lines, on blocks from the initial mesh of the domain: of its interpolant, in L2 of degree 1 that of a
-    solver for the equation of Poisson where the values nearly resolve u. With the values of an ``adjoint`` at the same
-    nodes, of degree 1, the error is that of its functional: the sum over the cells of the products of both errors of
-    the gradient.
+    solver for the equation of Poisson where the values resolve u, or where on ``mesh`` it exceeds that of the
+    interpolant. With the values of an ``adjoint`` at the same nodes, of degree 1, the error is that of its functional:
+    the sum over the cells of the products of both errors of the gradient.
 
     A pure function: equal arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 70 to 120
     microseconds of processor time a point of a rectangle.

@@ -76,7 +76,7 @@ def test_the_gain_compares_errors_of_one_rule(norm: Norm) -> None:
     mesh = uniform(17, 17)
     found = first_round(17, 17, norm=norm)
     u = Recovery.of(mesh, FRONT.evaluate(mesh.x, mesh.y)[0], UNIT_SQUARE).u
-    search = Search(u=u, domain=UNIT_SQUARE, before=mesh, norm=norm, of_solver=True)
+    search = Search(u=u, domain=UNIT_SQUARE, before=mesh, norm=norm)
     assert found.gain == pytest.approx(search.error_on(mesh) / search.error_on(found.reference), rel=1e-12)
 
 
@@ -237,7 +237,7 @@ def test_a_solver_leads_where_its_error_is_above_that_of_the_interpolant() -> No
     known = ErrorEstimate.of(mesh, STEEP_FRONT.evaluate(mesh.x, mesh.y)[0], UNIT_SQUARE)
     plain = known.recovery.estimate("l2", of_solver=False)
     assert known.solver_share == known.estimate / plain < 1.0
-    cases = {(0.3, 0.8): False, (0.2, 0.8): True, (0.3, 1.2): True}
+    cases = {(0.3, 0.8): False, (0.2, 0.8): False, (0.1, 0.8): True, (0.3, 1.2): True}
     found = [dataclasses.replace(known, unresolved=left, solver_share=share) for left, share in cases]
     assert [one.is_for_solver for one in found] == list(cases.values())
 
@@ -249,6 +249,9 @@ def test_fitted_gradients_are_nearer_to_a_smooth_function() -> None:
     x, y = np.random.default_rng(3).random((2, 200))
     errors = [np.abs(one.u.evaluate(x, y)[0] - u.evaluate(x, y)[0]).max() for one in (limited, limited.fitted())]
     assert errors[1] < 0.3 * errors[0]
+    known = ErrorEstimate.of(mesh, limited.values, UNIT_SQUARE)
+    made = [dataclasses.replace(known, unresolved=left).wanted("l2").u for left in (0.03, 0.05)]
+    assert [one.evaluate(x, y)[0].tolist() == limited.u.evaluate(x, y)[0].tolist() for one in made] == [False, True]
 
 
 def test_the_error_of_a_solver_is_lowered_where_it_is_requested() -> None:
