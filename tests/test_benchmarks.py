@@ -37,6 +37,7 @@ import equimesh as em
 import geometry
 from equimesh.testing import geometries
 from equimesh_cluster import PARTED_FORMATS
+from equimesh_coupling.goals import goal_values
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 TINY = bench.Sizes(large=65, small=(17,), newton=33, huge=None, kernels=False)
@@ -66,7 +67,7 @@ def test_what_is_not_shared_is_counted(tiny: dict[str, Row]) -> None:
     assert solves.not_shared(busier=0.75, both=1.0) == 0.5
     assert solves.not_shared(busier=0.5, both=1.0) == solves.not_shared(busier=0.4, both=1.0) == 0.0
     alone = float(tiny["n = 65, tight, CPU time of the busier one"].note.partition(" ")[0]) / 100.0
-    assert 0.0 <= alone <= 1.0
+    assert alone >= 0.0  # times of several runs: above 1 where other programs interrupted one of them
 
 
 def test_finer_grids_take_no_more_sweeps(tiny: dict[str, Row]) -> None:
@@ -437,11 +438,9 @@ def test_the_elements_against_refinement_converge(equation: dict[str, object]) -
     assert 0.9 < orders[1] < 1.3
 
 
-def test_the_error_of_a_functional_is_that_of_an_adjoint_of_degree_2() -> None:
-    problem = goals.Problem(
-        goals.POISSON, em.Goal.point(*goals.POINT, diffusion=1.0), goals.POINT_VALUE, goals.ring((2, 4, 4))
-    )
-    mesh = problem.domain.mesh
-    returned = problem.solve(mesh, has_error=True)
-    assert returned.error is not None
-    assert 0.6 < returned.error / (problem.exact - problem.goal.on(mesh) @ returned.u) < 1.0
+def test_the_error_of_a_functional_is_near_the_estimate() -> None:
+    problem = goals.PROBLEMS["point"]
+    mesh = goals.ring((4, 4, 5, 7)).mesh
+    found = goal_values(problem.solve(mesh), mesh, problem.goal)
+    assert found.error is not None
+    assert 0.8 < found.error / (problem.exact - found.value) < 1.25

@@ -35,6 +35,8 @@ zigzag from node to node, which says nothing of u, has a squared gradient of 5 t
 """
 MIN_UNSEEN = 0.01
 """The least share of the squared gradient that counts as not seen. Boundary values alone make small differences."""
+CHANCE_SHARE = 0.1
+"""The share of the bound of a functional's error that is added to its estimate where rounds are compared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +55,8 @@ class RoundNumbers:
     """Whether the errors are products of those of u and of an adjoint."""
     goal_error: float | None = None
     """The estimated error of a functional; ``None`` without one, and where it is not known."""
+    goal_bound: float = 0.0
+    """The sum over the cells of the products of both errors, in the units of the functional."""
 
     @property
     def is_resolved(self) -> bool:
@@ -82,12 +86,15 @@ def compared(history: Sequence[RoundNumbers], norm: str) -> list[float]:
     squared norm of the gradient lacks of the largest one, as for the energy of a Galerkin solution. From
     each norm some squared estimates are taken off first (``DOUBT_FACTORS``), which is all of it for an oscillation from
     node to node. In H1 they are relative to the gradient of the round; in L2 an estimate grows by the same factor.
-    Products for a goal are compared as they are between rounds that resolve the solution: the gradient of the adjoint
-    of a value at a point has no limit.
+    For a goal they are roots of errors of the functional: of the bound, or, of rounds that resolve the solution where
+    all such rounds know it, of the estimated error plus a tenth of the bound (``CHANCE_SHARE``), as errors of both
+    signs cancel by chance. What these rounds do not see is left out: the gradient of the adjoint of a value at a point
+    has no limit.
     """
     seen = [_gradient(one) for one in history]
     shares = [DOUBT_FACTORS[one.is_resolved] * (one.unresolved or 0.0) ** 2 for one in history]
     most = max(square * (1.0 - share) for square, share in zip(seen, shares, strict=True))
+    has_errors = all(one.goal_error is not None for one in history if one.is_resolved)
     found = []
     for one, square in zip(history, seen, strict=True):
         slopes = one.estimate_h1 or 0.0
@@ -96,8 +103,10 @@ def compared(history: Sequence[RoundNumbers], norm: str) -> list[float]:
             continue
         unseen = 0.0 if one.has_goal and one.is_resolved else most - square
         whole = math.sqrt(slopes**2 + (unseen if unseen > MIN_UNSEEN * most else 0.0))
-        if one.has_goal:
-            found.append(whole)
+        if one.has_goal and one.is_resolved and one.goal_error is not None and has_errors:
+            found.append(math.sqrt(abs(one.goal_error) + CHANCE_SHARE * one.goal_bound))
+        elif one.has_goal:
+            found.append(whole / slopes * math.sqrt(one.goal_bound))
         else:
             found.append(whole / math.sqrt(square) if norm == "h1" else one.estimate * whole / slopes)
     return found
@@ -306,6 +315,7 @@ def verdict_on(done: Sequence[AdaptRound[M]], rounds: int, norm: str, tolerance:
             moved_cells=one.moved_cells,
             has_goal=one.goal is not None,
             goal_error=None if one.goal is None else one.goal.error,
+            goal_bound=0.0 if one.goal is None else one.goal.bound,
         )
         for one in done
     ]

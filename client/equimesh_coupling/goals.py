@@ -17,22 +17,29 @@ import numpy.typing as npt
 
 from equimesh_coupling.adaptation import GoalRecord
 from equimesh_coupling.arrays import finite, real
+from equimesh_coupling.biquadratic import Equation, SourceFunction, functional_of_degree_2
 from equimesh_coupling.errors import BadValues, library
-from equimesh_coupling.parts import Array, HasParts, IntArray, MeshParts
+from equimesh_coupling.functionals import (
+    Places,
+    Region,
+    flux_weights,
+    nodes_of_side,
+    place_of_point,
+    places_in_region,
+    places_on_side,
+    shape_functions,
+)
+from equimesh_coupling.parts import Array, HasParts, MeshParts
 from equimesh_coupling.values import element_values, node_values
 from equimesh_schema.certificate import ErrorProducts
 from equimesh_schema.document import is_number
 
 WeightsFunction: TypeAlias = Callable[[Any], npt.ArrayLike]
 """From a mesh to one weight for each node, in the order of the nodes."""
-Region: TypeAlias = Callable[[Array, Array], npt.ArrayLike]
-"""Whether points belong to a region, from arrays of x and y of one shape."""
-FEW_POINTS, MANY_POINTS = 3, 32
-"""Points a direction of the rule for integrals over a cell, and for a cell that lies in a region in part."""
-MAX_SEARCH_STEPS = 30
-"""Steps of Newton's method for the place of a point in a cell."""
-EDGE = 1e-9
-"""How far outside of a cell, in its own coordinates, a point on its edge may seem to be by rounding."""
+PlacesFunction: TypeAlias = Callable[[MeshParts], Places]
+"""From the parts of a mesh to the places whose values make a functional."""
+POINT_NODES = 4
+"""Nodes with weights, at most, of a functional that is the value at a point."""
 NEEDS_ADJOINT = "with a goal, return WithAdjoint(u, z), or WithAdjoint(u, matrix=A, fixed=nodes), which solves for z"
 NEEDS_GOAL = "an adjoint needs a goal, whose error it tells: give goal=Goal(...), or return u alone"
 NO_DUAL_DEGREE = "an adjoint is known on elements of degree 1 alone: leave the degree out, or solve without a goal"
@@ -44,8 +51,11 @@ class Goal:
     """A linear functional of the solution: the sum of the values at the nodes times the ``weights`` of a mesh.
 
     :meth:`point`, :meth:`integral`, :meth:`over_side` and :meth:`flux` make usual ones. The error of the functional is
-    estimated for ``-div(diffusion grad u) + stream . grad u + reaction u = f`` where its ``diffusion`` is given, unless
-    the solver returns an estimate of its own.
+    estimated for ``-div(diffusion grad u) + stream . grad u + reaction u = source`` where its ``diffusion`` is given,
+    unless the solver returns an estimate of its own. With the ``source``, a number or a function of x and y, it is
+    estimated by a solution of degree 2 on the same mesh, but for a flux and weights of your own: ``fixed`` of the
+    solver then has all nodes with given values, and nothing flows through the rest of the boundary. Without it
+    recovered u and z tell it, but for the value at a point, whose adjoint they do not tell.
 
     Raises ``ValueError`` for numbers that no equation has.
     """
@@ -55,6 +65,9 @@ class Goal:
     diffusion: float | None = None
     stream: tuple[float, float] = (0.0, 0.0)
     reaction: float = 0.0
+    source: SourceFunction | float | None = None
+    places: PlacesFunction | None = None
+    """The places in cells whose values make the functional, where ``weights`` follow from them."""
     flux_side: str | None = None
     """The side of a :meth:`flux`, whose ``weights`` are 1 at its nodes."""
 
@@ -66,11 +79,15 @@ class Goal:
         numbers = (*self.stream, self.reaction, *(() if self.diffusion is None else (self.diffusion,)))
         if not all(is_number(one) and math.isfinite(one) for one in numbers) or len(self.stream) != 2:
             raise ValueError("diffusion, stream and reaction are those of the equation: a number, a pair, and a number")
+        if self.source is not None and not (callable(self.source) or is_number(self.source)):
+            raise ValueError("source is the right side of the equation: a number, or a function of x and y")
+        if self.source is not None and self.diffusion is None:
+            raise ValueError("source is that of an equation: give its diffusion, too")
 
     @classmethod
     def point(cls, x: float, y: float, **equation: Any) -> Goal:
         """The value at a point."""
-        return cls(lambda mesh: point_weights(mesh.mesh_parts("quad"), x, y), **equation)
+        return cls._of(lambda parts: place_of_point(parts, x, y), equation)
 
     @classmethod
     def integral(cls, region: Region | None = None, **equation: Any) -> Goal:
@@ -79,12 +96,12 @@ class Goal:
             raise ValueError(
                 f"region = {str(region)[:40]!r}: give a function, such as lambda x, y: x > 0.5, or nothing"
             )
-        return cls(lambda mesh: region_weights(mesh.mesh_parts("quad"), region), **equation)
+        return cls._of(lambda parts: places_in_region(parts, region), equation)
 
     @classmethod
     def over_side(cls, side: str, **equation: Any) -> Goal:
         """The integral along a side, such as ``"left"``, or one of a domain in blocks."""
-        return cls(lambda mesh: side_weights(mesh.mesh_parts("quad"), side), **equation)
+        return cls._of(lambda parts: places_on_side(parts, side), equation)
 
     @classmethod
     def flux(cls, side: str, **equation: Any) -> Goal:
@@ -95,6 +112,14 @@ class Goal:
         values are given there, too, is taken off. The solver returns ``matrix`` and ``load``, or z and ``value``.
         """
         return cls(lambda mesh: nodes_of_side(mesh.mesh_parts("quad"), side), flux_side=side, **equation)
+
+    @classmethod
+    def _of(cls, places: PlacesFunction, equation: dict[str, Any]) -> Goal:
+        def weights(mesh: HasParts) -> Array:
+            parts = mesh.mesh_parts("quad")
+            return places(parts).on(parts.cells, len(parts.points), shape_functions)
+
+        return cls(weights, places=places, **equation)
 
     def on(self, mesh: HasParts) -> Array:
         """The weights of the nodes of ``mesh``, in their order. Raises :class:`BadValues` for another number."""
@@ -108,7 +133,7 @@ class Goal:
     def record(self, found: GoalValues, products: ErrorProducts) -> GoalRecord:
         """The functional of a round, from what a solver returned and the products of the estimated errors."""
         error, scale = found.error, 1.0 if self.diffusion is None else self.diffusion
-        if error is None and self.diffusion is not None:
+        if error is None and self.diffusion is not None and not found.is_point:
             stream = self.stream[0] * products.stream_x + self.stream[1] * products.stream_y
             error = self.diffusion * products.diffusion + stream + self.reaction * products.reaction
         return GoalRecord(value=found.value, error=error, bound=scale * products.bound)
@@ -143,6 +168,8 @@ class GoalValues:
     z: Array
     value: float
     error: float | None
+    is_point: bool = False
+    """Whether the functional is the value at a point, whose adjoint recovered values do not tell."""
 
 
 def check_goal(goal: object, tolerance: object, degree: object, points: object = None) -> None:
@@ -196,7 +223,28 @@ def goal_values(returned: Any, mesh: HasParts, goal: Goal) -> GoalValues:
     numbers = (value,) if returned.error is None else (value, returned.error)
     if not all(is_number(one) and math.isfinite(one) for one in numbers):
         raise BadValues(f"value and error of the functional are {numbers!s:.60}: return finite numbers")
-    return GoalValues(u=u, z=z, value=float(value), error=None if returned.error is None else float(returned.error))
+    own = returned.error
+    estimated = _error(returned, u.ravel(), float(value), mesh, goal) if own is None else float(own)
+    is_point = bool(np.count_nonzero(weights) <= POINT_NODES)
+    return GoalValues(u=u, z=z, value=float(value), error=estimated, is_point=is_point)
+
+
+def _error(returned: WithAdjoint, u: Array, value: float, mesh: HasParts, goal: Goal) -> float | None:
+    """What ``value`` lacks of the functional of a solution of degree 2; ``None`` where its equation is not known."""
+    ties = getattr(mesh, "ties", None)  # nodes that are one unknown, of a domain that is closed
+    if (
+        goal.places is None
+        or goal.source is None
+        or goal.diffusion is None
+        or np.size(ties if ties is not None else ())
+    ):
+        return None
+    parts = mesh.mesh_parts("quad")
+    equation = Equation(diffusion=goal.diffusion, stream=goal.stream, reaction=goal.reaction, source=goal.source)
+    is_fixed = ~_free_nodes(returned.fixed, u.size)
+    if not (is_fixed.any() or goal.reaction):
+        raise BadValues("no node has a given value, so that the equation has many solutions: name them in fixed")
+    return functional_of_degree_2(parts, equation, goal.places(parts), u, is_fixed) - value
 
 
 def _flux(returned: WithAdjoint, matrix: Any, u: Array, parts: MeshParts, side: str) -> float:
@@ -256,135 +304,3 @@ def _free_nodes(fixed: Any, count: int) -> npt.NDArray[np.bool_]:
     except (IndexError, TypeError, ValueError) as error:
         raise BadValues(f"fixed names no nodes of this mesh ({error}): give their numbers, or a mask") from error
     return is_free
-
-
-# Weights of usual functionals for bilinear elements.
-
-
-def point_weights(parts: MeshParts, x: float, y: float) -> Array:
-    """The shape functions at a point; raises :class:`BadValues` for one outside of the mesh."""
-    corners = parts.points[parts.cells]
-    inside = ((corners.min(axis=1) <= (x, y)) & (corners.max(axis=1) >= (x, y))).all(axis=1)
-    for cell in np.flatnonzero(inside):
-        s, t = _place(corners[cell], np.array([x, y]))
-        if max(abs(s - 0.5), abs(t - 0.5)) <= 0.5 + EDGE:
-            weights = np.zeros(len(parts.points))
-            weights[parts.cells[cell]] = shape_functions(s, t)
-            return weights
-    raise BadValues(f"the point ({x:g}, {y:g}) lies outside of the mesh: give one inside")
-
-
-def _place(corners: Array, point: Array) -> tuple[float, float]:
-    """The coordinates of a point in a cell, by Newton's method; infinite where it finds none."""
-    s = t = 0.5
-    for _ in range(MAX_SEARCH_STEPS):
-        lower, upper = corners[0] + s * (corners[1] - corners[0]), corners[3] + s * (corners[2] - corners[3])
-        along = (1.0 - t) * (corners[1] - corners[0]) + t * (corners[2] - corners[3])
-        across, rest = upper - lower, point - (lower + t * (upper - lower))
-        det = along[0] * across[1] - along[1] * across[0]
-        if det == 0.0:
-            break
-        s += (rest[0] * across[1] - rest[1] * across[0]) / det
-        t += (rest[1] * along[0] - rest[0] * along[1]) / det
-    return (s, t) if math.isfinite(s + t) else (math.inf, math.inf)
-
-
-def shape_functions(s: Any, t: Any) -> Any:
-    """The four bilinear shape functions, in the order of the corners of a cell."""
-    return np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t])
-
-
-def region_weights(parts: MeshParts, region: Region | None) -> Array:
-    """The integrals of the shape functions over the cells, or over what of them lies in a region."""
-    cells, weights = parts.cells, np.zeros(len(parts.points))
-    if region is None:
-        add_integrals(parts, cells, FEW_POINTS, None, weights)
-        return weights
-    _, x, y, _ = _points(parts, cells, FEW_POINTS + 1)
-    inside = _is_in(
-        region, np.concatenate([x, parts.points[cells][..., 0].T]), np.concatenate([y, parts.points[cells][..., 1].T])
-    )
-    whole = inside.all(axis=0)
-    add_integrals(parts, cells[whole], FEW_POINTS, None, weights)
-    add_integrals(parts, cells[~whole], MANY_POINTS, region, weights)
-    if not weights.any():
-        raise BadValues("no cell of the mesh has a part in the region: the functional is constant")
-    return weights
-
-
-def _is_in(region: Region, x: Array, y: Array) -> npt.NDArray[np.bool_]:
-    found = np.asarray(region(x, y))
-    if found.shape != x.shape:
-        raise BadValues(f"the region has answered with the shape {found.shape} for points of shape {x.shape}")
-    return found.astype(bool)
-
-
-def add_integrals(parts: MeshParts, cells: IntArray, points: int, region: Region | None, weights: Array) -> None:
-    """Add the integrals of the shape functions over ``cells``, by ``points`` a direction."""
-    if len(cells):
-        shape, x, y, area = _points(parts, cells, points)
-        area = area if region is None else area * _is_in(region, x, y)
-        np.add.at(weights, cells.T, shape @ area)
-
-
-def _points(parts: MeshParts, cells: IntArray, points: int) -> tuple[Array, Array, Array, Array]:
-    """Shape functions ``(4, points)``, and x, y and areas ``(points, cells)`` of a Gauss rule, or of many midpoints."""
-    if points == MANY_POINTS:
-        at, share = (np.arange(points) + 0.5) / points, np.full(points, 1.0 / points)
-    else:
-        at, share = np.polynomial.legendre.leggauss(points)
-        at, share = 0.5 * (at + 1.0), 0.5 * share
-    s, t = (q.ravel() for q in np.meshgrid(at, at, indexing="ij"))
-    shape = shape_functions(s, t)
-    x, y = (parts.points[cells][..., k].T for k in (0, 1))
-    along_s, along_t = np.stack([t - 1, 1 - t, t, -t]), np.stack([s - 1, -s, s, 1 - s])
-    det = (along_s.T @ x) * (along_t.T @ y) - (along_t.T @ x) * (along_s.T @ y)
-    return shape, shape.T @ x, shape.T @ y, np.outer(share, share).reshape(-1, 1) * det
-
-
-def edges_of_side(parts: MeshParts, side: str) -> IntArray:
-    """The edges of a side, shape ``(k, 2)``; raises :class:`BadValues` for a name that the mesh has not."""
-    if side not in parts.sides:
-        names = ", ".join(map(repr, parts.sides))
-        raise BadValues(f"the mesh has no side {side!r:.40}: its sides are {names}")
-    return parts.sides[side]
-
-
-def nodes_of_side(parts: MeshParts, side: str) -> Array:
-    """1 at the nodes of a side, 0 elsewhere."""
-    weights = np.zeros(len(parts.points))
-    weights[edges_of_side(parts, side).ravel()] = 1.0
-    return weights
-
-
-def flux_weights(parts: MeshParts, side: str) -> Array:
-    """The weights of what is left of the equations of the nodes for the flux through a side.
-
-    They are 1 at its nodes. The node of a corner has a part of the flux through the side next to it, too, which is
-    linear between the next two nodes there: their weights take it off.
-    """
-    weights = nodes_of_side(parts, side)
-    others = np.concatenate([parts.sides[side][:0], *(edges for name, edges in parts.sides.items() if name != side)])
-    lengths = np.hypot(*(parts.points[others[:, 1]] - parts.points[others[:, 0]]).T)
-    around = 0.5 * np.bincount(others.ravel(), np.repeat(lengths, 2), minlength=weights.size)
-    on_side = weights[others] > 0.0
-    taken = np.zeros(weights.size)
-    for edge in np.flatnonzero(on_side.sum(axis=1) == 1):
-        near = int(others[edge][~on_side[edge]][0])
-        following = [k for k in np.flatnonzero((others == near).any(axis=1)) if k != edge]
-        if len(following) != 1 or on_side[following].any():
-            continue  # a side of fewer than three edges
-        (after,), length = following, lengths[edge]
-        slope = min(1.0, length / lengths[after])
-        taken[near] += length / 6.0 * (3.0 + 2.0 * slope) / around[near]
-        far = int(others[after].sum() - near)
-        taken[far] -= length / 3.0 * slope / around[far]
-    return weights - taken
-
-
-def side_weights(parts: MeshParts, side: str) -> Array:
-    """The integrals of the shape functions along a side."""
-    edges, weights = edges_of_side(parts, side), np.zeros(len(parts.points))
-    lengths = np.hypot(*(parts.points[edges[:, 1]] - parts.points[edges[:, 0]]).T)
-    np.add.at(weights, edges, 0.5 * lengths[:, None])
-    return weights

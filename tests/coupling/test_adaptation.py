@@ -193,7 +193,43 @@ def test_rounds_for_a_goal_are_ranked_by_products_though_the_gradient_of_the_adj
     has_goal: bool, best: int
 ) -> None:
     done = [
-        RoundNumbers(estimate=1.0, estimate_h1=slopes, unresolved=share, moved_cells=1.0, has_goal=has_goal)
+        RoundNumbers(
+            estimate=1.0,
+            estimate_h1=slopes,
+            unresolved=share,
+            moved_cells=1.0,
+            has_goal=has_goal,
+            goal_bound=slopes**2,
+        )
         for slopes, share in ((0.0096, 0.0197), (0.0048, 0.0101))
+    ]
+    assert judge(done, 5, "h1").best == best
+
+
+@pytest.mark.parametrize(
+    ("errors", "unresolved", "best"),
+    [
+        ((3e-5, -1e-6, 8e-6), (0.02, 0.02, 0.02), 1),
+        ((3e-5, None, 8e-6), (0.02, 0.02, 0.02), 2),
+        ((1e-6, 2e-6, 8e-6), (0.3, 0.02, 0.02), 1),
+        ((3e-5, 1e-8, 8e-6), (0.02, 0.02, 0.02), 2),
+    ],
+    ids=["by their errors", "by bounds where one has no error", "of those that resolve", "not by chance"],
+)
+def test_rounds_for_a_goal_are_ranked_by_the_error_of_the_functional(
+    errors: tuple[float | None, ...], unresolved: tuple[float, ...], best: int
+) -> None:
+    bounds = (9e-5, 4e-5 if errors[1] != 1e-8 else 9e-4, 3e-5)
+    done = [
+        RoundNumbers(
+            estimate=1.0,
+            estimate_h1=bound**0.5,
+            unresolved=share,
+            moved_cells=1.0,
+            has_goal=True,
+            goal_error=error,
+            goal_bound=bound,
+        )
+        for error, share, bound in zip(errors, unresolved, bounds, strict=True)
     ]
     assert judge(done, 5, "h1").best == best

@@ -131,7 +131,7 @@ def test_a_solver_that_fails_later_keeps_the_best_mesh(connect: Connect, url: st
     assert found.reason.startswith("Round 2 failed, and the best mesh before it is kept: BadValues")
 
 
-GOAL = em.Goal.point(0.3, 0.4, diffusion=1.0)
+GOAL = em.Goal.point(0.3, 0.4, diffusion=1.0, reaction=1.0, source=1.0)
 
 
 def with_adjoint(mesh: Any) -> em.WithAdjoint:

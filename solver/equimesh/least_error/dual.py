@@ -6,9 +6,8 @@ Acta Numerica 10, 2001). It is at most the sum over the cells K of ``|e_u|_K |e_
 gradients. With z = u that is the squared error in H1.
 
 The sum is larger than the error: around a point whose value is the functional, parts of both signs cancel. On step-14
-of deal.II it fell from 9e-5 to 2e-5, and the error from 4e-5 to 3e-6. Recovered u and z tell the error of a functional
-to a factor of two where z is smooth. Around a point, estimates from u alone, from patches of cells, and from cubics
-fitted to u were no better than these: an adjoint of degree 2 is needed there.
+of deal.II it fell from 1.0e-4 to 3.7e-5, and the error from 4e-5 to 1e-6. Recovered u and z tell the error of a
+functional to a factor of two where z is smooth. Around a point nothing but a solution of degree 2 does.
 """
 
 from __future__ import annotations
