@@ -23,6 +23,7 @@ from equimesh.meshes.second_order import require_degree as require_value_degree
 from equimesh.monitors.metrics import NORMS, Curvature
 from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
 from equimesh.numerics.types import Array
+from equimesh_coupling.elements import element_shape
 from equimesh_coupling.goals import NO_DUAL_DEGREE
 from equimesh_schema.document import is_number, is_whole
 
@@ -395,13 +396,20 @@ class NodalSolution:
             raise InputError(f"{NO_OTHER_GRID}: the grid has {grid} points, the values are {own}", field="grid")
 
     def mesh_on(self, domain: AnyDomain) -> Mesh:
-        """The mesh of the values on ``domain``; raises :class:`~equimesh.errors.InputError` for one of two kinds."""
+        """The mesh of the values on ``domain``; raises :class:`~equimesh.errors.InputError` for another one's."""
         nodes = self.nodal.mesh
         if nodes.is_grid == isinstance(domain, Blocks):
             raise InputError(TWO_KINDS, field="u")
         if self.degree == 1:
             return nodes
         if isinstance(domain, Blocks):
+            (count,) = element_shape(domain.mesh, self.degree)
+            if len(nodes.points) != count:
+                raise InputError(
+                    f"u has values at {len(nodes.points)} nodes, and elements of degree {self.degree} have {count} on"
+                    " the mesh of the domain: give values on a mesh of this domain",
+                    field="u",
+                )
             return domain.mesh.moved(nodes.points[: domain.points].copy())
         return corners_of(nodes, self.degree)
 

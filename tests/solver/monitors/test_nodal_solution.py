@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.meshes.second_order import lattice_of
 
 NODES = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
 VALUES = np.tanh(5.0 * (NODES.x - NODES.y))
@@ -73,3 +74,11 @@ def test_values_of_quadratic_elements_are_on_the_lattice_of_the_mesh() -> None:
         em.NodalSolution(u=NODAL, degree=5)
     found = em.solve(em.Problem(monitor=quadratic, grid=grid))
     assert found.mesh.distance(em.adapt_round(em.Mesh.uniform(grid), VALUES, degree=2).mesh) == 0.0
+
+
+def test_values_at_the_nodes_of_other_blocks_are_refused_by_their_number() -> None:
+    nodes = lattice_of(em.Blocks.rectangle(cells=(2, 2)).mesh, 3)
+    cubic = em.NodalSolution(u=em.QuadField(mesh=nodes, values=nodes.points[:, 0]), degree=3)
+    with pytest.raises(em.InputError, match="at 49 nodes, and elements of degree 3 have 100 on") as told:
+        cubic.on(em.Blocks.rectangle(cells=(3, 3)))
+    assert told.value.field == "u"
