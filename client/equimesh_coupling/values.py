@@ -77,7 +77,8 @@ def element_values(returned: Any, mesh: HasParts, degree: int | None = None) -> 
     if is_field(returned):
         raise BadValues(
             f"the space of this field is none whose degree {degree} can be seen: return a field of a scalar Lagrange"
-            " space of this degree on the quadrilaterals of this mesh, or values at the nodes of its elements"
+            " space of this degree on the quadrilaterals of this mesh, or its values, also of a field on triangles, at"
+            f" element_points(mesh, {degree})"
         )
     values, shape = finite(real(returned, "the solution"), "the solution"), element_shape(mesh, degree)
     if values.shape != shape and not (values.size == math.prod(shape) and max(values.shape) == values.size):
