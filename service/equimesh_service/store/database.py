@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import sqlite3
 import threading
 import time
@@ -35,13 +36,15 @@ from sqlalchemy import (
     text,
 )
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.engine import URL, make_url
+from sqlalchemy.engine import URL, ExceptionContext, make_url
 from sqlalchemy.exc import ArgumentError
 from sqlalchemy.sql.dml import ReturningInsert
 
 from equimesh_service.errors import NewerDatabaseError, UnusableDatabaseError
 from equimesh_service.store.schema import artifacts, blobs, keys, meshes, metadata, samples
 
+# Of a connection to SQLite: whether its file could not be written to when it was opened.
+_READ_ONLY = "read only"
 # How old a reading of the database's clock may be.
 _MAX_READING_AGE_SECONDS = 10.0
 # A reading that takes longer is repeated: the time may be of its beginning or of its end.
@@ -151,6 +154,8 @@ class Database:
             )
             event.listen(self._engine, "connect", _prepare_sqlite)
             event.listen(self._engine, "begin", _begin_sqlite)
+            event.listen(self._engine, "checkin", _drop_read_only)
+            event.listen(self._engine, "handle_error", _drop_all_read_only)
         else:
             if find_spec("psycopg") is None:
                 raise UnusableDatabaseError(
@@ -272,12 +277,27 @@ def _refuse_other_encodings(connection: Any, _record: Any) -> None:
         )
 
 
-def _prepare_sqlite(connection: Any, _record: Any) -> None:
+def _prepare_sqlite(connection: Any, record: Any) -> None:
     connection.isolation_level = None  # _begin_sqlite begins transactions, not the driver
     cursor = connection.cursor()
+    file = cursor.execute("PRAGMA database_list").fetchone()[2]
+    record.info[_READ_ONLY] = not os.access(file, os.W_OK)
     cursor.execute("PRAGMA journal_mode=WAL")
     cursor.execute("PRAGMA foreign_keys=ON")
     cursor.close()
+
+
+def _drop_read_only(_connection: Any, record: Any) -> None:
+    """Close a connection that was opened while the disk took no writes: it refuses them also when the disk is back."""
+    if record.info.get(_READ_ONLY):
+        record.invalidate()
+
+
+def _drop_all_read_only(context: ExceptionContext) -> None:
+    """Close all connections after a refused write: the disk may have changed while one of them was opened."""
+    code = getattr(context.original_exception, "sqlite_errorcode", 0)
+    if code & 0xFF == sqlite3.SQLITE_READONLY:
+        context.is_disconnect = True
 
 
 def _begin_sqlite(connection: Connection) -> None:
