@@ -16,7 +16,7 @@ from equimesh.errors import InputError
 from equimesh.fields.bicubic import ORDER, Axis, Bicubic, at_patch, at_piece, buckets_per_length, piece, slopes_at_piece
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled, inlined, vectorised
-from equimesh.numerics.types import Array, BoolArray, Pair
+from equimesh.numerics.types import Array, BoolArray, IntPair, Pair
 
 MAX_STEPS = 20  # of Newton's method
 POLISHING_STEPS = 4  # of Newton's method on the map of a domain, from the result of its spline
@@ -26,6 +26,11 @@ MIN_STEP_CELLS = 1e-8  # the next step after a smaller one would be lost in roun
 MAX_DISTANCE_CELLS = 1.0  # between the point by the spline and by the bilinear cell that holds it
 RIM_SHARE = 0.25  # of the length of a cell: how far from its edge a curved side may lie
 NO_PATCHES = np.empty((0, 0, ORDER, ORDER))
+BLOCK_POINTS = 256  # of which all take a step of Newton's method before the next
+# Where the numbers of a block of points begin in the array of their steps: the point, the corners of its cell, its
+# place in the cell, and whether it still moves.
+WORK_ROWS = 13
+X, Y, X0, X1, X2, X3, Y0, Y1, Y2, Y3, A, B, MOVING = range(0, BLOCK_POINTS * WORK_ROWS, BLOCK_POINTS)
 
 
 class Places(NamedTuple):
@@ -83,13 +88,9 @@ class MeshMap:
 
         They are 0 for points that are not finite.
         """
-        x, y = np.ravel(x), np.ravel(y)
-        lost = ~(np.isfinite(x) & np.isfinite(y))
-        if lost.any():
-            x, y = np.where(lost, self.mesh.x[0, 0], x), np.where(lost, self.mesh.y[0, 0], y)
-        places = Places(np.empty(x.size), np.empty(x.size), np.empty(x.size, dtype=np.bool_))
-        points = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(y, dtype=float)
-        locate_points(points, (self.mesh.x, self.mesh.y), self._splines, places)
+        points, _, columns = known_points(x, y, self.mesh)
+        places = Places(np.empty(points[0].size), np.empty(points[0].size), np.empty(points[0].size, dtype=np.bool_))
+        locate_points(points, (self.mesh.x, self.mesh.y), self._splines, columns, places)
         return places
 
     @property
@@ -134,27 +135,137 @@ def through(values: Array) -> Bicubic:
     return Bicubic.of(scipy.interpolate.RectBivariateSpline(s, t, values, s=0), often=True)
 
 
+def known_points(x: Array, y: Array, mesh: Mesh) -> tuple[Pair, BoolArray | None, int]:
+    """Points as flat arrays, those that are not finite at a node of ``mesh``; which these are, or None; and columns.
+
+    ``columns`` is the length of a row of the points: their last dimension.
+    """
+    columns, x, y = x.shape[-1] if x.ndim else 1, np.ravel(x), np.ravel(y)
+    lost = ~(np.isfinite(x) & np.isfinite(y))
+    if not lost.any():
+        return (np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(y, dtype=float)), None, columns
+    return (np.where(lost, mesh.x[0, 0], x), np.where(lost, mesh.y[0, 0], y)), lost, columns
+
+
 @compiled
-def locate_points(points: Pair, nodes: Pair, splines: MapSplines, places: Places) -> None:
-    """Fill in the grid coordinates of points. It is fast where each point is near the one before it."""
-    (px, py), (x, y), (s, t, smooth) = points, nodes, places
+def locate_points(points: Pair, nodes: Pair, splines: MapSplines, columns: int, places: Places) -> None:
+    """Fill in the grid coordinates of points, which come in rows of ``columns``."""
+    (px, py), (s, t, smooth) = points, places
+    n = px.size
+    cells, starts = (np.empty(n, np.int64), np.empty(n, np.int64)), (np.empty(n), np.empty(n))
+    find_cells(points, nodes, columns, cells)
+    place_in_cells(points, nodes, cells, MIN_START_STEP_CELLS, starts)
+    rough = 0
+    for begin in range(0, n, BLOCK_POINTS):
+        rough += place_by_splines(points, splines, starts, begin, min(n, begin + BLOCK_POINTS), places)
+    if rough == 0:
+        return
+    at, where, found = (np.empty(rough), np.empty(rough)), np.empty(rough, np.int64), (np.empty(rough), np.empty(rough))
+    of_rough, k = (np.empty(rough, np.int64), np.empty(rough, np.int64)), 0
+    for p in range(n):
+        if not smooth[p]:
+            where[k], at[0][k], at[1][k] = p, px[p], py[p]
+            of_rough[0][k], of_rough[1][k] = cells[0][p], cells[1][p]
+            k += 1
+    place_in_cells(at, nodes, of_rough, MIN_STEP_CELLS, found)
+    for k in range(rough):
+        s[where[k]], t[where[k]] = found[0][k], found[1][k]
+
+
+@compiled
+def find_cells(points: Pair, nodes: Pair, columns: int, cells: IntPair) -> None:
+    """Fill in the ``cells`` of points, which come in rows of ``columns``.
+
+    It is fast where each point is near the one before it, or the one in the row before, and where the points are as
+    many as the nodes, in rows and columns, near the node of the same number.
+    """
+    (px, py), (x, y), (of_i, of_j) = points, nodes, cells
+    are_nodes = px.size == x.size and columns == x.shape[1]
+    i = j = other_i = other_j = row = column = 0
+    for p in range(px.size):
+        if are_nodes:
+            other_i, other_j = max(row - 1, 0), max(column - 1, 0)
+        elif p >= columns:
+            other_i, other_j = of_i[p - columns], of_j[p - columns]
+        if is_nearer(px[p], py[p], x, y, (other_i, other_j), (i, j)):
+            i, j = walk(px[p], py[p], x, y, other_i, other_j)
+            other_i, other_j = i, j
+        else:
+            i, j = walk(px[p], py[p], x, y, i, j)
+        of_i[p], of_j[p] = i, j
+        column += 1
+        if column == columns:
+            row, column = row + 1, 0
+
+
+@compiled
+def place_in_cells(points: Pair, nodes: Pair, cells: IntPair, smallest: float, places: Pair) -> None:
+    """Fill in the grid coordinates of points by the bilinear maps of their ``cells``, or of points on the cells' rims.
+
+    Newton's method ends with a step shorter than ``smallest``. All points of a block take a step at once, those that
+    have ended none: so the steps are vector instructions.
+    """
+    (px, py), (x, y), (of_i, of_j), (s, t) = points, nodes, cells, places
+    w = np.empty(WORK_ROWS * BLOCK_POINTS)  # one array, or the compiler could not tell that rows do not overlap
+    for begin in range(0, px.size, BLOCK_POINTS):
+        count = min(BLOCK_POINTS, px.size - begin)
+        for k in range(count):
+            i, j = of_i[begin + k], of_j[begin + k]
+            w[X + k], w[Y + k] = px[begin + k], py[begin + k]
+            w[X0 + k], w[X1 + k], w[X2 + k], w[X3 + k] = x[i, j], x[i + 1, j], x[i + 1, j + 1], x[i, j + 1]
+            w[Y0 + k], w[Y1 + k], w[Y2 + k], w[Y3 + k] = y[i, j], y[i + 1, j], y[i + 1, j + 1], y[i, j + 1]
+            w[A + k], w[B + k], w[MOVING + k] = 0.5, 0.5, 1.0
+        for _ in range(MAX_STEPS):
+            for k in range(count):
+                a, b, moving = w[A + k], w[B + k], w[MOVING + k]
+                x0, x1, x2, x3 = w[X0 + k], w[X1 + k], w[X2 + k], w[X3 + k]
+                y0, y1, y2, y3 = w[Y0 + k], w[Y1 + k], w[Y2 + k], w[Y3 + k]
+                lower_x, upper_x = x0 + a * (x1 - x0), x3 + a * (x2 - x3)
+                lower_y, upper_y = y0 + a * (y1 - y0), y3 + a * (y2 - y3)
+                x_a, y_a = (1.0 - b) * (x1 - x0) + b * (x2 - x3), (1.0 - b) * (y1 - y0) + b * (y2 - y3)
+                x_b, y_b = upper_x - lower_x, upper_y - lower_y
+                r, q = w[X + k] - lower_x - b * x_b, w[Y + k] - lower_y - b * y_b
+                det = x_a * y_b - x_b * y_a
+                da, db = (r * y_b - q * x_b) / det, (q * x_a - r * y_a) / det
+                w[A + k] = min(max(a + da, 0.0), 1.0) if moving > 0.0 else a
+                w[B + k] = min(max(b + db, 0.0), 1.0) if moving > 0.0 else b
+                w[MOVING + k] = 0.0 if abs(da) + abs(db) < smallest else moving
+            left = False
+            for k in range(count):
+                if w[MOVING + k] > 0.0:
+                    left = True
+                    break
+            if not left:
+                break
+        for k in range(count):
+            s[begin + k], t[begin + k] = of_i[begin + k] + w[A + k], of_j[begin + k] + w[B + k]
+
+
+@compiled
+def place_by_splines(points: Pair, splines: MapSplines, starts: Pair, begin: int, end: int, places: Places) -> int:
+    """Fill in the grid coordinates of the points from ``begin`` to before ``end`` by the splines of the mesh.
+
+    The ``starts`` are their grid coordinates by bilinear maps. Returns the number of points that have no others. All
+    points take a step of Newton's method before the next: so the processor works at several of them.
+    """
+    (px, py), (s0, t0), (s, t, smooth) = points, starts, places
     along_s, along_t = splines.along_s, splines.along_t
     breaks_s, breaks_t = along_s.breaks, along_t.breaks
     of_x, of_y = splines.patches
     scale_s, scale_t = buckets_per_length(along_s), buckets_per_length(along_t)
-    last_s, last_t = float(x.shape[0] - 1), float(x.shape[1] - 1)
-    i = j = row_i = row_j = 0
-    for p in range(px.size):
-        if is_nearer(px[p], py[p], x, y, (row_i, row_j), (i, j)):
-            row_i, row_j = walk(px[p], py[p], x, y, row_i, row_j)
-            i, j = row_i, row_j
-        else:
-            i, j = walk(px[p], py[p], x, y, i, j)
-        s0, t0 = within(px[p], py[p], x, y, i, j, MIN_START_STEP_CELLS)
-        smooth[p] = False
-        a, b = s0, t0
-        k, m = min(max(i - 1, 0), breaks_s.size - 2), min(max(j - 1, 0), breaks_t.size - 2)
-        for _ in range(MAX_STEPS):
+    last_s, last_t = breaks_s[-1], breaks_t[-1]
+    last_k, last_m = breaks_s.size - 2, breaks_t.size - 2
+    left, lost = end - begin, 0
+    moving = np.empty(left, np.int64)
+    for n in range(left):
+        p = begin + n
+        moving[n], s[p], t[p], smooth[p] = p, s0[p], t0[p], False
+    for _ in range(MAX_STEPS):
+        count, left = left, 0
+        for n in range(count):
+            p = moving[n]
+            a, b = s[p], t[p]
+            k, m = min(max(int(a) - 1, 0), last_k), min(max(int(b) - 1, 0), last_m)
             if not breaks_s[k] <= a < breaks_s[k + 1]:
                 k = piece(a, along_s, scale_s)
             if not breaks_t[m] <= b < breaks_t[m + 1]:
@@ -168,7 +279,8 @@ def locate_points(points: Pair, nodes: Pair, splines: MapSplines, places: Places
             r, q = px[p] - r, py[p] - q
             det = x_s * y_t - x_t * y_s
             if not det > 0.0:
-                break
+                lost += 1
+                continue
             per_det = 1.0 / det
             da, db = (r * y_t - q * x_t) * per_det, (q * x_s - r * y_s) * per_det
             # At a side that the step leads out of, the nearest point is sought along the side.
@@ -181,13 +293,17 @@ def locate_points(points: Pair, nodes: Pair, splines: MapSplines, places: Places
                 if (a <= 0.0 and da < 0.0) or (a >= last_s and da > 0.0):
                     da = 0.0
             a, b = min(max(a + da, 0.0), last_s), min(max(b + db, 0.0), last_t)
-            if not (abs(a - s0) <= MAX_DISTANCE_CELLS and abs(b - t0) <= MAX_DISTANCE_CELLS):
-                break
-            if abs(da) + abs(db) < MIN_STEP_CELLS:
-                s[p], t[p], smooth[p] = a, b, True
-                break
-        if not smooth[p]:
-            s[p], t[p] = within(px[p], py[p], x, y, i, j, MIN_STEP_CELLS)
+            s[p], t[p] = a, b
+            if not (abs(a - s0[p]) <= MAX_DISTANCE_CELLS and abs(b - t0[p]) <= MAX_DISTANCE_CELLS):
+                lost += 1
+            elif abs(da) + abs(db) < MIN_STEP_CELLS:
+                smooth[p] = True
+            else:
+                moving[left] = p
+                left += 1
+        if left == 0:
+            break
+    return lost + left
 
 
 @vectorised
@@ -224,6 +340,8 @@ def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int,
         y0, y1, y2, y3 = y[i, j] - py, y[i + 1, j] - py, y[i + 1, j + 1] - py, y[i, j + 1] - py
         # Few edges have the point on their outer side: only their lengths are needed.
         below, right, above, left = x0 * y1 - x1 * y0, x1 * y2 - x2 * y1, x2 * y3 - x3 * y2, x3 * y0 - x0 * y3
+        if min(below, right, above, left) >= 0.0:
+            return i, j
         if below < 0.0 and j > 0 and below < worst * ((x1 - x0) ** 2 + (y1 - y0) ** 2):
             worst, to_i, to_j = below / ((x1 - x0) ** 2 + (y1 - y0) ** 2), i, j - 1
         if right < 0.0 and i < rows - 1 and right < worst * ((x2 - x1) ** 2 + (y2 - y1) ** 2):
@@ -287,25 +405,3 @@ def holds(px: float, py: float, x: Array, y: Array, i: int, j: int) -> bool:
         if ex * (py - y[i0, j0]) - ey * (px - x[i0, j0]) < 0.0:
             return False
     return True
-
-
-@compiled
-def within(px: float, py: float, x: Array, y: Array, i: int, j: int, smallest: float) -> tuple[float, float]:
-    """The grid coordinates of a point by the bilinear map of the cell (i, j), or of one on the cell's rim.
-
-    Newton's method ends with a step shorter than ``smallest``.
-    """
-    a = b = 0.5
-    for _ in range(MAX_STEPS):
-        lower_x, upper_x = x[i, j] + a * (x[i + 1, j] - x[i, j]), x[i, j + 1] + a * (x[i + 1, j + 1] - x[i, j + 1])
-        lower_y, upper_y = y[i, j] + a * (y[i + 1, j] - y[i, j]), y[i, j + 1] + a * (y[i + 1, j + 1] - y[i, j + 1])
-        x_a = (1.0 - b) * (x[i + 1, j] - x[i, j]) + b * (x[i + 1, j + 1] - x[i, j + 1])
-        y_a = (1.0 - b) * (y[i + 1, j] - y[i, j]) + b * (y[i + 1, j + 1] - y[i, j + 1])
-        x_b, y_b = upper_x - lower_x, upper_y - lower_y
-        r, q = px - lower_x - b * x_b, py - lower_y - b * y_b
-        det = x_a * y_b - x_b * y_a
-        da, db = (r * y_b - q * x_b) / det, (q * x_a - r * y_a) / det
-        a, b = min(max(a + da, 0.0), 1.0), min(max(b + db, 0.0), 1.0)
-        if abs(da) + abs(db) < smallest:
-            break
-    return i + a, j + b

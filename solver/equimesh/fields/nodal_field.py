@@ -10,7 +10,16 @@ import numpy.typing as npt
 
 from equimesh.errors import SamplesError
 from equimesh.fields.bicubic import Bicubic, slopes_on_mesh
-from equimesh.fields.mesh_map import MIN_STEP_CELLS, MeshMap, Places, is_nearer, require_unfolded, through, walk, within
+from equimesh.fields.mesh_map import (
+    MIN_STEP_CELLS,
+    MeshMap,
+    Places,
+    find_cells,
+    known_points,
+    place_in_cells,
+    require_unfolded,
+    through,
+)
 from equimesh.fields.patch_gradients import patch_gradients
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import brackets, real_array
@@ -241,9 +250,11 @@ class HermiteField:
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
         """u and its partial derivatives up to ``order``, each of the points' shape: see ``Field.evaluate``."""
         x, y = np.broadcast_arrays(x, y)
-        flat = np.ascontiguousarray(x, dtype=float).reshape(-1), np.ascontiguousarray(y, dtype=float).reshape(-1)
-        rows = np.empty((COUNT[order], flat[0].size))
-        evaluate_points(flat, (self.mesh.x, self.mesh.y), self.values, self._bumps, rows)
+        points, lost, columns = known_points(x, y, self.mesh)
+        rows = np.empty((COUNT[order], points[0].size))
+        evaluate_points(points, (self.mesh.x, self.mesh.y), self.values, self._bumps, columns, rows)
+        if lost is not None:
+            rows[:, lost] = np.nan
         return tuple(row.reshape(x.shape) for row in rows)
 
     def __repr__(self) -> str:
@@ -273,24 +284,17 @@ def _bumps(x: Array, y: Array, values: Array, u_x: Array, u_y: Array, fitted: bo
 
 
 @compiled
-def evaluate_points(points: Pair, nodes: Pair, values: Array, bumps: EdgeBumps, rows: Array) -> None:
-    """Fill ``rows`` of shape ``(1, 3 or 6, points)``. It is fast where each point is near the one before it."""
-    (px, py), (x, y) = points, nodes
+def evaluate_points(points: Pair, nodes: Pair, values: Array, bumps: EdgeBumps, columns: int, rows: Array) -> None:
+    """Fill ``rows`` of shape ``(1, 3 or 6, points)`` at points that come in rows of ``columns``."""
+    (px, _), (x, y) = points, nodes
     of_xi, of_eta = bumps
     count = rows.shape[0]
-    i = j = row_i = row_j = 0
+    cells, places = (np.empty(px.size, np.int64), np.empty(px.size, np.int64)), (np.empty(px.size), np.empty(px.size))
+    find_cells(points, nodes, columns, cells)
+    place_in_cells(points, nodes, cells, MIN_STEP_CELLS, places)
     for k in range(px.size):
-        if not (np.isfinite(px[k]) and np.isfinite(py[k])):
-            for row in range(count):
-                rows[row, k] = np.nan
-            continue
-        if is_nearer(px[k], py[k], x, y, (row_i, row_j), (i, j)):
-            row_i, row_j = walk(px[k], py[k], x, y, row_i, row_j)
-            i, j = row_i, row_j
-        else:
-            i, j = walk(px[k], py[k], x, y, i, j)
-        s, t = within(px[k], py[k], x, y, i, j, MIN_STEP_CELLS)
-        s, t = s - i, t - j
+        i, j = cells[0][k], cells[1][k]
+        s, t = places[0][k] - i, places[1][k] - j
         v00, v10, v11, v01 = values[i, j], values[i + 1, j], values[i + 1, j + 1], values[i, j + 1]
         pb, qb, pt, qt = of_xi[i, j, 0], of_xi[i, j, 1], of_xi[i, j + 1, 0], of_xi[i, j + 1, 1]
         pl, ql, pr, qr = of_eta[i, j, 0], of_eta[i, j, 1], of_eta[i + 1, j, 0], of_eta[i + 1, j, 1]

@@ -96,7 +96,7 @@ class FixedPoints:
         """The error of the interpolant of ``values`` at the nodes of a ``mesh`` of the reference square."""
         rows = np.empty((3, self.s.size))
         flat = EdgeBumps(*(np.zeros((*np.diff(values, axis=k).shape, 2)) for k in (0, 1)))
-        evaluate_points((self.s, self.t), (mesh.x, mesh.y), values, flat, rows)
+        evaluate_points((self.s, self.t), (mesh.x, mesh.y), values, flat, self.s.size, rows)
         if norm == "l2":
             return math.sqrt(float(self.weights @ (self.u[0] - rows[0]) ** 2))
         x_s, x_t, y_s, y_t = self.jacobian

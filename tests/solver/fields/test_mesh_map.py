@@ -45,6 +45,14 @@ def test_a_folded_mesh_has_no_inverse() -> None:
     assert caught.value.field == "mesh"
 
 
+@pytest.mark.parametrize("shape", [(9, 9), (1, 700), (35, 20), (700, 1)])
+def test_the_place_of_a_point_does_not_depend_on_the_others(front: em.Mesh, shape: tuple[int, int]) -> None:
+    of, (x, y) = MeshMap.of(front), np.random.default_rng(3).uniform(0.0, 1.0, (2, *shape))
+    rows, alone = of.locate(x, y), [of.locate(*point) for point in zip(x.ravel(), y.ravel(), strict=True)]
+    assert np.array_equal(rows.s, [place.s[0] for place in alone])
+    assert np.array_equal(rows.t, [place.t[0] for place in alone])
+
+
 def test_points_that_are_not_finite_have_a_place_all_the_same() -> None:
     places = MeshMap.of(smooth_mesh(9)).locate(np.array([np.nan, 0.0]), np.array([0.5, np.inf]))
     assert largest((places.s, places.t), (np.zeros(2), np.zeros(2))).max() < 1e-15
