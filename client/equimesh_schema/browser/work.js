@@ -15,8 +15,8 @@ const FOLLOWING = 8;
 /**
  * Computes the meshes of a state, `{formula, parameters, domain, shape, method, settings}`; `settings` are the method's.
  *
- * `ask(state, wait)` begins after so many milliseconds, at once unless they are given, and ends what was asked before;
- * it tells whether the kernel can do it.  `end()` ends it.  `show(preview, isLast, isConverged)` is called with what
+ * `ask(state)` begins at the end of this task, so that the next frame shows a mesh, and ends what was asked before; it
+ * tells whether the kernel can do it.  `end()` ends it.  `show(preview, isLast, isConverged)` is called with what
  * `comparison` gives, `fail(error)` where the kernel cannot make such a mesh.
  *
  * @param {{show: Function, fail: (error: Error) => void}} listeners
@@ -24,6 +24,7 @@ const FOLLOWING = 8;
 export function createWork({ show, fail }) {
   let frame = 0;
   let timer = 0;
+  let turn = 0; // how often what was asked before was ended
   let last = null; // the mesh shown, and what it is of
 
   function run(steps, compare, { isShown, settle }) {
@@ -64,9 +65,10 @@ export function createWork({ show, fail }) {
   function end() {
     cancelAnimationFrame(frame);
     clearTimeout(timer);
+    turn += 1;
   }
 
-  function ask(state, wait = null) {
+  function ask(state) {
     end();
     let work;
     try {
@@ -77,8 +79,8 @@ export function createWork({ show, fail }) {
       fail(error);
       return false;
     }
-    if (wait === null) begin(...work);
-    else timer = setTimeout(() => begin(...work), wait);
+    const mine = turn;
+    queueMicrotask(() => mine === turn && begin(...work));
     return true;
   }
 

@@ -7,8 +7,8 @@ const METHODS = { auto: "least_error", least_error: "least_error", arc_length: "
 const OTHERS = ["orthogonality", "rectilinear", "smoothing", "boundary", "map", "purpose", "for", "degree"];
 
 /**
- * The first look: `begin(state, shape, wait)` begins after so many milliseconds, and tells whether the page can make it;
- * `end()` ends it.  `show(drawing, state)` is called with drawings as the service has them, without its certificate.
+ * The first look: `begin(state, shape)` begins, and tells whether the page can make it; `end()` ends it.  `show(drawing, state)`
+ * is called with drawings as the service has them, without its certificate.
  *
  * @param {(drawing: object, state: object) => void} show
  */
@@ -17,11 +17,11 @@ export function createLook(show) {
   // Also a description without its parts fails: the service names what is missing.
   const work = createWork({ show: (preview) => show(drawingOf(preview, now.spec), now), fail: () => {} });
   return {
-    begin(state, shape, wait) {
+    begin(state, shape) {
       work.end();
       now = state;
       const asked = askedOf(state, shape);
-      return asked !== null && work.ask(asked, wait);
+      return asked !== null && work.ask(asked);
     },
     end: work.end,
   };

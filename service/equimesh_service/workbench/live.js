@@ -21,8 +21,6 @@ const MOST_POINTS = 129 * 129;
 const QUICK_SMOOTHING = 0.02;
 // Milliseconds of an answer from which meshes of the same kind get a quick look, too.
 const SLOW = 250;
-// Milliseconds until the page computes a first look itself, at a mesh that the service mostly has sooner.
-const NEAR = 30;
 // Milliseconds without a change until a slow mesh is requested: while typing, no work of the service is wasted.
 const PAUSE = 220;
 // Statuses of a service that does not answer, or whose workers start or are all busy, and milliseconds until the next
@@ -79,7 +77,7 @@ export function createLive(app) {
     looked = null;
     if (isPaused) return;
     const shape = lookShape(state.spec);
-    if (shape && look.begin(state, shape, isSlowSpec(state.spec, slowKinds) ? 0 : NEAR)) looked = wanted;
+    if (shape && look.begin(state, shape)) looked = wanted;
     if (flight && (flight.isSlow || performance.now() - flight.began > PATIENCE)) flight.controller.abort();
     if (!flight || flight.controller.signal.aborted) next();
   }

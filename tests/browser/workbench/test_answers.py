@@ -59,10 +59,15 @@ TYPED_WRONG = """async (text) => {
 def page(lasting_page: Page) -> Page:
     """The page at `SPEC`, with its mesh."""
     lasting_page.unroute_all()  # what a test that failed has left
-    lasting_page.evaluate("hash => { location.hash = hash }", f"spec={quote(json.dumps(SPEC))}")
-    has_mesh(lasting_page, 17, 17)
-    expect(lasting_page.locator("#headline")).not_to_have_class(re.compile("stale"))
+    show(lasting_page, SPEC)
     return lasting_page
+
+
+def show(page: Page, spec: dict[str, Any]) -> None:
+    """Give the page a description, and wait for its mesh."""
+    page.evaluate("hash => { location.hash = hash }", f"spec={quote(json.dumps(spec))}")
+    has_mesh(page, 17, 17)
+    expect(page.locator("#headline")).not_to_have_class(re.compile("stale"))
 
 
 def ran(page: Page, module: str, code: str, *values: Any) -> Any:
@@ -72,6 +77,7 @@ def ran(page: Page, module: str, code: str, *values: Any) -> Any:
 
 
 def test_an_answer_to_another_question_is_grey_at_once(page: Page) -> None:
+    show(page, SPEC | {"monitor": SPEC["monitor"] | {"kind": "curvature"}})  # the page makes no first look of it
     held: list[Route] = []
     page.route(PREVIEWS, lambda route: held.append(route))
     assert page.evaluate(TYPED, "tanh(7*x)") == ["stage", "headline", "panel-numbers"]
