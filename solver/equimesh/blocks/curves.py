@@ -320,29 +320,43 @@ class Chords:
         kept = is_near.all(axis=1)
         return cls(curve=curve, nodes=nodes[kept], fixed=fixed[kept], turns=turns[kept])
 
-    def cut_off(self, parameters: Array) -> float:
-        """The area between the curve and the edges, for ``parameters`` of all nodes, shape ``(nodes,)``."""
-        _, (x, y, _, _) = self._pieces(parameters)
-        return float(areas_between(x, y).sum())
+    def places(self, parameters: Array) -> tuple[Array, Array]:
+        """How far the parameter goes along each edge, shape ``(edges,)``, and the ``PLACES`` there, ``(edges, 5)``.
 
-    def derivatives(self, parameters: Array) -> tuple[Array, Array]:
+        ``parameters`` are those of all nodes, shape ``(nodes,)``; only those of nodes on the curve are read.
+        """
+        begins, ends = np.where(np.isnan(self.fixed), parameters[self.nodes], self.fixed).T
+        lengths = ends - self.turns - begins
+        return lengths, begins[:, None] + np.multiply.outer(lengths, PLACES)
+
+    def pieces(self, parameters: Array) -> Pieces:
+        """The pieces of the curve between the ends of the edges."""
+        lengths, places = self.places(parameters)
+        return Pieces(self, lengths, *self.curve.evaluate(places))
+
+
+class Pieces:
+    """Pieces of a curve at its ``chords``, with their ``lengths`` and the curve at their :meth:`Chords.places`."""
+
+    def __init__(self, chords: Chords, lengths: Array, x: Array, y: Array, x_t: Array, y_t: Array) -> None:
+        self._chords, self._lengths, self._curve = chords, lengths, (x, y, x_t, y_t)
+        self._areas = areas_between(x, y)
+        self.area = float(self._areas.sum())
+        """The area between the curve and the edges."""
+
+    def derivatives(self, nodes: int) -> tuple[Array, Array]:
         """The derivatives of the area by the parameters of all nodes, and its second ones, shape ``(nodes,)`` each.
 
         The second ones are those of a parabola, whose area is like the third power of the length of the edge.
         """
-        lengths, (x, y, x_t, y_t) = self._pieces(parameters)
-        slopes, bends = np.zeros_like(parameters), np.zeros_like(parameters)
-        areas = areas_between(x, y)
-        second = np.divide(6.0 * areas, lengths**2, out=np.zeros_like(areas), where=lengths != 0.0)
-        for end, share in enumerate((1.0 - np.array(PLACES), np.array(PLACES))):
-            slides = np.isnan(self.fixed[:, end])
-            nodes, changes = self.nodes[slides, end], changes_of_areas(x, y, share * x_t, share * y_t)
-            np.add.at(slopes, nodes, changes[slides])
-            np.add.at(bends, nodes, second[slides])
+        x, y, x_t, y_t = self._curve
+        shares = np.array([np.subtract(1.0, PLACES), PLACES])[:, None]
+        changes = changes_of_areas(x, y, shares * x_t, shares * y_t)
+        squares = self._lengths**2
+        second = np.divide(6.0 * self._areas, squares, out=np.zeros_like(squares), where=squares != 0.0)
+        slides = np.isnan(self._chords.fixed.T)
+        slopes, bends = np.zeros((2, nodes))
+        ends = self._chords.nodes.T[slides]
+        np.add.at(slopes, ends, changes[slides])
+        np.add.at(bends, ends, np.broadcast_to(second, slides.shape)[slides])
         return slopes, bends
-
-    def _pieces(self, parameters: Array) -> tuple[Array, tuple[Array, Array, Array, Array]]:
-        """How far the parameter goes along each edge, and the curve at the places between its ends."""
-        begins, ends = np.where(np.isnan(self.fixed), parameters[self.nodes], self.fixed).T
-        lengths = ends - self.turns - begins
-        return lengths, self.curve.evaluate(begins[:, None] + np.multiply.outer(lengths, PLACES))

@@ -344,9 +344,12 @@ def areas_between(x: Array, y: Array) -> Array:
 
 
 def changes_of_areas(x: Array, y: Array, d_x: Array, d_y: Array) -> Array:
-    """The derivatives of :func:`areas_between` where the points move by ``d_x`` and ``d_y``, of the same shape."""
-    x, y, d_x, d_y = (part - part[:, :1] for part in (x, y, d_x, d_y))
-    changes = d_x * y[:, -1:] + x * d_y[:, -1:] - d_y * x[:, -1:] - y * d_x[:, -1:]
+    """The derivatives of :func:`areas_between` where the points move by ``d_x`` and ``d_y``, shape ``(k, pieces, 5)``.
+
+    Their shape is ``(k, pieces)``, for k ways to move.
+    """
+    x, y, d_x, d_y = (part - part[..., :1] for part in (x, y, d_x, d_y))
+    changes = d_x * y[:, -1:] + x * d_y[..., -1:] - d_y * x[:, -1:] - y * d_x[..., -1:]
     return np.asarray((np.sign(x * y[:, -1:] - y * x[:, -1:]) * changes) @ np.array(WEIGHTS))
 
 

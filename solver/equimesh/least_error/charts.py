@@ -6,12 +6,12 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from equimesh.blocks.curves import BoundaryCurve, Chords, Line
+from equimesh.blocks.curves import BoundaryCurve, Chords, Line, Pieces
 from equimesh.domains.domain import Domain, Rectangle, cut_off
 from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 
@@ -121,14 +121,6 @@ class DomainChart:
         return gradient, blocks
 
 
-class Slope(Protocol):
-    """A curve that can be evaluated."""
-
-    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """``x, y, x_t, y_t`` at values of t."""
-        ...
-
-
 @dataclass(frozen=True)
 class Lines:
     """Straight lines, one for each of some nodes: where it begins, and its unit vector, all of shape ``(nodes,)``."""
@@ -153,6 +145,24 @@ class Lines:
         return self.x + self.along_x * t, self.y + self.along_y * t, self.along_x, self.along_y
 
 
+@dataclass(frozen=True, kw_only=True)
+class Slides:
+    """The ``nodes`` on a curve, whose parameter times ``speed`` is their unknown, and edges between them."""
+
+    curve: BoundaryCurve | Lines
+    nodes: IntArray
+    speed: float
+    chords: Chords | None = None
+
+
+class Placed(NamedTuple):
+    """The nodes of a mesh, the directions of their curves, each ``x_t, y_t``, and what lies between these and edges."""
+
+    nodes: Pair
+    slopes: list[Pair]
+    pieces: list[Pieces]
+
+
 class CurveChart:
     """Coordinates of free nodes, and parameters of nodes on curves: these slide along their curve exactly.
 
@@ -166,9 +176,8 @@ class CurveChart:
         ``on_curve`` is -1 for a free node, -2 for a fixed one. ``area`` is that of the domain.
         """
         self.area, self.length = area, math.sqrt(area)
-        self._bounds, self._on_curve = tuple(curves), on_curve
-        self._chords: list[Chords] | None = None
-        self._curves: list[tuple[Slope, IntArray, float]] = []
+        self._curves: list[Slides] = []
+        self._has_chords = False
         lines = []
         for number, curve in enumerate(curves):
             nodes = np.flatnonzero(on_curve == number)
@@ -176,11 +185,11 @@ class CurveChart:
                 lines.append((curve, nodes))
             elif nodes.size:
                 _, _, x_t, y_t = curve.evaluate(parameters[nodes])
-                self._curves.append((curve, nodes, float(np.hypot(x_t, y_t).mean())))
+                self._curves.append(Slides(curve=curve, nodes=nodes, speed=float(np.hypot(x_t, y_t).mean())))
         if lines:
-            together = Lines.of(lines)
-            self._curves.append((together, np.concatenate([nodes for _, nodes in lines]), 1.0))
-        self._known: deque[tuple[Array, Pair]] = deque(maxlen=KNOWN_MESHES)
+            nodes = np.concatenate([nodes for _, nodes in lines])
+            self._curves.append(Slides(curve=Lines.of(lines), nodes=nodes, speed=1.0))
+        self._known: deque[tuple[Array, Placed]] = deque(maxlen=KNOWN_MESHES)
         self.free = np.ones((2, on_curve.size))
         self.free[1, on_curve >= 0] = 0.0
         self.free[:, on_curve < FREE] = 0.0
@@ -191,63 +200,77 @@ class CurveChart:
         place[nodes] = np.arange(nodes.size)
         chart = copy(self)
         chart.free = self.free[:, nodes]
-        chart._on_curve, chart._chords = self._on_curve[nodes], None
-        chart._curves = []
-        for curve, on_curve, speed in self._curves:
-            there = place[on_curve]
+        chart._curves, chart._has_chords = [], False
+        for one in self._curves:
+            there = place[one.nodes]
             if (there >= 0).any():
-                part = curve.on(there >= 0) if isinstance(curve, Lines) else curve
-                chart._curves.append((part, there[there >= 0], speed))
+                curve = one.curve.on(there >= 0) if isinstance(one.curve, Lines) else one.curve
+                chart._curves.append(Slides(curve=curve, nodes=there[there >= 0], speed=one.speed))
         chart._known = deque(maxlen=KNOWN_MESHES)
         return chart
 
     def unknowns(self, points: Array, parameters: Array) -> Array:
         """The unknowns, shape ``(2, nodes)``, of nodes at ``points``, shape ``(2, nodes)``, with these parameters."""
         mesh = points.copy()
-        for _, nodes, speed in self._curves:
-            mesh[0, nodes], mesh[1, nodes] = parameters[nodes] * speed, 0.0
+        for one in self._curves:
+            mesh[0, one.nodes], mesh[1, one.nodes] = parameters[one.nodes] * one.speed, 0.0
         return mesh
 
     def parameters(self, mesh: Array) -> Array:
         """The parameters of the nodes on their curves, 0 for other nodes, shape ``(nodes,)``."""
         parameters = np.zeros(mesh.shape[1])
-        for _, nodes, speed in self._curves:
-            parameters[nodes] = mesh[0, nodes] / speed
+        for one in self._curves:
+            parameters[one.nodes] = mesh[0, one.nodes] / one.speed
         return parameters
 
     def nodes(self, mesh: Array) -> Pair:
         """x and y of the nodes. Those of the last meshes are kept: neither they nor the meshes may be changed."""
+        return self._placed(mesh).nodes
+
+    def _placed(self, mesh: Array) -> Placed:
+        """What is known of a mesh: each curve is evaluated once, at its nodes and between them."""
         for k, (known, found) in enumerate(self._known):
             if known is mesh:
                 del self._known[k]  # to be the first again
                 self._known.appendleft((mesh, found))
                 return found
-        x, y = mesh[0].copy(), mesh[1].copy()
-        for curve, nodes, speed in self._curves:
-            x[nodes], y[nodes], _, _ = curve.evaluate(mesh[0, nodes] / speed)
-        at = x, y
-        self._known.appendleft((mesh, at))
-        return at
+        x, y, slopes, pieces = mesh[0].copy(), mesh[1].copy(), list[Pair](), list[Pieces]()
+        for one in self._curves:
+            t, count = mesh[0, one.nodes] / one.speed, one.nodes.size
+            if one.chords is not None:
+                lengths, places = one.chords.places(mesh[0] / one.speed)
+                t = np.concatenate([t, places.reshape(-1)])
+            at = one.curve.evaluate(t)
+            if one.chords is not None:
+                pieces.append(Pieces(one.chords, lengths, *(part[count:].reshape(places.shape) for part in at)))
+            x[one.nodes], y[one.nodes], x_t, y_t = (part[:count] for part in at)
+            slopes.append((x_t, y_t))
+        placed = Placed((x, y), slopes, pieces)
+        self._known.appendleft((mesh, placed))
+        return placed
 
     def cut_off(self, mesh: Array, sides: IntArray) -> float:
         """The area between the curves and edges of cells, always the same edges; 0 where all curves are lines."""
-        if self._chords is not None and not self._chords:
-            return 0.0
-        parameters = self.parameters(mesh)
-        if self._chords is None:
-            slides = ((curve, self._on_curve == number) for number, curve in enumerate(self._bounds))
-            found = [Chords.of(curve, sides, on, mesh, parameters) for curve, on in slides]
-            self._chords = [chords for chords in found if chords is not None]
-        return math.fsum(chords.cut_off(parameters) for chords in self._chords)
+        if not self._has_chords:
+            self._curves = [self._with_chords(one, mesh, sides) for one in self._curves]
+            self._has_chords = True
+            self._known.clear()
+        return math.fsum(pieces.area for pieces in self._placed(mesh).pieces)
+
+    def _with_chords(self, one: Slides, mesh: Array, sides: IntArray) -> Slides:
+        if isinstance(one.curve, Lines):
+            return one
+        slides = np.zeros(mesh.shape[1], dtype=bool)
+        slides[one.nodes] = True
+        return replace(one, chords=Chords.of(one.curve, sides, slides, mesh, mesh[0] / one.speed))
 
     def add_cut_off(self, mesh: Array, weight: float, gradient: Array, blocks: Array) -> None:
-        """Add ``weight`` times the derivatives of :meth:`cut_off`, which was called before, by the parameters."""
-        parameters = self.parameters(mesh)
-        for chords in self._chords or ():
-            slopes, bends = chords.derivatives(parameters)
-            for _, nodes, speed in self._curves:
-                gradient[0, nodes] += weight / speed * slopes[nodes]
-                blocks[0, nodes] += weight / speed**2 * bends[nodes]
+        """Add ``weight`` times the derivatives of :meth:`cut_off` by the parameters, which was called before."""
+        curves = [one for one in self._curves if one.chords is not None]
+        for one, pieces in zip(curves, self._placed(mesh).pieces, strict=True):
+            slopes, bends = pieces.derivatives(mesh.shape[1])
+            gradient[0, one.nodes] += weight / one.speed * slopes[one.nodes]
+            blocks[0, one.nodes] += weight / one.speed**2 * bends[one.nodes]
 
     def pulled(self, mesh: Array, moves: Array) -> Array:
         """The moves of the unknowns at ``mesh`` for small ``moves`` of the nodes, both of shape ``(2, nodes)``.
@@ -255,8 +278,9 @@ class CurveChart:
         On a curve those along it; 0 where a node is fixed.
         """
         out = moves * self.free
-        for curve, nodes, speed in self._curves:
-            _, _, x_t, y_t = curve.evaluate(mesh[0, nodes] / speed)
+        for one in self._curves:
+            nodes, speed = one.nodes, one.speed
+            _, _, x_t, y_t = one.curve.evaluate(mesh[0, nodes] / speed)
             out[0, nodes] = speed * (moves[0, nodes] * x_t + moves[1, nodes] * y_t) / (x_t * x_t + y_t * y_t)
         return out
 
@@ -270,9 +294,8 @@ class CurveChart:
         collected[:2] += bends / self.length
         collected[2::2] += stiffness / self.area
         gradient, blocks = collected[:2], collected[2:]
-        for curve, nodes, speed in self._curves:
-            _, _, x_t, y_t = curve.evaluate(mesh[0, nodes] / speed)
-            x_t, y_t = x_t / speed, y_t / speed
+        for one, slopes in zip(self._curves, self._placed(mesh).slopes, strict=True):
+            nodes, (x_t, y_t) = one.nodes, (part / one.speed for part in slopes)
             (g, h), (a, b, d) = gradient[:, nodes], blocks[:, nodes]
             gradient[0, nodes], gradient[1, nodes] = g * x_t + h * y_t, 0.0
             blocks[0, nodes] = a * x_t * x_t + 2.0 * b * x_t * y_t + d * y_t * y_t

@@ -436,6 +436,6 @@ def _between_curves(domain: Blocks, mesh: AnyMesh) -> CutOff:
         if curve.closed:
             span = curve.ends[1] - curve.ends[0]
             here[slides] -= span * np.round((here - first)[slides] / span)
-        total += chords.cut_off(here), chords.cut_off(first)
+        total += chords.pieces(here).area, chords.pieces(first).area
     share, initial = total / domain.area
     return CutOff(share=float(share), initial=float(initial))

@@ -150,7 +150,7 @@ def test_the_circle_is_closed_and_fixed_nodes_are_ends_of_its_pieces(fixed: list
     assert found is not None
     pieces = COUNT - (5 in fixed)  # an edge between two fixed nodes does not change
     assert len(found.nodes) == pieces
-    assert found.cut_off(CHORD_ANGLES) == pytest.approx(0.5 * pieces * (STEP - math.sin(STEP)), rel=3e-3)
+    assert found.pieces(CHORD_ANGLES).area == pytest.approx(0.5 * pieces * (STEP - math.sin(STEP)), rel=3e-3)
 
 
 def test_longer_edges_cut_off_more_also_beyond_the_begin_of_the_circle() -> None:
@@ -158,10 +158,10 @@ def test_longer_edges_cut_off_more_also_beyond_the_begin_of_the_circle() -> None
     assert found is not None
     moved = CHORD_ANGLES + 0.9 * np.sin(CHORD_ANGLES) + 2.0
     lengths = np.diff(np.append(moved, moved[0] + 2.0 * math.pi))
-    assert found.cut_off(moved) == pytest.approx(0.5 * float((lengths - np.sin(lengths)).sum()), rel=1e-2)
-    slopes, bends = found.derivatives(moved)
+    assert found.pieces(moved).area == pytest.approx(0.5 * float((lengths - np.sin(lengths)).sum()), rel=1e-2)
+    slopes, bends = found.pieces(moved).derivatives(COUNT)
     steps = 1e-4 * np.eye(COUNT)
-    before, here, after = (np.array([found.cut_off(moved + k * step) for step in steps]) for k in (-1, 0, 1))
+    before, here, after = (np.array([found.pieces(moved + k * step).area for step in steps]) for k in (-1, 0, 1))
     assert slopes == pytest.approx((after - before) / 2e-4, rel=1e-5, abs=1e-9)
     assert bends == pytest.approx((after - 2.0 * here + before) / 1e-8, rel=0.1, abs=1e-3)
 
