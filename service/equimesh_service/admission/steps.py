@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from hashlib import sha256
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from equimesh.errors import InputError, SamplesError
-from equimesh.io.npz import NPZ_ARRAYS, load_mesh
+from equimesh.io.npz import NPZ_ARRAYS, load_mesh, npz_bytes
 from equimesh.meshes.mesh import Mesh
 from equimesh.upload.samples import read_npz
 from equimesh_schema.sequences import (
@@ -35,20 +34,20 @@ from equimesh_service.assembly.bodies import (
     Array,
     StepField,
     checked_values,
+    field_arrays,
     pointer_of,
     settings_of,
     shorten_step,
     values_of,
-    write_fields,
 )
-from equimesh_service.files.port import Files, Removed, StoredFile
+from equimesh_service.files.port import Publish, StoredFile, publish_nothing
 from equimesh_service.problems.problem import Complaint, Problem, complaint_of, input_problem, problem_at, repointed
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import escape_token, parse, sent_pointer
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.monitors import completed, functions_of, with_functions, with_u
 from equimesh_service.spec.strict import validate
-from equimesh_service.store.blobs import BlobFiles
+from equimesh_service.store.blobs import MAX_ROW_BYTES, BlobFiles, insert_blob
 from equimesh_service.store.rows import NODAL, Artifact, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.worker.recent import MESHES
@@ -317,27 +316,23 @@ def check_first_spec(admitted: AdmittedSpec) -> AdmittedSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedStep:
-    """A step that can be requested, and the file of its fields, which is sealed but not published.
+    """A step that can be requested, with the file of its fields, and its functions at nodes as samples.
 
     ``start`` is the file of the mesh that it follows. ``settings`` are for the worker: those of the move, and the
-    record of the mesh ``before``.
+    record of the mesh ``before``. ``publish`` gives the file of the fields its name, as those of the ``functions``.
     """
 
     admitted: AdmittedSpec
     start: str
     settings: Mapping[str, Any]
-    fields: Artifact | None
-    path: Path | None
-
-    def publish(self, files: Files, removed: Removed) -> None:
-        """Give the file of the fields its name."""
-        if self.fields is not None and self.path is not None:
-            files.publish(self.path, StoredFile(self.fields.sha256, self.fields.size), removed)
+    fields: Artifact | None = None
+    publish: Publish = publish_nothing
+    functions: Sequence[tuple[SamplesRow, Publish]] = ()
 
 
 @dataclass(frozen=True)
 class StepAdmission:
-    """Checks the steps of a sequence, makes their specs, and stores their functions and fields."""
+    """Checks the steps of a sequence, and makes their specs and the files of their functions and fields."""
 
     admission: Admission
     store: Store
@@ -350,15 +345,24 @@ class StepAdmission:
             raise _gone()
         mesh = self._mesh(start.sha256)
         checked = move.check(mesh)
-        admitted = self._admitted(spec, mesh, move, checked, caller)
+        admitted, functions = self._admitted(spec, mesh, move, checked, (caller, stack))
         settings = {**self.store.sequences.settings_of(mesh_id), **move.motion, "before": self._before(mesh_id, spec)}
+        prepared = PreparedStep(admitted=admitted, start=start.sha256, settings=settings, functions=functions)
         if not checked.fields:
-            return PreparedStep(admitted=admitted, start=start.sha256, settings=settings, fields=None, path=None)
+            return prepared
+        file, publish = self._seal(field_arrays(checked.fields), stack)
+        return replace(prepared, fields=Artifact(FIELDS, file.sha256, file.size), publish=publish)
+
+    def _seal(self, arrays: Mapping[str, Any], stack: ExitStack) -> tuple[StoredFile, Publish]:
+        """A file of ``arrays``, in memory where it is small, and what gives it its name."""
+        if sum(np.asarray(values).nbytes for values in arrays.values()) < MAX_ROW_BYTES - _NPZ_BYTES:
+            content = npz_bytes(arrays)
+            small = StoredFile(sha256(content).hexdigest(), len(content))
+            return small, lambda _: insert_blob(self.files.database, small.sha256, content)
         path = stack.enter_context(self.files.unfinished(".npz"))
-        write_fields(path, checked.fields)
+        np.savez(path, **arrays)
         file = self.files.seal(path)
-        fields = Artifact(FIELDS, file.sha256, file.size)
-        return PreparedStep(admitted=admitted, start=start.sha256, settings=settings, fields=fields, path=path)
+        return file, partial(self.files.publish, path, file)
 
     def _before(self, mesh_id: str, spec: Mapping[str, Any]) -> dict[str, Any]:
         """The mesh before: its u as a source, the file of its samples, and its gains."""
@@ -374,16 +378,16 @@ class StepAdmission:
         return {"u": u, "samples": samples, "gains": gains}
 
     def _admitted(
-        self, spec: Mapping[str, Any], mesh: Mesh, move: Move, checked: CheckedMove, caller: Caller
-    ) -> AdmittedSpec:
-        """The checked spec of the next mesh, whose functions at nodes are stored as samples."""
-        rows: dict[str, SamplesRow] = {}
+        self, spec: Mapping[str, Any], mesh: Mesh, move: Move, checked: CheckedMove, by: tuple[Caller, ExitStack]
+    ) -> tuple[AdmittedSpec, Sequence[tuple[SamplesRow, Publish]]]:
+        """The checked spec of the next mesh, and its functions at nodes as samples that are not stored yet."""
+        (caller, stack), rows = by, dict[str, tuple[SamplesRow, Publish]]()
 
-        def store(_pointer: str, source: Any) -> Any:
+        def function(_pointer: str, source: Any) -> Any:
             if not isinstance(source, np.ndarray):
                 return source
-            row = self._keep(mesh, source, caller)
-            rows[row.id] = row
+            row, publish = self._samples_of(mesh, source, stack)
+            rows[row.id] = row, publish
             return {"samples": row.id}
 
         before = spec["monitor"]
@@ -392,17 +396,19 @@ class StepAdmission:
             monitor = with_u(before, checked.u)
         else:
             monitor, from_u = completed(checked.monitor, checked.u, before)
-        monitor = with_functions(monitor, store)
+        monitor = with_functions(monitor, function)
         document = {**spec, "monitor": monitor}
         sources = [source for _, source in functions_of(monitor)]
         has_file = "file" in (spec.get("domain") or {})
         if checked.monitor is None and not has_file and all(source.get("samples") in rows for source in sources):
             # The settings have been checked, and functions of finite values fit every domain.
             nodes = None if mesh.is_grid else len(mesh.points)
-            hashes = {row.id: row.sha256 for row in rows.values()}
-            return AdmittedSpec(read_spec(document).canonical, hashes, "", nodes=nodes)
+            hashes = {row.id: row.sha256 for row, _ in rows.values()}
+            return AdmittedSpec(read_spec(document).canonical, hashes, "", nodes=nodes), [*rows.values()]
+        for row, publish in rows.values():  # the check reads them; the mesh that needs them is durable
+            self.store.samples.add(row, publish, key_id=caller.key_id, durable=False)
         try:
-            return self.admission.admit(document, None, caller)
+            return self.admission.admit(document, None, caller), ()
         except Problem as problem:
             if not problem.errors:
                 raise
@@ -410,8 +416,8 @@ class StepAdmission:
 
     def _mesh(self, sha256: str) -> Mesh:
         def read() -> Mesh:
-            with self.files.local(sha256) as path:
-                return load_mesh(path)
+            with self.files.opened(sha256) as stream:
+                return load_mesh(stream)
 
         try:
             found: Mesh = MESHES.get(sha256, read, partial(self.files.require, sha256))
@@ -419,18 +425,13 @@ class StepAdmission:
             raise _gone() from None
         return found
 
-    def _keep(self, mesh: Mesh, u: Array, caller: Caller) -> SamplesRow:
-        """Store u as samples, which a monitor can name."""
-        with self.files.unfinished(".npz") as path:
-            nodes: dict[str, Any] = {"x": mesh.x, "y": mesh.y} if mesh.is_grid else {"nodes": mesh.points}
-            np.savez(path, values=u, **nodes)
-            file = self.files.seal(path)
-            kind = "nodal" if mesh.is_grid else "block_nodes"
-            summary = {"kind": kind, "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
-            row = SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, self.store.clock())
-            publish = partial(self.files.publish, path, file)
-            self.store.samples.add(row, publish, key_id=caller.key_id, durable=False)  # the mesh that needs them is
-        return row
+    def _samples_of(self, mesh: Mesh, u: Array, stack: ExitStack) -> tuple[SamplesRow, Publish]:
+        """u as samples, which a monitor can name."""
+        nodes: dict[str, Any] = {"x": mesh.x, "y": mesh.y} if mesh.is_grid else {"nodes": mesh.points}
+        file, publish = self._seal({"values": u, **nodes}, stack)
+        kind = "nodal" if mesh.is_grid else "block_nodes"
+        summary = {"kind": kind, "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
+        return SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, self.store.clock()), publish
 
 
 def _gone() -> Problem:

@@ -5,8 +5,7 @@ import secrets
 from contextlib import ExitStack
 from functools import partial
 from hashlib import sha256
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 
 import numpy as np
 from fastapi import APIRouter, Query, Request
@@ -236,7 +235,8 @@ async def step(
             start=made.start,
             fields=made.fields,
             settings=made.settings,
-            publish=partial(made.publish, service.files),
+            publish=made.publish,
+            functions=made.functions,
             discard=service.discard,
         )
         with service.quotas.count_wait(caller, waiting.seconds):
@@ -270,8 +270,8 @@ async def _velocity(service: Service, mesh: MeshRow) -> Any:
         return None
 
     def read() -> Any:
-        with service.files.local(artifact.sha256) as path:
-            return _read_velocity(path)
+        with service.files.opened(artifact.sha256) as stream:
+            return _read_velocity(stream)
 
     try:
         return await run_in_threadpool(read)
@@ -279,9 +279,9 @@ async def _velocity(service: Service, mesh: MeshRow) -> Any:
         return None
 
 
-def _read_velocity(path: Path) -> list[list[list[float]]] | None:
+def _read_velocity(stream: BinaryIO) -> list[list[list[float]]] | None:
     """The displacement of the nodes in the npz file of a step; None for another mesh. Blocks have rows of one node."""
-    with np.load(path, allow_pickle=False) as file:
+    with np.load(stream, allow_pickle=False) as file:
         name = json.loads(file[ANSWER].tobytes())["velocity"] if ANSWER in file.files else None
         if name is None:
             return None

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -277,18 +277,18 @@ def _bounded(array: Array, name: str) -> Array:
     return array
 
 
-def write_fields(path: Path, fields: Mapping[str, StepField]) -> None:
-    """Write checked fields to an npz file, with the settings of those that do not have the usual ones."""
+def field_arrays(fields: Mapping[str, StepField]) -> dict[str, Any]:
+    """The arrays of an npz file of checked fields, with the settings of those that do not have the usual ones."""
     unusual = {name: field.settings for name, field in fields.items() if field.settings != _USUAL}
     arrays: dict[str, Any] = {name: field.values for name, field in fields.items()}
     if unusual:
         arrays[_SETTINGS] = np.array(json.dumps(unusual))
-    np.savez(path, **arrays)
+    return arrays
 
 
-def read_fields(path: Path) -> dict[str, StepField]:
-    """The fields in a file of :func:`write_fields`."""
-    with np.load(path, allow_pickle=False) as file:
+def read_fields(source: Path | BinaryIO) -> dict[str, StepField]:
+    """The fields in a file of :func:`field_arrays`."""
+    with np.load(source, allow_pickle=False) as file:
         arrays = dict(file)
     unusual = json.loads(str(arrays.pop(_SETTINGS, "{}")))
     fields = {}

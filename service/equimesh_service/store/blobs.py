@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import AsyncGenerator, Iterator, Sequence
 from contextlib import AbstractContextManager, aclosing, contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from anyio import to_thread
 from sqlalchemy import Row, bindparam, delete, select
@@ -97,6 +98,16 @@ class BlobFiles:
         with self.unfinished(".copy") as path:
             path.write_bytes(content)
             yield path
+
+    @contextmanager
+    def opened(self, sha256: str) -> Iterator[BinaryIO]:
+        """The file, to be read from its begin: a small one from memory, without a temporary copy."""
+        content = self._read(sha256)
+        if content is not None:
+            yield BytesIO(content)
+            return
+        with self.larger.local(sha256) as path, path.open("rb") as stream:
+            yield stream
 
     async def open_range(self, sha256: str, start: int, end: int) -> AsyncGenerator[bytes, None]:
         """The bytes from ``start`` up to ``end``. A small file comes in one piece."""

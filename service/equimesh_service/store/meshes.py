@@ -177,6 +177,14 @@ def take_turn(connection: Connection, step: NewStep, now: float) -> list[str]:
     return lock_meshes(connection, [str(row.mesh_id) for row in leaving])
 
 
+def insert_functions(connection: Connection, new: NewMesh, step: NewStep, now: float) -> None:
+    """Insert the functions of a step, before the mesh that uses them."""
+    files = [row.sha256 for row, _ in step.functions]
+    lock(connection, files if step.fields is None else [*files, step.fields.sha256])
+    for row, publish in step.functions:
+        insert_samples(connection, row, publish, key_id=new.key_id, now=now)
+
+
 def insert_step(connection: Connection, new: NewMesh, step: NewStep) -> None:
     """Insert the step of a mesh that has just been inserted, with the file of its fields."""
     row = {
@@ -244,6 +252,8 @@ class MeshesStore:
             if quota is not None:
                 take(connection, new.key_id, new.points, quota)
             leaving = [] if step is None else take_turn(connection, step, self._clock())
+            if step is not None:
+                insert_functions(connection, new, step, self._clock())
             insert_waiting(connection, new, lease, self._clock())
             if step is not None:
                 # After the insertion, since the mesh may use the samples of a failed step that is deleted here.

@@ -239,7 +239,8 @@ class NewStep:
     """A new step of a sequence, to be inserted; step 0 begins the sequence.
 
     ``fingerprint`` is equal for equal requests. ``settings`` are JSON for the worker. ``publish`` publishes the
-    file of the ``fields``, and ``discard`` removes a file that no row names any more.
+    file of the ``fields``, and ``discard`` removes a file that no row names any more. ``functions`` at the nodes are
+    stored with the step as samples, each with what publishes its file.
     """
 
     sequence_id: str
@@ -251,6 +252,7 @@ class NewStep:
     fields: Artifact | None = None
     settings: Mapping[str, Any] | None = None
     publish: Publish = publish_nothing
+    functions: Sequence[tuple[SamplesRow, Publish]] = ()
     discard: Callable[[str], None] = _keep
 
 

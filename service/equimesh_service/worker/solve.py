@@ -17,6 +17,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
+
 import equimesh
 from equimesh.errors import InputError
 from equimesh.io.formats import Cells
@@ -172,8 +174,8 @@ class StepStart:
             raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
         fields: Mapping[str, StepField] = {}
         if mesh_input.fields is not None:
-            with files.local(mesh_input.fields) as path:
-                fields = read_fields(path)
+            with files.opened(mesh_input.fields) as stream:
+                fields = read_fields(stream)
         settings = mesh_input.settings or {}
         motion = {name: settings[name] for name in MOTION if name in settings}
         return cls(mesh=mesh, fields=fields, earlier=_earlier(settings.get("before"), spec, files), motion=motion)
@@ -226,9 +228,14 @@ def moves_of(step: AnySequenceStep) -> dict[str, Any]:
     return {"substeps": step.substeps, "moved": step.moved}
 
 
-def _read_mesh(files: Files, sha256: str) -> equimesh.Mesh:
-    with files.local(sha256) as path:
-        return load_mesh(path)
+def _read_mesh(files: BlobFiles, sha256: str) -> equimesh.Mesh:
+    with files.opened(sha256) as stream:
+        return load_mesh(stream)
+
+
+def _read_function(files: BlobFiles, sha256: str, box: Any) -> equimesh.Field:
+    with files.opened(sha256) as stream, np.load(stream, allow_pickle=False) as arrays:
+        return field_of(dict(arrays), box)
 
 
 def _earlier(before: Mapping[str, Any] | None, spec: BuiltSpec, files: BlobFiles) -> equimesh.Earlier | None:
@@ -247,12 +254,9 @@ def _u_of(before: Mapping[str, Any], spec: BuiltSpec, files: BlobFiles) -> equim
         return None
 
     def find(_name: str, box: Any) -> equimesh.Field:
-        def read() -> equimesh.Field:
-            with files.local(before["samples"]) as path:
-                return field_of(path, box)
-
-        require = partial(files.require, before["samples"])
-        found: equimesh.Field = FUNCTIONS.get((before["samples"], box), read, require)
+        name = before["samples"]
+        read, require = partial(_read_function, files, name, box), partial(files.require, name)
+        found: equimesh.Field = FUNCTIONS.get((name, box), read, require)
         return found
 
     try:
@@ -262,6 +266,7 @@ def _u_of(before: Mapping[str, Any], spec: BuiltSpec, files: BlobFiles) -> equim
 
 
 _log = logging.getLogger(__name__)
+_NO_SAMPLES = "The samples of this mesh were deleted."
 # The least number of points for which files are written in threads.
 MIN_POINTS_FOR_THREADS = 100_000
 # A mesh that takes longer is entered into the store, where it can be listed, canceled and retried.
@@ -291,7 +296,7 @@ def samples_of(mesh_input: MeshInput, files: Files, stack: ExitStack) -> Samples
 
     def path(samples_id: str) -> Path:
         if samples_id not in mesh_input.samples:
-            raise Problem("conflict", "The samples of this mesh were deleted.")
+            raise Problem("conflict", _NO_SAMPLES)
         return stack.enter_context(files.local(mesh_input.samples[samples_id]))
 
     return path
@@ -443,13 +448,14 @@ def _build(job: Job, store: Store, files: BlobFiles) -> Work:
             find = samples_of(mesh_input, files, samples)
 
             def kept(name: str, box: Any) -> equimesh.Field:
-                sha256 = mesh_input.samples.get(name, "")
+                sha256 = mesh_input.samples.get(name)
+                if sha256 is None:
+                    raise Problem("conflict", _NO_SAMPLES)
+                read, require = partial(_read_function, files, sha256, box), partial(files.require, sha256)
                 try:
-                    found: equimesh.Field = FUNCTIONS.get(
-                        (sha256, box), lambda: field_of(find(name), box), partial(files.require, sha256)
-                    )
+                    found: equimesh.Field = FUNCTIONS.get((sha256, box), read, require)
                 except FileNotFoundError:
-                    raise Problem("conflict", "The samples of this mesh were deleted.") from None
+                    raise Problem("conflict", _NO_SAMPLES) from None
                 return found
 
             spec = build(mesh_input.spec, find, None if mesh_input.start is None else kept)

@@ -5,10 +5,11 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, BinaryIO, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -54,14 +55,14 @@ def mesh_arrays(data: MeshData, cells: npt.NDArray[np.int64], every: int) -> Arr
     return arrays
 
 
-def load_npz(path: str | os.PathLike[str]) -> MeshData:
+def load_npz(source: str | os.PathLike[str] | BinaryIO) -> MeshData:
     """The mesh that :func:`write_mesh` wrote as npz, bit for bit, with its fields at nodes and in cells.
 
     Triangles are joined to their quadrilaterals again. Raises :class:`~equimesh.errors.InputError` when the
     file is not such an npz.
     """
     try:
-        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
+        with _opened(source) as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         every = 2 if arrays["cells"].shape[1] == 3 else 1
         mesh = _mesh_of(arrays, every)
@@ -69,7 +70,8 @@ def load_npz(path: str | os.PathLike[str]) -> MeshData:
         q_eq, subdomain = (arrays[name].ravel()[::every].reshape(shape) for name in ("q_eq", "subdomain"))
         step = arrays[STEP].tobytes().decode() if STEP in arrays else ""
     except (KeyError, ValueError, IndexError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{Path(path).name} is not a mesh written by equimesh: {error}", field="path") from error
+        name = Path(source).name if isinstance(source, str | os.PathLike) else "this file"
+        raise InputError(f"{name} is not a mesh written by equimesh: {error}", field="path") from error
     others = _fields_of(arrays, mesh)
     in_cells = {name: values for name, values in others.items() if values.shape[: len(shape)] == shape}
     return MeshData(
@@ -83,12 +85,19 @@ def load_npz(path: str | os.PathLike[str]) -> MeshData:
     )
 
 
-def load_mesh(path: str | os.PathLike[str]) -> Mesh:
+def load_mesh(source: str | os.PathLike[str] | BinaryIO) -> Mesh:
     """The mesh of :func:`load_npz` alone: of a grid nothing but its nodes is read."""
-    with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
-        if {"x", "y", "cells"} <= set(archive.files) and (x := archive["x"]).ndim == 2:
-            return Mesh(x, archive["y"], ties=archive[TIES] if TIES in archive.files else None)
-    return load_npz(path).mesh
+    with _opened(source) as stream:
+        with np.load(stream, allow_pickle=False) as archive:
+            if {"x", "y", "cells"} <= set(archive.files) and (x := archive["x"]).ndim == 2:
+                return Mesh(x, archive["y"], ties=archive[TIES] if TIES in archive.files else None)
+        stream.seek(0)
+        return load_npz(stream).mesh
+
+
+def _opened(source: str | os.PathLike[str] | BinaryIO) -> AbstractContextManager[BinaryIO]:
+    """A file to be read; one that is open stays so."""
+    return open(source, "rb") if isinstance(source, str | os.PathLike) else nullcontext(source)
 
 
 def _mesh_of(arrays: Arrays, every: int) -> Mesh:

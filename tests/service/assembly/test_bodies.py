@@ -19,11 +19,11 @@ from equimesh_service.assembly.bodies import (
     SpecLimits,
     StepField,
     checked_values,
+    field_arrays,
     read_fields,
     shorten,
     shorten_step,
     unpack,
-    write_fields,
 )
 from equimesh_service.problems.problem import Problem
 from service.conftest import small
@@ -286,7 +286,7 @@ def test_fields_are_read_as_they_were_written(tmp_path: Path) -> None:
         "q": StepField(values=CELLS, transfer="conservative", location="cells", bounds=(-1.0, 20.0)),
         "v": StepField(values=np.stack([NODES, NODES], axis=-1), transfer="conservative"),
     }
-    write_fields(tmp_path / "fields.npz", fields)
+    np.savez(tmp_path / "fields.npz", **field_arrays(fields))
     found = read_fields(tmp_path / "fields.npz")
     assert [*found] == [*fields]
     for name, field in fields.items():
@@ -295,7 +295,7 @@ def test_fields_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 
 def test_usual_fields_are_written_as_in_the_release_before(tmp_path: Path) -> None:
-    write_fields(tmp_path / "fields.npz", {"p": StepField(values=NODES)})
+    np.savez(tmp_path / "fields.npz", **field_arrays({"p": StepField(values=NODES)}))
     np.savez(tmp_path / "before.npz", p=NODES)
     assert (tmp_path / "fields.npz").read_bytes() == (tmp_path / "before.npz").read_bytes()
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace as Namespace
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pytest
@@ -35,10 +35,11 @@ class Folder:
             raise FileNotFoundError(name)
 
     @contextmanager
-    def local(self, name: str) -> Iterator[Path]:
+    def opened(self, name: str) -> Iterator[BinaryIO]:
         self.require(name)
         self.read.append(name)
-        yield self.folder / name
+        with (self.folder / name).open("rb") as stream:
+            yield stream
 
 
 @pytest.fixture
