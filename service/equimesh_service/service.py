@@ -228,6 +228,7 @@ class Service:
 
 # Modules that are loaded once, and shared by all workers. Those of SciPy would otherwise be loaded by each worker.
 PRELOAD = (
+    "equimesh_service.worker.no_collection",
     "scipy.fft",
     "scipy.interpolate",
     "scipy.linalg",
@@ -242,11 +243,7 @@ PRELOAD = (
     "equimesh_service.assembly.samples",
 )
 # More of them, where workers warm up: the last one does everything once.
-WARM_PRELOAD = (
-    "equimesh_service.worker.no_collection",
-    *PRELOAD,
-    "equimesh_service.worker.warm_fork",
-)
+WARM_PRELOAD = (*PRELOAD, "equimesh_service.worker.warm_fork")
 
 
 def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:

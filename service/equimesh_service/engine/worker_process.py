@@ -33,6 +33,9 @@ def run_worker(
     lifeline: Connection[Any, Any],
 ) -> None:
     """The life of a worker: it warms up, and makes calls until its socket is closed."""
+    # What it was forked with stays: a worker that looked through that would have a copy of its memory.
+    gc.freeze()
+    gc.enable()
     # A worker is stopped by signals. Python would handle them between two instructions, after a long factorisation.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -10,7 +10,4 @@ from equimesh_service.worker.warmth import warm_up_unless_compiling
 
 silence()  # the service tells how far its workers are
 warm_up_unless_compiling()
-# A worker that looked through what is here would have a copy of its memory.
-gc.collect()
-gc.freeze()
-gc.enable()
+gc.collect()  # once: workers never look through what is here
