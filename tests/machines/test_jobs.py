@@ -17,6 +17,7 @@ from service.conftest import SLOW, small, until
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
 # It fills the memory of a worker with factorisations.
 DEEP = {**SLOW, "grid": {"n_xi": 220, "n_eta": 220}}
+LOST = ("/problems/memory-limit", "/problems/worker-lost")
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def http(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) ->
         engine="dask",
         scheduler=cluster.scheduler,
         memory_limit=48,
-        time_limit=15.0,  # a busy machine needs seconds until the memory is full
+        time_limit=4.0,
         log_level="info",
         reuse=False,
     )
@@ -91,12 +92,17 @@ def test_progress_is_told_and_a_cancelled_mesh_ends_within_a_second(http: httpx.
 
 
 def test_limits_of_time_and_memory_hold_there(http: httpx.Client) -> None:
-    slow = ask(http, SLOW)
-    large = ask(http, DEEP)
-    ended = [until(lambda one=one: (now := mesh_of(http, one["id"]))["finished_at"] and now) for one in (slow, large)]
-    assert ended[0]["error"]["type"] == "/problems/time-limit"
-    # A library that gets no memory may end its process: the worker is lost, and another one tries.
-    assert ended[1]["error"]["type"] in ("/problems/memory-limit", "/problems/worker-lost")
+    def error_of(spec: dict[str, Any]) -> str:
+        mesh = ask(http, spec)
+        ended = until(lambda: (now := mesh_of(http, mesh["id"]))["finished_at"] and now)
+        found: str = ended["error"]["type"]
+        return found
+
+    assert error_of(SLOW) == "/problems/time-limit"
+    # A library that gets no memory may end its process: the worker is lost, and another one tries. The memory is full
+    # after 0.6 s of computing; a busy machine may need more than the limit of time, and gets another chance.
+    found = (error_of(DEEP) for _ in range(20))
+    assert next(error for error in found if error != "/problems/time-limit") in LOST
 
 
 def test_requests_that_wait_are_answered_when_their_mesh_is_done(http: httpx.Client) -> None:

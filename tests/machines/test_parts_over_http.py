@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux
 U = "tanh(10*(x + y/2 - 0.75))"
 SPEC: dict[str, Any] = {
     "monitor": {"kind": "arc_length", "u": U},
-    "grid": {"n_xi": 385, "n_eta": 193},
+    "grid": {"n_xi": 225, "n_eta": 161},
 }
 # A solve of many seconds: of millions of points.
 LONG: dict[str, Any] = {"monitor": {"kind": "curvature", "u": U}, "grid": {"n_xi": 3073, "n_eta": 2049}}
@@ -54,6 +54,8 @@ def url(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) -> 
         log_level="info",
     )
     with running(settings) as url:
+        # A mesh that is begun with one worker has one part.
+        until(lambda: 'equimesh_workers{pool="solve"} 2.0' in httpx.get(f"{url}/metrics").text)
         yield url
 
 
@@ -97,23 +99,23 @@ def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(
     url: str, cluster: ClusterProcesses, tmp_path: Path
 ) -> None:
     with Client(url) as client:
-        mesh = client.generate(U, (385, 193), monitor=ArcLength(), deadline=120.0)
+        mesh = client.generate(U, (225, 161), monitor=ArcLength(), deadline=120.0)
         expected = em.solve(
             em.Problem(
                 monitor=em.ArcLength(u=em.Expression(U)),
-                grid=em.Grid(n_xi=385, n_eta=193),
+                grid=em.Grid(n_xi=225, n_eta=161),
             )
         )
         for suffix in ("pvtu", "vtkhdf"):
             found = read_parts(mesh.download_parts(tmp_path, suffix))
-            np.testing.assert_allclose(found.rows("x", 0, 385), expected.mesh.x, rtol=0.0, atol=1e-13)
-            np.testing.assert_allclose(found.rows("y", 0, 385), expected.mesh.y, rtol=0.0, atol=1e-13)
+            np.testing.assert_allclose(found.rows("x", 0, 225), expected.mesh.x, rtol=0.0, atol=1e-13)
+            np.testing.assert_allclose(found.rows("y", 0, 225), expected.mesh.y, rtol=0.0, atol=1e-13)
         assert read_parts(mesh.download(tmp_path / "mine.pvtu")).cuts == found.cuts
         part, listed = mesh.part(1), mesh.parts()
-        np.testing.assert_array_equal(part.x, found.rows("x", part.first, 385))
+        np.testing.assert_array_equal(part.x, found.rows("x", part.first, 225))
         assert part.u is not None
         np.testing.assert_allclose(part.u, np.tanh(10 * (part.x + part.y / 2 - 0.75)), rtol=1e-12)
-        assert (listed.count, tuple(listed.grid), listed.parts[-1].last) == (2, (385, 193), 385)
+        assert (listed.count, tuple(listed.grid), listed.parts[-1].last) == (2, (225, 161), 225)
         assert mesh.certificate is not None
         assert mesh.certificate.status == str(expected.status) == "converged"
         said, known = mesh.record["certificate"], expected.certificate.summary()
@@ -125,7 +127,7 @@ def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(
         assert record["parts"]["attempts"] == 1
         assert record["convergence"]["traffic"] == record["parts"]["bytes"]
         assert mesh.spec()["parts"] == "auto"
-        again = client.generate(U, (385, 193), monitor=ArcLength())
+        again = client.generate(U, (225, 161), monitor=ArcLength())
         assert again.reused_from == mesh.id
         shared = again.parts().head
         assert shared is not None
