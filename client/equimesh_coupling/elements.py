@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from equimesh_coupling.errors import BadValues
-from equimesh_coupling.parts import Array, HasParts, IntArray
+from equimesh_coupling.parts import Array, Cells, HasParts, IntArray, cut_ends
 from equimesh_coupling.recovery import edge_numbers, unique_edges
 
 MAX_DISTANCE_SHARE = 1e-9
@@ -18,6 +19,8 @@ MAX_DISTANCE_SHARE = 1e-9
 
 MAX_DEGREE = 4
 """The highest degree of elements from whose values the next mesh follows."""
+MAX_DEGREES: Mapping[Cells, int] = {"quad": MAX_DEGREE, "triangle": 2}
+"""The same on each kind of cells."""
 
 
 @cache
@@ -27,6 +30,10 @@ def lobatto(degree: int) -> Array:
     return np.concatenate([[0.0], 0.5 + 0.5 * np.sort(inner), [1.0]])
 
 
+WORDS: Mapping[Cells, str] = {"quad": "quadrilaterals", "triangle": "triangles"}
+"""The kinds of cells in sentences."""
+
+
 class PlacedValues(NamedTuple):
     """The ``values`` of a field, shape ``(k,)``, at its own ``places``, shape ``(k, 2)``, in any order."""
 
@@ -34,11 +41,13 @@ class PlacedValues(NamedTuple):
     values: Array
     degree: int = 2
     """The degree of its elements."""
+    cells: Cells = "quad"
+    """The cells of its elements: quadrilaterals, or the triangles that these are cut into."""
 
 
-def is_known(degree: object) -> bool:
+def is_known(degree: object, cells: Cells = "quad") -> bool:
     """Whether fields of this degree are adapted to by their values at all nodes of elements."""
-    return isinstance(degree, int) and 2 <= degree <= MAX_DEGREE
+    return isinstance(degree, int) and 2 <= degree <= MAX_DEGREES[cells]
 
 
 def element_shape(mesh: HasParts, degree: int) -> tuple[int, ...]:
@@ -57,12 +66,27 @@ def element_shape(mesh: HasParts, degree: int) -> tuple[int, ...]:
     return (len(parts.points) + edges * inner + len(parts.cells) * inner**2,)
 
 
-def element_points(mesh: HasParts, degree: int) -> Array:
+def element_points(mesh: HasParts, degree: int, cells: Cells = "quad") -> Array:
     """The nodes of elements of a ``degree``, 1 to 4, on the quadrilaterals of ``mesh``, shape ``(k, 2)``.
 
     They are in the order of flat values. On blocks those are the nodes of the mesh, then those on the edges in rising
     order of their lower and their higher node, from the one to the other, then those in the cells, in rows along t.
+
+    With ``cells="triangle"``, of degree 1 or 2, the elements are the two triangles of each quadrilateral: its inner
+    node is then the middle of the diagonal along which it is cut.
     """
+    points = _points_of_quads(mesh, degree)
+    if cells == "triangle" and degree == 2:
+        parts = mesh.mesh_parts("triangle")
+        middles = parts.points[cut_ends(parts.cells)].mean(axis=1)
+        shape = element_shape(mesh, degree)
+        inner = points[-len(middles) :] if parts.shape is None else points.reshape(*shape, 2)[1::2, 1::2]
+        inner[:] = middles.reshape(inner.shape)
+    return points
+
+
+def _points_of_quads(mesh: HasParts, degree: int) -> Array:
+    """The nodes of elements on the quadrilaterals."""
     parts = mesh.mesh_parts("quad")
     if degree == 1:
         return parts.points
@@ -133,14 +157,14 @@ def at_elements(placed: PlacedValues, mesh: HasParts) -> Array:
     Raises :class:`BadValues` where a node has no value.
     """
     degree = placed.degree
-    points, shape = element_points(mesh, degree), element_shape(mesh, degree)
+    points, shape = element_points(mesh, degree, placed.cells), element_shape(mesh, degree)
     found = _places_of(points, placed.places)
     missing = int((found < 0).sum())
     if missing:
         raise BadValues(
             f"the field has {len(placed.places)} values, and none at {missing} of the {math.prod(shape)} nodes that"
-            f" elements of degree {degree} have on this mesh: return a field of degree {degree} on the quadrilaterals"
-            " of this mesh, of degree 3 and 4 with its nodes at Gauss-Lobatto points"
+            f" elements of degree {degree} have on this mesh: return a field of degree {degree} on the"
+            f" {WORDS[placed.cells]} of this mesh, of degree 3 and 4 with its nodes at Gauss-Lobatto points"
         )
     return np.asarray(placed.values)[found].reshape(shape)
 

@@ -172,7 +172,7 @@ class GoalValues:
     """Whether the functional is the value at a point, whose adjoint recovered values do not tell."""
 
 
-def check_goal(goal: object, tolerance: object, degree: object, points: object = None) -> None:
+def check_goal(goal: object, tolerance: object, degree: object, points: object = None, cells: object = None) -> None:
     """Raise ``ValueError`` for a goal that cannot be used."""
     if goal is None:
         if tolerance is not None:
@@ -182,6 +182,8 @@ def check_goal(goal: object, tolerance: object, degree: object, points: object =
         raise ValueError(f"goal = {str(goal)[:40]!r}: give one, such as Goal.point(0.5, 0.5)")
     if degree not in (None, 1):
         raise ValueError(f"degree = {degree}: {NO_DUAL_DEGREE}")
+    if cells == "triangle":
+        raise ValueError("cells = 'triangle': with a goal errors are those on quadrilaterals; leave cells out")
     if points is not None:
         raise ValueError("points finds the grid for a norm of the error: give n with a goal")
     if tolerance is not None and not (is_number(tolerance) and 0.0 < tolerance < math.inf):

@@ -99,9 +99,19 @@ def quads_of_triangles(triangles: IntArray) -> IntArray:
     The corners of a cell begin where they began before the cut.
     """
     first, second = triangles[0::2], triangles[1::2]
-    through_0 = first[:, 0] == second[:, 0]
-    third = np.where(through_0, first[:, 2], second[:, 1])
+    third = np.where(cuts_of_triangles(triangles) == 0, first[:, 2], second[:, 1])
     return np.column_stack([first[:, 0], first[:, 1], third, second[:, 2]])
+
+
+def cuts_of_triangles(triangles: IntArray) -> IntArray:
+    """The cut of each quadrilateral, 0 or 1 as in ``CUTS``, that ``triangles`` of shape ``(2 m, 3)`` were cut from."""
+    return (triangles[0::2, 0] != triangles[1::2, 0]).astype(np.int64)
+
+
+def cut_ends(triangles: IntArray) -> IntArray:
+    """The two nodes of the cut of each quadrilateral that ``triangles`` were cut from, shape ``(m, 2)``."""
+    first, cuts = triangles[0::2], cuts_of_triangles(triangles)
+    return np.column_stack([np.where(cuts == 0, first[:, 0], first[:, 1]), first[:, 2]])
 
 
 def cuts_at_corners(cells: IntArray) -> dict[int, int]:

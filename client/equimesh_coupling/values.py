@@ -8,9 +8,9 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 from equimesh_coupling.adaptors import dmplex, dolfinx, fipy, mfem, ngsolve, pyvista, sfepy, skfem
 from equimesh_coupling.arrays import finite, real
-from equimesh_coupling.elements import PlacedValues, at_elements, element_shape
+from equimesh_coupling.elements import WORDS, PlacedValues, at_elements, element_shape
 from equimesh_coupling.errors import BadValues
-from equimesh_coupling.parts import Array, HasParts
+from equimesh_coupling.parts import Array, Cells, HasParts
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_counts, cell_values, nodes_from_cells
 
 __all__ = [
@@ -46,47 +46,55 @@ PLACES: Final[dict[tuple[str, str], Callable[[Any, HasParts], PlacedValues | Non
 
 
 class ElementValues(NamedTuple):
-    """The values at the nodes of elements of a ``degree``, in their ``element_shape``."""
+    """The values at the nodes of elements of a ``degree`` on ``cells``, in their ``element_shape``."""
 
     values: Array
     degree: int
+    cells: Cells = "quad"
 
 
-def element_values(returned: Any, mesh: HasParts, degree: int | None = None) -> ElementValues:
+def element_values(
+    returned: Any, mesh: HasParts, degree: int | None = None, cells: Cells | None = None
+) -> ElementValues:
     """The values at the nodes of elements on ``mesh``, from what a solver ``returned``.
 
-    Without a ``degree`` it is that of the space of a field, 1 for arrays, and for spaces other than scalar Lagrange
-    elements of degree 2 on quadrilaterals.
+    Without a ``degree`` and ``cells`` they are those of the space of a field, where it is one of scalar Lagrange
+    elements of degree 2 and more, else 1 and quadrilaterals.
 
     Raises :class:`BadValues` as :func:`node_values`, and where there is not one value for each node of elements of the
     ``degree``.
     """
+    known: Cells = cells or "quad"
     if isinstance(returned, CellAverages | ErrorIndicator) or degree == 1:
         if degree is not None and degree > 1:
             raise BadValues(f"values of cells say nothing of elements of degree {degree}: return values at their nodes")
-        return ElementValues(node_values(returned, mesh), 1)
+        return ElementValues(node_values(returned, mesh), 1, known)
     read = _placed(returned)
     placed = None if read is None else read(returned, mesh)
     if placed is not None:
         if degree is not None and degree != placed.degree:
             raise BadValues(f"the space of this field has degree {placed.degree}, and degree = {degree} is given")
+        if cells is not None and cells != placed.cells:
+            raise BadValues(f"the space of this field is one on {WORDS[placed.cells]}, and cells = {cells!r} is given")
         what = "the solution"
-        return ElementValues(finite(real(at_elements(placed, mesh), what), what), placed.degree)
+        return ElementValues(finite(real(at_elements(placed, mesh), what), what), placed.degree, placed.cells)
     if degree is None:
-        return ElementValues(node_values(returned, mesh), 1)
+        return ElementValues(node_values(returned, mesh), 1, known)
+    order, of_cells = f"element_points(mesh, {degree})", ""
+    if known == "triangle":
+        order, of_cells = f'element_points(mesh, {degree}, "triangle")', " on triangles"
     if is_field(returned):
         raise BadValues(
             f"the space of this field is none whose degree {degree} can be seen: return a field of a scalar Lagrange"
-            " space of this degree on the quadrilaterals of this mesh, or its values, also of a field on triangles, at"
-            f" element_points(mesh, {degree})"
+            f" space of this degree on the {WORDS[known]} of this mesh, or its values at {order}"
         )
     values, shape = finite(real(returned, "the solution"), "the solution"), element_shape(mesh, degree)
     if values.shape != shape and not (values.size == math.prod(shape) and max(values.shape) == values.size):
         raise BadValues(
-            f"the solution has the shape {values.shape}, and elements of degree {degree} have {math.prod(shape)} nodes"
-            f" on this mesh: return an array of shape {shape}, or flat in the order of element_points(mesh, {degree})"
+            f"the solution has the shape {values.shape}, and elements of degree {degree}{of_cells} have"
+            f" {math.prod(shape)} nodes on this mesh: return an array of shape {shape}, or flat in the order of {order}"
         )
-    return ElementValues(values.reshape(shape), degree)
+    return ElementValues(values.reshape(shape), degree, known)
 
 
 def _placed(returned: Any) -> Callable[[Any, HasParts], PlacedValues | None] | None:

@@ -271,6 +271,24 @@ def test_nodes_of_a_grid_are_those_of_its_lattice(mesh: Mesh, parts: MeshParts) 
     np.testing.assert_allclose(element_points(parts, 2), lattice_of(mesh).points, atol=1e-15)
 
 
+@pytest.mark.parametrize("blocks", [False, True])
+def test_nodes_of_quadratic_triangles_have_the_middles_of_the_cuts_for_the_centres(mesh: Mesh, blocks: bool) -> None:
+    cut = l_shape() if blocks else mesh
+    second, points = SecondOrderMesh.of(cut.points, cut.cells), element_points(cut, 2, "triangle")
+    own = second.triangles(cut.triangles())
+    corners = cut.points[cut.triangles()]
+    wanted = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)
+    if blocks:  # in the order of the file of second order
+        np.testing.assert_allclose(points[own], wanted, atol=1e-15)
+    np.testing.assert_allclose(np.unique(points.round(12), axis=0), np.unique(wanted.reshape(-1, 2).round(12), axis=0))
+    assert np.array_equal(element_points(cut, 1, "triangle"), cut.points)
+
+
+def test_values_of_quadratic_triangles_are_refused_with_their_number_and_order(quads: MeshParts) -> None:
+    with pytest.raises(BadValues, match=r"2 on triangles have 117 .* \(13, 9\), or .*points\(mesh, 2, .triangle"):
+        element_values(np.ones(35), quads, 2, "triangle")
+
+
 def test_nodes_of_blocks_are_in_the_order_of_files_of_second_order() -> None:
     mesh = l_shape()
     second = SecondOrderMesh.of(mesh.points, mesh.cells)

@@ -7,11 +7,13 @@ from typing import Any, Final
 from equimesh_coupling.arrays import real
 from equimesh_coupling.elements import PlacedValues
 from equimesh_coupling.errors import BadValues, library
-from equimesh_coupling.parts import Array, HasParts, MeshParts
+from equimesh_coupling.parts import Array, Cells, HasParts, MeshParts
 from equimesh_coupling.recovery import edge_numbers
 
 OLDEST: Final = "9"
 INSTALL: Final = f"pip install 'scikit-fem>={OLDEST}'"
+# The elements of degree 2, and their cells.
+QUADRATIC: Final[dict[str, Cells]] = {"ElementQuad2": "quad", "ElementTriP2": "triangle"}
 
 
 def mesh_of(parts: MeshParts) -> Any:
@@ -24,13 +26,14 @@ def mesh_of(parts: MeshParts) -> Any:
 
 
 def placed_values(field: tuple[Any, Any], _: HasParts) -> PlacedValues | None:
-    """The values at the degrees of freedom of ``ElementQuad2``; ``None`` for another element."""
+    """The values at the degrees of freedom of ``ElementQuad2`` or ``ElementTriP2``; ``None`` for another element."""
     basis = field[0]
-    if type(basis.elem).__name__ != "ElementQuad2":
+    cells = QUADRATIC.get(type(basis.elem).__name__)
+    if cells is None:
         return None
     vector = real(field[1], "the vector of scikit-fem")
     _check_length(basis, vector)
-    return PlacedValues(basis.doflocs.T, vector)
+    return PlacedValues(basis.doflocs.T, vector, cells=cells)
 
 
 def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:

@@ -24,6 +24,7 @@ from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.tensor import Weight
 from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
+from equimesh.quality.elements import CellKind
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, moved_cells, on_domain
 from equimesh.rounds.round import next_mesh
 from equimesh.rounds.shape import ShapeSearch, require_budget
@@ -33,7 +34,7 @@ from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.goals import NEEDS_GOAL, Goal, GoalValues, WithAdjoint, check_goal, goal_values
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_values
-from equimesh_coupling.values import element_values, node_values
+from equimesh_coupling.values import ElementValues, element_values, node_values
 from equimesh_schema.document import is_whole
 
 # The next mesh of blocks for a code with unknowns in its cells, from averages over them.
@@ -95,6 +96,8 @@ class Rounds:
     norm: Norm
     degree: int | None = None
     """The degree of the elements, 1 to 4; ``None``: that of the space of a field, 1 for arrays."""
+    cells: CellKind | None = None
+    """The cells of the elements; ``None``: those of the space of a field, quadrilaterals for arrays."""
     goal: Goal | None = None
     """The functional whose error meshes make small; ``None`` for the norm of the error."""
     threads: int
@@ -116,10 +119,11 @@ class Rounds:
         """The mesh with arrays of its own."""
         return mesh.moved(mesh.points.copy())
 
-    def known(self, mesh: Mesh, values: Array, degree: int = 1, dual: GoalValues | None = None) -> RoundAndNextMesh:
-        """The record of values at the nodes of elements of a ``degree``, and the way to the next mesh."""
+    def known(self, mesh: Mesh, returned: ElementValues, dual: GoalValues | None = None) -> RoundAndNextMesh:
+        """The record of values at the nodes of elements, and the way to the next mesh."""
+        values, degree, cells = returned
         adjoint = None if dual is None else dual.z
-        known = ErrorEstimate.of(mesh, values, self.domain, self.threads, require_degree(degree), adjoint)
+        known = ErrorEstimate.of(mesh, values, self.domain, self.threads, require_degree(degree, cells), adjoint, cells)
 
         def following() -> tuple[Mesh, float, str]:
             grid = None if self.shape is None else self.shape.grid(known, self.norm, self.threads)
@@ -135,7 +139,7 @@ class Rounds:
         """As :meth:`known`, of values that were recovered from averages over the cells; on blocks cells stay even."""
         domain = self.domain
         if not isinstance(domain, Blocks):
-            return self.known(mesh, values)
+            return self.known(mesh, ElementValues(values, 1, self.cells or "quad"))
         known = ErrorEstimate.of(mesh, values, domain, self.threads)
 
         def following() -> tuple[Any, float, str]:
@@ -192,6 +196,7 @@ class AdaptArguments(TypedDict, total=False):
     rounds: int
     norm: Norm
     degree: int | None
+    cells: CellKind | None
     goal: Goal | None
     tolerance: float | None
     threads: int | None
@@ -223,6 +228,7 @@ def adapt(
     rounds: int = 5,
     norm: Norm = "l2",
     degree: int | None = None,
+    cells: CellKind | None = None,
     goal: Goal | None = None,
     tolerance: float | None = None,
     threads: int | None = None,
@@ -242,7 +248,9 @@ def adapt(
     cells. It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that
     meshes minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient. ``degree``, 1 to 4, is
     that of the elements, at whose nodes values are: see :func:`~equimesh_coupling.elements.element_shape`. Without it
-    that of a field is taken, where its space shows it, and 1 for arrays. ``observe`` is called with every round.
+    that of a field is taken, where its space shows it, and 1 for arrays. ``cells="triangle"``, of degree 1 or 2, says
+    that they are the triangles into which ``mesh.triangles()`` cuts the mesh, as ``to_skfem(cells="triangle")`` does;
+    without it they are those of the space, quadrilaterals for arrays. ``observe`` is called with every round.
 
     With a ``goal`` the error is that of a functional: the sum over the cells of the products of the errors of u and of
     the adjoint z. ``solve`` then returns :class:`~equimesh_coupling.goals.WithAdjoint`. The loop ends, too, where the
@@ -252,26 +260,25 @@ def adapt(
     first solve raises. Later the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the
     exception. Raises :class:`~equimesh.errors.InputError` for arguments that cannot be used.
     """
+    of: Any = {"domain": domain, "norm": norm, "degree": degree, "cells": cells, "goal": goal}
     if isinstance(domain, Blocks):
         for name, value in (("n", n), ("points", points)):
             if value is not None:
                 raise InputError(f"{name} = {str(value)[:40]!r}: {OWN_POINTS}", field=name)
-        _check(solve, rounds, norm, degree)
-        _check_goal(goal, tolerance, degree, points)
+        _check(solve, rounds, norm, degree, cells)
+        _check_goal(goal, tolerance, degree, points, cells)
         _check_observer(observe)
-        on_blocks = Rounds(domain=domain, norm=norm, degree=degree, goal=goal, threads=thread_count(threads))
-        return _loop(solve, on_blocks, rounds, tolerance, observe)
+        return _loop(solve, Rounds(threads=thread_count(threads), **of), rounds, tolerance, observe)
     if points is not None and n is not None:
         raise InputError(POINTS_OR_N, field="points")
     shape = None if points is None else ShapeSearch(points=require_budget(points))
     given, threads = None if shape else _grid(n), thread_count(threads)
-    _check(solve, rounds, norm, degree)
-    _check_goal(goal, tolerance, degree, points)
+    _check(solve, rounds, norm, degree, cells)
+    _check_goal(goal, tolerance, degree, points, cells)
     _check_domain(domain)
     _check_observer(observe)
     grid = shape.first(domain) if shape else given
-    by = Rounds(grid=grid, shape=shape, domain=domain, norm=norm, degree=degree, goal=goal, threads=threads)
-    return _loop(solve, by, rounds, tolerance, observe)
+    return _loop(solve, Rounds(grid=grid, shape=shape, threads=threads, **of), rounds, tolerance, observe)
 
 
 def _loop(
@@ -307,15 +314,14 @@ def _looked_at(returned: Any, mesh: Mesh, by: Rounds) -> RoundAndNextMesh:
     """The record of what a solver returned, and the way to the next mesh."""
     if by.goal is not None:
         dual = goal_values(returned, mesh, by.goal)
-        return by.known(mesh, dual.u, dual=dual)
+        return by.known(mesh, ElementValues(dual.u, 1), dual)
     if isinstance(returned, WithAdjoint):
         raise BadValues(NEEDS_GOAL)
     if isinstance(returned, ErrorIndicator):
         return by.indicated(mesh, cell_values(returned, mesh))
     if isinstance(returned, CellAverages):
         return by.averaged(mesh, node_values(returned, mesh))
-    found = element_values(returned, mesh, by.degree)
-    return by.known(mesh, found.values, found.degree)
+    return by.known(mesh, element_values(returned, mesh, by.degree, by.cells))
 
 
 def _grid(n: Any) -> Grid:
@@ -328,7 +334,7 @@ def _grid(n: Any) -> Grid:
     return Grid(n_xi=int(counts[0]), n_eta=int(counts[1]))
 
 
-def _check(solve: object, rounds: object, norm: object, degree: object) -> None:
+def _check(solve: object, rounds: object, norm: object, degree: object, cells: object) -> None:
     """Refuse arguments that cannot be used."""
     if not callable(solve):
         raise InputError(
@@ -338,14 +344,13 @@ def _check(solve: object, rounds: object, norm: object, degree: object) -> None:
         raise InputError(f"rounds = {rounds!r}: a whole number between 1 and {MAX_ROUNDS}", field="rounds")
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
-    if degree is not None:
-        require_degree(degree)
+    require_degree(1 if degree is None else degree, "quad" if cells is None else cells)
 
 
-def _check_goal(goal: object, tolerance: object, degree: int | None, points: int | None) -> None:
+def _check_goal(goal: object, tolerance: object, degree: int | None, points: int | None, cells: object) -> None:
     """Refuse a goal that cannot be used."""
     try:
-        check_goal(goal, tolerance, degree, points)
+        check_goal(goal, tolerance, degree, points, cells)
     except ValueError as error:
         raise InputError(str(error), field="goal") from error
 

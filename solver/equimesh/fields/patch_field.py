@@ -18,6 +18,7 @@ from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 from equimesh_coupling.elements import element_numbers, lobatto, places_of_cells
+from equimesh_coupling.parts import Cells
 from equimesh_coupling.recovery import unique_edges
 
 MORE_DEGREES = 2
@@ -75,13 +76,17 @@ class PatchField:
     _unrolled: Unrolled
     _patches: Patches
 
-    def __init__(self, *, mesh: Mesh, values: npt.ArrayLike, degree: int) -> None:
+    def __init__(self, *, mesh: Mesh, values: npt.ArrayLike, degree: int, cells: Cells = "quad") -> None:
         require_unfolded(mesh)
-        nodes = lattice_of(mesh, degree)
+        nodes = lattice_of(mesh, degree, cells)
         checked = nodal_values(values, nodes).copy()
         unrolled = Unrolled.of(Mesh(mesh.x, mesh.y) if mesh.is_grid else mesh)
         own = np.arange(len(unrolled.search.links.cells)) % unrolled.cells
-        patches, left = _fitted(unrolled, checked.reshape(-1)[nodes_of_cells(mesh, degree)][own])
+        numbers = nodes_of_cells(mesh, degree)
+        shifts = np.zeros((len(numbers), 2))
+        if cells == "triangle":
+            shifts = nodes.points[numbers[:, 1, 1]] - mesh.points[mesh.cells].mean(axis=1)
+        patches, left = _fitted(unrolled, checked.reshape(-1)[numbers][own], shifts[own])
         found = {"mesh": mesh, "values": checked, "left": left, "_unrolled": unrolled, "_patches": patches}
         for name, value in found.items():
             object.__setattr__(self, name, value)
@@ -118,15 +123,20 @@ def _around(cells: IntArray, count: int) -> scipy.sparse.csr_array:
     return shared[centres]
 
 
-def _fitted(unrolled: Unrolled, values: Array) -> Fit:
-    """The polynomials of the cells of the mesh itself, from the values of all cells, ``(cells, p + 1, p + 1)``."""
+def _fitted(unrolled: Unrolled, values: Array, shifts: Array) -> Fit:
+    """The polynomials of the cells of the mesh itself, from the values of all cells, ``(cells, p + 1, p + 1)``.
+
+    ``shifts`` lead from the centres of the cells to the middles of their cuts where these are nodes, else they are 0.
+    """
     search, degree = unrolled.search, values.shape[1] - 1
     cells, corners = search.links.cells, search.corners
     numbers = element_numbers(cells, len(search.nodes[0]), degree).reshape(len(cells), -1)
+    at = places_of_cells(corners, degree)
+    at[:, 1, 1] += shifts
     nodal, places = np.empty(numbers.max() + 1), np.empty((numbers.max() + 1, 2))
     nodal[numbers], places[numbers] = (
         values.reshape(numbers.shape),
-        places_of_cells(corners, degree).reshape(*numbers.shape, 2),
+        at.reshape(*numbers.shape, 2),
     )
     around, centres = _around(cells, len(search.nodes[0])), corners.mean(axis=1)
     to_powers = np.linalg.inv(np.vander(lobatto(degree), increasing=True))

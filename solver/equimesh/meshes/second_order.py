@@ -11,7 +11,15 @@ from equimesh.errors import InputError
 from equimesh.meshes.cell_edges import originals_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
-from equimesh_coupling.elements import MAX_DEGREE, element_numbers, element_points, element_shape, nodes_on_edges
+from equimesh_coupling.elements import (
+    MAX_DEGREE,
+    MAX_DEGREES,
+    element_numbers,
+    element_points,
+    element_shape,
+    nodes_on_edges,
+)
+from equimesh_coupling.parts import Cells, cuts_of_triangles
 from equimesh_coupling.recovery import unique_edges
 
 MIN_SHARE = 0.2
@@ -20,6 +28,8 @@ FIRST_BEND = 1e-12
 """A middle nearer to the chord than this share of its length lies on it."""
 LATTICE = np.array([[0, 7, 3], [4, 8, 6], [1, 5, 2]])
 """The nine nodes of a cell in rows along t: corners, middles of edges, and the centre."""
+SIX = np.array([[[0, 1, 2, 4, 5, 8], [0, 2, 3, 8, 6, 7]], [[0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 6, 8]]])
+"""Those of the two triangles of either cut: corners, and the middles of the edges from each to the next."""
 AT_NODES = np.array([0.0, 0.5, 1.0])
 """Where solvers need no positive Jacobian: it is 0 where two sides meet smoothly."""
 AT_GAUSS_POINTS = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
@@ -101,17 +111,17 @@ class SecondOrderMesh:
 
         The rows ``2 k`` and ``2 k + 1`` are cut from cell k. The middle of the cut is the centre of the cell.
         """
-        ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-        keys, known = _keys(ends), _keys(self.ends)
-        places = np.minimum(np.searchsorted(known, keys), len(known) - 1)
-        centres = np.repeat(self.cells[:, 8], 6)
-        middles = np.where(known[places] == keys, self.corners + places, centres)
-        return np.column_stack([triangles, middles.reshape(-1, 3)])
+        return six_nodes(self.cells, triangles)
 
     def at_nodes(self, values: Array) -> Array:
         """Values at all nodes from those at the corners, shape ``(n,)`` or ``(n, c)``: means in between."""
         corners = self.cells[:, :4]
         return np.concatenate([values, values[self.ends].mean(axis=1), values[corners].mean(axis=1)])
+
+
+def six_nodes(nine: Any, triangles: IntArray) -> Any:
+    """What cells of nine nodes have, ``(m, 9)``, at the six of each triangle they are cut into, shape ``(2 m, 6)``."""
+    return np.take_along_axis(nine, SIX[cuts_of_triangles(triangles)].reshape(-1, 12), axis=1).reshape(-1, 6)
 
 
 def _keys(ends: IntArray) -> IntArray:
@@ -178,13 +188,14 @@ def _jacobians(nodes: Array, at: Array) -> Array:
 # The nodes of elements of degree p as those of a mesh with p times p cells in the place of each one.
 
 
-def lattice_of(mesh: Mesh, degree: int = 2) -> Mesh:
+def lattice_of(mesh: Mesh, degree: int = 2, cells: Cells = "quad") -> Mesh:
     """The mesh with the nodes of elements of a ``degree``, placed by the bilinear map.
 
+    On triangles of degree 2 the node inside of each cell is the middle of the diagonal along which it is cut.
     Of a grid it is a grid of ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)`` nodes. Of any other mesh its nodes are those of
     :func:`~equimesh_coupling.elements.element_points` in their order, and it has no blocks.
     """
-    points = element_points(mesh, degree)
+    points = element_points(mesh, degree, cells)
     if mesh.is_grid:
         x, y = (q.reshape(element_shape(mesh, degree)).copy() for q in points.T)
         return Mesh(x, y)
@@ -235,8 +246,16 @@ def nodes_of_cells(mesh: Mesh, degree: int = 2) -> IntArray:
     return np.asarray(first.reshape(-1, 1, 1) + own[:, None] * n_eta + own)
 
 
-def require_degree(degree: Any) -> ValueDegree:
-    """The degree; raises :class:`~equimesh.errors.InputError` for one from whose values nothing is recovered."""
+def require_degree(degree: Any, cells: object = "quad") -> ValueDegree:
+    """The degree; raises :class:`~equimesh.errors.InputError` for elements from whose values nothing is recovered."""
+    if cells not in tuple(MAX_DEGREES):
+        raise InputError(f"cells = {str(cells)[:20]!r}: choose 'quad' or 'triangle'", field="cells")
+    most = MAX_DEGREES["triangle"]
+    if cells == "triangle" and degree in get_args(ValueDegree) and degree > most:
+        raise InputError(
+            f"degree = {degree}: on triangles elements have degree 1 or {most}; take it, or quadrilaterals",
+            field="degree",
+        )
     if degree in get_args(ValueDegree) and not isinstance(degree, bool):
         found: ValueDegree = int(degree)  # type: ignore[assignment]
         return found

@@ -18,19 +18,17 @@ from equimesh.fields.on_domain import OnDomain, recover, reference_on
 from equimesh.fields.periodic import Periodic, repeated_field
 from equimesh.fields.quad_field import QuadField
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.second_order import corners_of
+from equimesh.meshes.second_order import corners_of, lattice_of, nodes_of_cells
 from equimesh.meshes.second_order import require_degree as require_value_degree
 from equimesh.monitors.metrics import NORMS, Curvature
 from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
 from equimesh.numerics.types import Array
-from equimesh_coupling.elements import element_shape
+from equimesh_coupling.elements import MAX_DEGREE, element_shape
 from equimesh_coupling.goals import NO_DUAL_DEGREE
 from equimesh_schema.document import is_number, is_whole
 
 CELLS = ("quad", "triangle")
 """The cells on which the error is measured."""
-MAX_DEGREES = {"quad": 4, "triangle": 2}
-"""The largest degree of the elements on them."""
 MAX_WEIGHT = 1e3
 """The largest ``distortion`` and ``smoothness``."""
 PROBED_CELLS = 64
@@ -43,17 +41,12 @@ MAX_FAR_SHARE = 1e-6
 
 def require_degree(degree: object, cells: Literal["quad", "triangle"]) -> None:
     """Raises :class:`~equimesh.errors.InputError` for a degree that elements on these cells do not have."""
-    most = MAX_DEGREES[cells]
-    if not (is_whole(degree) and 1 <= degree <= MAX_DEGREES["quad"]):
+    if not (is_whole(degree) and 1 <= degree <= MAX_DEGREE):
         raise InputError(
-            f"degree = {degree!r:.20}: give the degree of the elements, a whole number from 1 to {MAX_DEGREES['quad']}",
+            f"degree = {degree!r:.20}: give the degree of the elements, a whole number from 1 to {MAX_DEGREE}",
             field="degree",
         )
-    if degree > most:
-        raise InputError(
-            f"degree = {degree}: on triangles elements have degree 1 or {most}; take it, or quadrilaterals",
-            field="degree",
-        )
+    require_value_degree(degree, cells)
 
 
 def require_measured(monitor: LeastError | Auto) -> None:
@@ -324,7 +317,11 @@ class NodalSolution:
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound, as on blocks."""
     degree: int = 1
-    """The degree of the elements at whose nodes the values are, 1 to 4."""
+    """The degree of the elements at whose nodes the values are, 1 to 4, on triangles 1 or 2."""
+    cells: Literal["quad", "triangle"] = "quad"
+    """The cells of the elements. On triangles of degree 2 the inner value of each quadrilateral is that at the middle
+    of the diagonal along which :meth:`~equimesh.meshes.mesh.Mesh.triangles` cuts it. With an ``adjoint`` errors are
+    those on quadrilaterals."""
     adjoint: Field | None = None
     """The adjoint solution of a functional, whose error is then made small: values at the same nodes, of degree 1."""
     _nodal: NodalField | QuadField | None = field(default=None, init=False, repr=False, compare=False)
@@ -337,7 +334,7 @@ class NodalSolution:
             raise InputError(NOT_NODAL, field="u")
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose {NORMS[0]!r} or {NORMS[1]!r}", field="norm")
-        require_value_degree(self.degree)
+        require_value_degree(self.degree, self.cells)
         if self.adjoint is None:
             return
         if self.degree != 1:
@@ -353,7 +350,8 @@ class NodalSolution:
         if not isinstance(other, NodalSolution):
             return NotImplemented
         pairs = zip(self._arrays, other._arrays, strict=True)
-        same = (self.norm, self.orthogonality, self.degree) == (other.norm, other.orthogonality, other.degree)
+        names = ("norm", "orthogonality", "degree", "cells")
+        same = all(getattr(self, name) == getattr(other, name) for name in names)
         same = same and len(self._arrays) == len(other._arrays)
         return same and all(np.array_equal(one, another) for one, another in pairs)
 
@@ -410,8 +408,22 @@ class NodalSolution:
                     " the mesh of the domain: give values on a mesh of this domain",
                     field="u",
                 )
-            return domain.mesh.moved(nodes.points[: domain.points].copy())
-        return corners_of(nodes, self.degree)
+            return self._cut_as(domain.mesh.moved(nodes.points[: domain.points].copy()))
+        return self._cut_as(corners_of(nodes, self.degree))
+
+    def _cut_as(self, mesh: Mesh) -> Mesh:
+        """The mesh itself, whose cells have to be cut through the nodes inside of them where elements are triangles."""
+        if self.cells == "triangle":
+            inside = nodes_of_cells(mesh)[:, 1, 1]
+            ways = self.nodal.mesh.points[inside] - lattice_of(mesh, 2, "triangle").points[inside]
+            far = int((np.abs(ways).max(axis=1) > MAX_FAR_SHARE * float(np.ptp(mesh.points, axis=0).max())).sum())
+            if far:
+                raise InputError(
+                    f"u has nodes inside of cells that are not the middles of the diagonals along which these are cut,"
+                    f' {far} of {len(inside)}: give values at element_points(mesh, 2, "triangle"), in this order',
+                    field="u",
+                )
+        return mesh
 
     @property
     def least_error(self) -> LeastError:
@@ -439,8 +451,9 @@ class NodalSolution:
         nodal, degree = self.nodal, require_value_degree(self.degree)
         is_known = isinstance(nodal, QuadField) and nodal.limited and degree == 1
         mesh = self.mesh_on(domain)
-        recovered: Field = nodal if is_known else recover(mesh, nodal.values, domain, degree).u
-        settings: Any = {"norm": self.norm, "orthogonality": self.orthogonality, "degree": degree}
+        recovered: Field = nodal if is_known else recover(mesh, nodal.values, domain, degree, self.cells).u
+        names = ("norm", "orthogonality", "cells")
+        settings: Any = {name: getattr(self, name) for name in names} | {"degree": degree}
         least = LeastError(u=recovered, **settings).on(domain)
         unbound = self
         if self._nodal is not None:

@@ -23,6 +23,7 @@ from equimesh.least_error.starts import Start, coordinates_of, mesh_of, rectilin
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import interpolated_values
 from equimesh.numerics.types import Array
+from equimesh.quality.elements import CellKind
 from equimesh.rounds.recovery import is_of_solver, measured
 
 STEPS = ((17 * 17, 25), (33 * 33, 30), (129 * 129, 8))
@@ -83,6 +84,8 @@ class Search:
     norm: Norm
     degree: int = 1
     """The degree of the interpolant."""
+    cells: CellKind = "quad"
+    """The cells of the file, on which its error is measured."""
     of_solver: bool = False
     """Whether the error in L2 is that of a solver, in place of that of the interpolant, where it can be known.
 
@@ -107,7 +110,7 @@ class Search:
 
     def error_on(self, mesh: Mesh) -> float:
         """The norm of the error of the interpolant of u on a mesh of the reference square, as of all candidates."""
-        rule = rule_of(self.norm, self.degree)
+        rule = rule_of(self.norm, self.degree, self.cells)
         return measured(self.u, self.domain, mesh, rule, self.threads, of_solver=self.of_solver)
 
     def _climbed(self, levels: list[GridLevel], straight: Candidate | None) -> Iterator[Candidate]:
@@ -189,7 +192,8 @@ class Search:
     def _objective(self, origin: Start, level: GridLevel) -> Objective:
         is_coarse = level.grid.points <= MAX_VALUE_POINTS and not level.is_finest
         norm, cells = "l2" if is_coarse else self.norm, cells_of_grid(level.grid.shape)
-        rule = Rule(norm=norm, points=level.gauss_points + MORE_POINTS[self.degree], degree=self.degree)
+        kind = self.cells if level.is_finest else "quad"  # as of one mesh alone
+        rule = Rule(norm=norm, cells=kind, points=level.gauss_points + MORE_POINTS[self.degree], degree=self.degree)
         # On the coarsest grid the interpolant leads: solvers of other equations lose by a descent on this error there.
         of_solver = self.of_solver and self.norm == "l2" and level.number > 0 and is_of_solver(rule, cells)
         if of_solver or norm == "h1":
@@ -217,10 +221,10 @@ class Search:
         return nested_levels(self.before.grid)
 
 
-def rule_of(norm: Norm, degree: int) -> Rule:
+def rule_of(norm: Norm, degree: int, cells: CellKind = "quad") -> Rule:
     """The rule by which candidates are compared."""
     points = MEASURED_POINTS + (MORE_SLOPE_POINTS if norm == "h1" else 0) + MORE_POINTS[degree]
-    return Rule(norm=norm, points=points, degree=degree)
+    return Rule(norm=norm, cells=cells, points=points, degree=degree)
 
 
 def _lifted(origin: Start, mesh: Array, coarse: GridLevel, fine: GridLevel) -> Array:

@@ -20,18 +20,26 @@ from equimesh.least_error.charts import FREE, Chart, CurveChart, DomainChart
 from equimesh.least_error.dual import DualField, objective_of
 from equimesh.least_error.iteration import MORE_SLOPE_POINTS
 from equimesh.least_error.kernels import Norm, Rule
-from equimesh.least_error.objective import ROUNDING_SHARE, Weights
+from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
 from equimesh.least_error.projection import ProjectedObjective, is_projected
 from equimesh.least_error.starts import coordinates_of
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.second_order import ValueDegree, lattice_of, nodes_of_cells, nodes_of_elements
+from equimesh.meshes.second_order import (
+    LATTICE,
+    ValueDegree,
+    lattice_of,
+    nodes_of_cells,
+    nodes_of_elements,
+    six_nodes,
+)
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
-from equimesh.quality.elements import basis, nodes_of, quadrilateral
+from equimesh.quality.elements import CellKind, basis, nodes_of, quadrilateral, triangle
 from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
 from equimesh_coupling.display import draw_on, picture
 from equimesh_coupling.elements import lobatto
 from equimesh_coupling.goals import NO_DUAL_DEGREE
+from equimesh_coupling.parts import cuts_at_corners
 from equimesh_schema import ErrorProducts
 from equimesh_schema.notebook import html_of
 
@@ -75,13 +83,22 @@ class Recovery:
     """The values at the nodes of elements: see :func:`~equimesh.meshes.second_order.nodes_of_elements`."""
     degree: ValueDegree = 1
     """The degree of these elements."""
+    cells: CellKind = "quad"
+    """Their cells: the quadrilaterals, or the triangles that these are cut into."""
     left: Array | None = None
     """What a recovery of degree 3 or 4 leaves at the nodes of each cell, shape ``(m, p + 1, p + 1)``."""
     rounding: float
     """The estimated L2 error that is nothing but rounding of the values."""
 
     @classmethod
-    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain | Blocks, degree: ValueDegree = 1) -> Recovery:
+    def of(
+        cls,
+        mesh: Mesh,
+        values: npt.ArrayLike,
+        domain: Domain | Blocks,
+        degree: ValueDegree = 1,
+        cells: CellKind = "quad",
+    ) -> Recovery:
         """From ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
 
         Raises as :func:`~equimesh.fields.on_domain.recover`, on blocks as
@@ -89,15 +106,15 @@ class Recovery:
         than the domain, too, and for a mesh and a domain of two kinds.
         """
         if degree > 1:
-            _check_count(values, mesh, degree)
+            _check_count(values, mesh, degree, cells)
         if mesh.is_grid == isinstance(domain, Blocks):
             raise InputError(TWO_KINDS, field="mesh")
         if isinstance(domain, Blocks) and not np.array_equal(mesh.cells, domain.mesh.cells):
             raise InputError(OTHER_CELLS, field="mesh")
-        found = recover(mesh, values, domain, degree)
+        found = recover(mesh, values, domain, degree, cells)
         known = found.values
         rounding = ROUNDING_SHARE * float(np.abs(known).max()) * math.sqrt(domain.area)
-        of: Any = {"domain": domain, "degree": degree, "rounding": rounding}
+        of: Any = {"domain": domain, "degree": degree, "cells": cells, "rounding": rounding}
         return cls(u=found.u, mesh=found.reference, values=known, left=found.left, **of)
 
     def limited(self) -> Recovery:
@@ -116,7 +133,7 @@ class Recovery:
         knows it, unless ``of_solver`` is false: values at the nodes of long cells can be wrong by more than the
         interpolant is. A share of what polynomials leave at the nodes counts as error.
         """
-        rule = Rule(norm=norm, points=self.degree + MORE_ESTIMATE_POINTS, degree=self.degree)
+        rule = Rule(norm=norm, cells=self.cells, points=self.degree + MORE_ESTIMATE_POINTS, degree=self.degree)
         plain = measured(self.u, self.domain, self.mesh, rule, threads)
         if self.left is not None:
             left = nodal_norms(cells_of(on_domain(self.mesh, self.domain)), self.left)
@@ -135,18 +152,21 @@ class Recovery:
     def gradient_norm(self) -> float:
         """The norm of the gradient of the interpolant of the values on their mesh, in the units of u."""
         mesh = on_domain(self.mesh, self.domain)
+        if self.cells == "triangle":
+            return gradient_norm_on_triangles(mesh, self.values.ravel(), self.degree)
         if self.degree == 1:
             return gradient_norm(cells_of(mesh), self.values)
         return nodal_norms(cells_of(mesh), self.values.ravel()[nodes_of_cells(mesh, self.degree)])["h1"]
 
 
-def _check_count(values: npt.ArrayLike, mesh: Mesh, degree: ValueDegree) -> None:
+def _check_count(values: npt.ArrayLike, mesh: Mesh, degree: ValueDegree, cells: CellKind) -> None:
     """Refuse values of another shape than the nodes of elements of a ``degree``; the message says which is needed."""
     needed, found = nodes_of_elements(mesh, degree), np.shape(values)
+    inside = {"quad": "cells", "triangle": "the diagonals along which cells are cut"}[cells]
     if found != needed:
         raise SamplesError(
             f"values has shape {found}, and elements of degree {degree} have nodes of shape {needed} on this mesh: give"
-            " values at the middles of edges and cells, too, or the degree of your elements",
+            f" values at the middles of edges and {inside}, too, or the degree of your elements",
             field="values",
         )
 
@@ -167,6 +187,21 @@ def gradient_norm(cells: MeshCells, values: Array) -> float:
     return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
 
 
+def gradient_norm_on_triangles(mesh: Mesh, values: Array, degree: ValueDegree) -> float:
+    """The norm of the gradient of the interpolant of flat ``values`` at the nodes of elements of degree 1 or 2."""
+    triangles, element = mesh.triangles(), triangle(finer=True)
+    nodal = values[triangles]
+    if degree == 2:
+        lattice = nodes_of_cells(mesh).reshape(-1, 9)
+        nodal = values[six_nodes(lattice[:, np.argsort(LATTICE.ravel())], triangles)]
+    of = basis("triangle", degree, element)
+    (x_s, y_s), (x_t, y_t) = ((mesh.points[triangles[:, k]] - mesh.points[triangles[:, 0]]).T for k in (1, 2))
+    det = x_s * y_t - x_t * y_s
+    u_s, u_t = of.along_s.T @ nodal.T, of.along_t.T @ nodal.T
+    u_x, u_y = u_s * y_t - u_t * y_s, u_t * x_s - u_s * x_t
+    return math.sqrt(float((element.weights[:, None] * (u_x**2 + u_y**2) / det).sum()))
+
+
 def nodal_norms(cells: MeshCells, values: Array) -> Mapping[Norm, float]:
     """The norms of interpolants of ``values`` at nodes of cells, shape ``(m, p + 1, p + 1)``, and of the gradient."""
     degree = values.shape[1] - 1
@@ -183,10 +218,11 @@ def nodal_norms(cells: MeshCells, values: Array) -> Mapping[Norm, float]:
 def measured(
     u: Field, domain: Domain | Blocks, mesh: Mesh, rule: Rule, threads: int = 1, *, of_solver: bool = False
 ) -> float:
-    """The norm of the error of the bilinear interpolant of u on a ``mesh`` of the reference square, or of blocks.
+    """The norm of the error of the interpolant of u on a ``mesh`` of the reference square, or of blocks.
 
-    ``of_solver`` takes the projection of u by the equation of Poisson in its place, in L2 for degree 1, on a mesh on
-    which it is known in a moderate time: see :mod:`equimesh.least_error.projection`.
+    The elements of the interpolant are those of the ``rule``. ``of_solver`` takes the projection of u by the equation
+    of Poisson in its place, in L2 for degree 1, on a mesh on which it is known in a moderate time: see
+    :mod:`equimesh.least_error.projection`.
     """
     weights = Weights(distortion=0.0, smoothness=0.0)
     chart: Chart
@@ -198,13 +234,20 @@ def measured(
         start = points = np.ascontiguousarray(mesh.points.T)
         count, area = points.shape[1], float(mesh.cell_areas().sum())
         curves = CurveChart([], np.full(count, FREE), np.zeros(count), area)
-        chart, cells = curves, cells_of_mesh(mesh.cells, curves.free, mesh.ties)
+        cuts = cuts_at_corners(mesh.cells) if rule.cells == "triangle" else {}
+        chart, cells = curves, replace(cells_of_mesh(mesh.cells, curves.free, mesh.ties), corner_cuts=cuts)
     if of_solver and is_of_solver(rule, cells):
         finer = replace(rule, points=rule.points + MORE_SLOPE_POINTS)
-        projected = ProjectedObjective(u, chart, cells, start, weights, finer, threads).error(points)
+        projected = _error(ProjectedObjective(u, chart, cells, start, weights, finer, threads), points)
         if math.isfinite(projected):
             return projected
-    return objective_of(u)(u, chart, cells, start, weights, rule, threads).error(points)
+    return _error(objective_of(u)(u, chart, cells, start, weights, rule, threads), points)
+
+
+def _error(objective: Objective, points: Array) -> float:
+    """The error on a mesh, whose triangles are those that it is best cut into."""
+    objective.cut(points)
+    return objective.error(points)
 
 
 def is_of_solver(rule: Rule, cells: Cells) -> bool:
@@ -292,16 +335,17 @@ class ErrorEstimate:
         threads: int = 1,
         degree: ValueDegree = 1,
         adjoint: npt.ArrayLike | None = None,
+        cells: CellKind = "quad",
     ) -> ErrorEstimate:
         """From ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
 
-        With the values of an ``adjoint`` at the same nodes the error of the gradient is the root of the sum over the
-        cells of the products of both errors, and its norm the root of the product of both norms.
+        With the values of an ``adjoint`` at the same nodes cells are quadrilaterals, the error of the gradient is the
+        root of the sum over the cells of the products of both errors, and its norm the root of the product of both.
 
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
         :class:`~equimesh.errors.InputError` for a folded mesh, one of another domain, and an adjoint of degree 2.
         """
-        recovery = Recovery.of(mesh, values, domain, degree)
+        recovery = Recovery.of(mesh, values, domain, degree, cells if adjoint is None else "quad")
         estimate, size, products = recovery.estimate("l2", threads), recovery.gradient_norm(), None
         is_exact = not estimate > recovery.rounding
         plain = recovery.estimate("l2", threads, of_solver=False)

@@ -22,6 +22,7 @@ from equimesh.meshes.second_order import ValueDegree, require_degree
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.numerics.threads import thread_count
+from equimesh.quality.elements import CellKind
 from equimesh.rounds.candidates import PARTS, SHARP, SMOOTH, Search, rule_of
 from equimesh.rounds.recovery import (
     KEPT,
@@ -67,6 +68,7 @@ def descents(
             distortion=distortion,
             smoothness=smoothness,
             degree=known.degree,
+            cells=known.cells,
             purpose=purpose,
         ).on(domain)
         trial = CoarseSolve(monitor=monitor, domain=domain, threads=threads)
@@ -118,7 +120,7 @@ def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, grid: Grid | N
 
 
 def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int, of_solver: bool) -> NextMesh | None:
-    rule = rule_of(norm, known.degree)
+    rule = rule_of(norm, known.degree, known.cells)
 
     def error(mesh: Mesh) -> float:
         return measured(known.u, domain, mesh, rule, threads, of_solver=of_solver)
@@ -149,6 +151,7 @@ def _best_of_grid(known: Recovery, norm: Norm, threads: int, grid: Grid, of_solv
         before=before,
         norm=norm,
         degree=known.degree,
+        cells=known.cells,
         of_solver=of_solver,
         threads=threads,
     )
@@ -177,12 +180,15 @@ def adapt_round(
     *,
     degree: ValueDegree = 1,
     adjoint: npt.ArrayLike | None = None,
+    cells: CellKind = "quad",
 ) -> Round:
     """The next mesh for a solution that is known by ``values`` at the nodes of elements of a ``degree`` on ``mesh``.
 
     ``values`` have the shape :func:`~equimesh.meshes.second_order.nodes_of_elements`: of degree 1 ``mesh.node_shape``,
-    of degree p on a grid ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)``. ``mesh`` is one of ``domain``, of any kind. u is
-    recovered from the values as in :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks as in
+    of degree p on a grid ``(p (n_xi - 1) + 1, p (n_eta - 1) + 1)``. With ``cells="triangle"``, of degree 1 or 2, the
+    elements are the triangles that ``mesh.triangles()`` cuts the mesh into: the middle of each cut stands in place of
+    the centre of its cell, see :func:`~equimesh_coupling.elements.element_points`. ``mesh`` is one of ``domain``, of
+    any kind. u is recovered from the values as in :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks as in
     :class:`~equimesh.fields.quad_field.QuadField`, for degree 2 with fitted slopes, for degrees 3 and 4 as in
     :class:`~equimesh.fields.patch_field.PatchField`, and as limited cubics between their nodes where the values do not
     resolve u. The next mesh has the smallest measured error in ``norm`` among descents from ``mesh`` and meshes of
@@ -201,7 +207,7 @@ def adapt_round(
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
     threads = thread_count(threads)
-    known = ErrorEstimate.of(mesh, values, domain, threads, require_degree(degree), adjoint)
+    known = ErrorEstimate.of(mesh, values, domain, threads, require_degree(degree, cells), adjoint, cells)
     found = next_mesh(known, norm if adjoint is None else "h1", threads)
     return Round(
         mesh=mesh if found.reference is known.recovery.mesh else on_domain(found.reference, domain),

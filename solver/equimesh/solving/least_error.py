@@ -213,7 +213,9 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
         monitor.require_grid(problem.grid)
     domain, degree = problem.domain, require_degree(monitor.degree)
     mesh, values = monitor.mesh_on(domain), monitor.nodal.values
-    found = adapt_round(mesh, values, domain, monitor.norm, threads, degree=degree, adjoint=monitor.dual)
+    found = adapt_round(
+        mesh, values, domain, monitor.norm, threads, degree=degree, adjoint=monitor.dual, cells=monitor.cells
+    )
     return Solution(
         problem=problem,
         mesh=found.mesh,

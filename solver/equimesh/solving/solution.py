@@ -55,8 +55,8 @@ if TYPE_CHECKING:
 
 
 def interpolated_cells(monitor: Monitor) -> Literal["quad", "triangle"]:
-    """The cells on which u is interpolated: triangles where a least-error monitor asks for them."""
-    return monitor.cells if isinstance(monitor, LeastError) else "quad"
+    """The cells on which u is interpolated: triangles where a least-error monitor or a round asks for them."""
+    return monitor.cells if isinstance(monitor, LeastError | NodalSolution) else "quad"
 
 
 def degree_of(monitor: Monitor) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import skfem
@@ -64,17 +66,23 @@ def test_the_degree_is_that_of_the_element(parts: MeshParts) -> None:
     basis = skfem.Basis(mesh, quadratic)
     field = basis, basis.project(lambda x: x[0] ** 2 + 2 * x[1])
     found = element_values(field, parts)
-    assert found.degree == (1 if parts.is_triangular else 2)  # triangles have no node in the centre of a quadrilateral
-    x, y = element_points(parts, found.degree).T
+    assert found[1:] == (2, "triangle" if parts.is_triangular else "quad")
+    x, y = element_points(parts, *found[1:]).T
     assert np.allclose(found.values.ravel(), x**2 + 2 * y)
     assert element_values(field, parts, 1).values.shape == (7, 5)
-    if parts.is_triangular:
-        with pytest.raises(BadValues, match="none whose degree 2 can be seen"):
-            element_values(field, parts, 2)
+    with pytest.raises(BadValues, match=f"one on {'tri' if parts.is_triangular else 'quadri'}.*, and cells = "):
+        element_values(field, parts, cells="quad" if parts.is_triangular else "triangle")
 
 
-def test_quadratic_values_on_blocks() -> None:
+@pytest.mark.parametrize(("cells", "element"), [("quad", skfem.ElementQuad2), ("triangle", skfem.ElementTriP2)])
+def test_quadratic_values_on_blocks(cells: Any, element: Any) -> None:
     mesh = l_shape()
-    basis = skfem.Basis(mesh.to_skfem(), skfem.ElementQuad2())
+    basis = skfem.Basis(mesh.to_skfem(cells=cells), element())
     found = element_values((basis, basis.project(lambda x: x[0] * x[1])), mesh)
-    assert np.allclose(found.values, element_points(mesh, 2).prod(axis=1))
+    assert np.allclose(found.values, element_points(mesh, 2, cells).prod(axis=1))
+
+
+def test_elements_of_other_degrees_on_triangles_are_named(parts: MeshParts) -> None:
+    basis = skfem.Basis(mesh_of(parts.mesh_parts("triangle")), skfem.ElementTriP3())
+    with pytest.raises(BadValues, match=r"whose degree 2 can be seen: .* on the triangles .*mesh, 2, .triangle"):
+        element_values((basis, basis.zeros()), parts, 2, "triangle")

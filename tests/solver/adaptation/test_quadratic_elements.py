@@ -17,16 +17,18 @@ from equimesh_coupling import BadValues, element_points
 
 PEAK, RING = "exp(-300*((x-0.5)**2 + (y-0.5)**2))", "atan(30*(hypot(x-0.5, y-0.5) - 0.25))"
 HILL, ROOT = "2**40*(x*(1-x)*y*(1-y))**10", "(x + 1e-12)**0.6"
+LAYER = "tanh(15*(x + y/2 - 0.75))"
 
 
 class Poisson:
-    """A solver of ``-Lap u = f`` by biquadratic elements of scikit-fem, and the error of the gradient of each solve."""
+    """A solver of ``-Lap u = f`` by elements of degree 2 of scikit-fem, and the error of the gradient of each solve."""
 
-    def __init__(self, text: str) -> None:
-        self.u, self.errors = em.Expression(text), list[float]()
+    def __init__(self, text: str, cells: Any = "quad") -> None:
+        self.u, self.cells, self.errors = em.Expression(text), cells, list[float]()
 
     def __call__(self, mesh: em.Mesh) -> tuple[Any, Any]:
-        basis = skfem.Basis(mesh.to_skfem(), skfem.ElementQuad2(), intorder=6)
+        element = skfem.ElementQuad2() if self.cells == "quad" else skfem.ElementTriP2()
+        basis = skfem.Basis(mesh.to_skfem(cells=self.cells), element, intorder=6)
         at = basis.global_coordinates()
         slopes = self.u.evaluate(at[0], at[1], 1)[1:]
         stiffness = skfem.BilinearForm(lambda v, w, _: dot(grad(v), grad(w))).assemble(basis)
@@ -53,9 +55,21 @@ def test_quadratic_elements_of_scikit_fem_gain_and_never_lose(text: str, norm: A
     assert solver.errors[0] > least * solver.errors[found.best]
 
 
-def exact(u: em.Field, degree: int = 2) -> Callable[[em.Mesh], np.ndarray]:
+@pytest.mark.parametrize(("text", "norm", "gain"), [(HILL, "h1", 2.0), (LAYER, "h1", 8.0)])
+def test_quadratic_triangles_gain_more_than_by_bilinear_rounds(text: str, norm: Any, gain: float) -> None:
+    solver, untold = Poisson(text, "triangle"), Poisson(text, "triangle")
+    found = em.adapt(solver, 17, norm=norm, rounds=2)  # the cells and the degree are those of the basis
+    assert found.values.shape == (33, 33)
+    plain = em.adapt(untold, 17, norm=norm, rounds=2, degree=1)
+    assert solver.errors[0] > gain * solver.errors[found.best]
+    assert untold.errors[plain.best] > 1.5 * solver.errors[found.best]
+    for record, error in zip(found.rounds, solver.errors, strict=True):
+        assert 0.8 < (record.estimate_h1 or 0.0) / error < 1.6
+
+
+def exact(u: em.Field, degree: int = 2, cells: Any = "quad") -> Callable[[em.Mesh], np.ndarray]:
     """A solver that is exact at all nodes of its elements."""
-    return lambda mesh: u.evaluate(*element_points(mesh, degree).T)[0]
+    return lambda mesh: u.evaluate(*element_points(mesh, degree, cells).T)[0]
 
 
 @pytest.mark.parametrize("degree", [2, 3, 4])
@@ -69,10 +83,28 @@ def test_values_at_the_nodes_of_elements_adapt_the_mesh_and_need_the_degree(degr
         em.adapt(lambda mesh: mesh.x, 9, degree=degree)
 
 
-def test_there_is_no_fifth_degree() -> None:
-    u = em.Expression("tanh(8*(x + y - 1))")
-    with pytest.raises(em.InputError, match="degree = 5: give 1 to 4"):
-        em.adapt(exact(u), 9, degree=5)
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"degree": 5}, "degree = 5: give 1 to 4"),
+        ({"degree": 3, "cells": "triangle"}, "degree = 3: on triangles elements have degree 1 or 2"),
+        ({"cells": "hexagon"}, "cells = 'hexagon': choose 'quad' or 'triangle'"),
+        ({"cells": "triangle", "goal": em.Goal.point(0.5, 0.5)}, "with a goal errors are those on quadrilaterals"),
+    ],
+)
+def test_elements_that_no_round_knows_are_refused(given: Any, sentence: str) -> None:
+    with pytest.raises(em.InputError, match=sentence):
+        em.adapt(exact(em.Expression("x*y")), 9, **given)
+
+
+def test_linear_triangles_are_told_by_the_cells_alone() -> None:
+    """Across the diagonals of the cells, linear elements err more than bilinear ones, and the mesh is another one."""
+    u = em.Expression("exp(-40*(x - y)**2)")
+    found = {cells: em.adapt(exact(u, 1), 9, cells=cells, rounds=1) for cells in ("quad", "triangle")}
+    quad, triangle = (one.rounds[0].estimate_h1 or 0.0 for one in found.values())
+    error = measured(u, em.Rectangle(), em.Mesh.uniform(em.Grid(9)), Rule(norm="h1", cells="triangle", points=4))
+    assert abs(triangle - error) < abs(quad - error)
+    assert found["quad"].rounds[1].mesh.distance(found["triangle"].rounds[1].mesh) > 0.0
 
 
 HALVES = em.Blocks.of({
@@ -81,21 +113,23 @@ HALVES = em.Blocks.of({
 })  # fmt: skip
 
 
-@pytest.mark.parametrize(("degree", "gain"), [(2, 3.0), (3, 3.0), (4, 3.0)])
-def test_blocks_adapt_to_elements_of_higher_degree(degree: int, gain: float) -> None:
-    u, rule = em.Expression("tanh(15*(x + y - 1))"), Rule(norm="l2", points=degree + 2, degree=degree)
-    found = em.adapt(exact(u, degree), domain=HALVES, degree=degree, rounds=1)
+@pytest.mark.parametrize(
+    ("degree", "cells", "gain"), [(2, "quad", 3.0), (3, "quad", 3.0), (4, "quad", 3.0), (2, "triangle", 8.0)]
+)
+def test_blocks_adapt_to_elements_of_higher_degree(degree: int, cells: Any, gain: float) -> None:
+    u, rule = em.Expression("tanh(15*(x + y - 1))"), Rule(norm="l2", cells=cells, points=degree + 2, degree=degree)
+    found = em.adapt(exact(u, degree, cells), domain=HALVES, degree=degree, cells=cells, rounds=1)
     before, after = (measured(u, HALVES, one.mesh, rule) for one in found.rounds)
     assert before > gain * after
     assert not found.mesh.is_folded
 
 
-@pytest.mark.parametrize("degree", [2, 3])
-def test_cells_may_be_thinner_than_the_bend_of_their_side(degree: int) -> None:
+@pytest.mark.parametrize(("degree", "cells"), [(2, "quad"), (3, "quad"), (2, "triangle")])
+def test_cells_may_be_thinner_than_the_bend_of_their_side(degree: int, cells: Any) -> None:
     u, domain = em.Expression("exp(x)*y"), em.AnnulusSector(closed=True)
-    found = em.adapt(exact(u, degree), 7, domain=domain, degree=degree, rounds=1)
+    found = em.adapt(exact(u, degree, cells), 7, domain=domain, degree=degree, cells=cells, rounds=1)
     grid = em.Grid(n_xi=7, n_eta=7)
-    uniform = measured(u, domain, em.Mesh.uniform(grid), Rule(norm="l2", points=5, degree=degree))
+    uniform = measured(u, domain, em.Mesh.uniform(grid), Rule(norm="l2", cells=cells, points=5, degree=degree))
     assert found.rounds[0].estimate == pytest.approx(uniform, rel=0.25)
     assert found.rounds[1].estimate < 0.6 * found.rounds[0].estimate
     assert not found.mesh.is_folded

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,6 +75,32 @@ def test_values_of_quadratic_elements_are_on_the_lattice_of_the_mesh() -> None:
         em.NodalSolution(u=NODAL, degree=5)
     found = em.solve(em.Problem(monitor=quadratic, grid=grid))
     assert found.mesh.distance(em.adapt_round(em.Mesh.uniform(grid), VALUES, degree=2).mesh) == 0.0
+
+
+@pytest.mark.parametrize("blocks", [False, True])
+def test_values_of_quadratic_triangles_are_at_the_middles_of_the_cuts(blocks: bool) -> None:
+    domain: Any = em.Blocks.rectangle(cells=(3, 3)) if blocks else em.Rectangle()
+    s, t = np.meshgrid(np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 5), indexing="ij")
+    bent = em.Mesh(s + 0.2 * s * (1 - s) * t, t + 0.3 * t * (1 - t) * (1 - s))
+    if blocks:
+        ways = domain.mesh.points * (1.0 - domain.mesh.points)
+        bent = domain.mesh.moved(domain.mesh.points + 1.5 * ways[:, ::-1] * ways)
+    found = []
+    for cells in ("quad", "triangle"):
+        nodes: Any = lattice_of(bent, 2, cells)  # type: ignore[arg-type]
+        u = (em.QuadField if blocks else em.NodalField)(mesh=nodes, values=np.sin(3 * nodes.x) * nodes.y)
+        found.append(em.NodalSolution(u=u, degree=2, cells="triangle"))
+    centres, middles = found
+    assert middles.mesh_on(domain).distance(bent) == 0.0
+    assert middles != em.NodalSolution(u=middles.u, degree=2)
+    assert middles.on(domain).least_error.cells == "triangle"
+    inner = 9 if blocks else 16
+    with pytest.raises(em.InputError, match=f"of {inner}: give values at element_points.mesh, 2, .triangle."):
+        centres.on(domain)
+    problem: Any = em.Problem(monitor=middles, domain=domain, grid=None if blocks else em.Grid(5))
+    solution, values = em.solve(problem), middles.nodal.values
+    own = em.adapt_round(middles.mesh_on(domain), values, domain, degree=2, cells="triangle")
+    assert solution.mesh.distance(own.mesh) == 0.0
 
 
 def test_values_at_the_nodes_of_other_blocks_are_refused_by_their_number() -> None:
