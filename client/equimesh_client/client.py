@@ -7,7 +7,7 @@ from asyncio import CancelledError
 from collections.abc import AsyncIterator, Mapping
 from inspect import isawaitable
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Unpack
+from typing import Any, ClassVar, Generic, Literal, Unpack
 
 from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.mesh import AsyncMesh, M, Mesh
@@ -171,6 +171,7 @@ class ClientOperations(ABC, Generic[M]):
         rounds: int = 5,
         norm: Norm = "l2",
         degree: int | None = None,
+        cells: Literal["quad", "triangle"] | None = None,
         goal: Goal | None = None,
         tolerance: float | None = None,
         observe: Observe | None = None,
@@ -187,7 +188,8 @@ class ClientOperations(ABC, Generic[M]):
         an ``ErrorIndicator`` of the cells. It is called first on the uniform mesh, on blocks the initial one, then at
         most ``rounds`` times. ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``, and by
         which rounds are ranked. ``degree``, 1 to 4, is that of the elements at whose nodes values are; without it that
-        of a field whose space shows it is taken, and 1 for arrays. ``observe`` is called with every round.
+        of a field whose space shows it is taken, and 1 for arrays. ``cells`` are those of the elements, and of all
+        meshes; without it those of such a field, and quadrilaterals. ``observe`` is called with every round.
         ``deadline`` is that of each mesh, in seconds.
 
         With a ``goal`` meshes make the error of that functional small, ``solve`` returns :class:`WithAdjoint`, and the
@@ -207,6 +209,7 @@ class ClientOperations(ABC, Generic[M]):
             rounds=rounds,
             norm=norm,
             degree=degree,
+            cells=cells,
             goal=goal,
             tolerance=tolerance,
             points=points,

@@ -105,7 +105,8 @@ def quads_of_triangles(triangles: IntArray) -> IntArray:
 
 def cuts_of_triangles(triangles: IntArray) -> IntArray:
     """The cut of each quadrilateral, 0 or 1 as in ``CUTS``, that ``triangles`` of shape ``(2 m, 3)`` were cut from."""
-    return (triangles[0::2, 0] != triangles[1::2, 0]).astype(np.int64)
+    cuts: IntArray = (triangles[0::2, 0] != triangles[1::2, 0]).astype(np.int64)
+    return cuts
 
 
 def cut_ends(triangles: IntArray) -> IntArray:

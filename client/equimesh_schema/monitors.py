@@ -168,7 +168,8 @@ class NodalSolution(MonitorDocument):
     degree: Annotated[int, LATER, Shown("Degree of the elements", minimum=1, maximum=4)] = 1
     """The degree p of the solver's elements: 1, or 2 to 4 with values at the Gauss-Lobatto points of
     edges and cells, too, whose x and y are given with them; every p-th one along xi and along eta is a node of the
-    mesh."""
+    mesh. With triangles for cells it is 1 or 2, and the middles of the diagonals along which cells are cut take the
+    place of the centres."""
     adjoint: Annotated[Function | None, LATER, described(ADJOINT)] = None
 
 

@@ -61,11 +61,11 @@ def test_the_loop_of_the_client_finds_the_shape_of_the_grid(connect: Connect, ur
     assert n_xi > 3 * n_eta
 
 
-def of_degree(degree: int) -> Callable[[Any], np.ndarray]:
+def of_degree(degree: int, cells: Any = "quad") -> Callable[[Any], np.ndarray]:
     """The values of that solver at the nodes of elements of a degree."""
 
     def values(mesh: Any) -> np.ndarray:
-        x, y = element_points(mesh, degree).T
+        x, y = element_points(mesh, degree, cells).T
         return np.tanh(15.0 * (x + y / 2 - 0.75))
 
     return values
@@ -95,6 +95,33 @@ def test_the_loop_of_elements_of_higher_degree_is_that_of_the_solver(connect: Co
         connect(url).adapt(front, 9, degree=2)
     with pytest.raises(equimesh_client.BadArgument, match="degree = 5: give 1 to 4"):
         connect(url).adapt(quadratic, 9, degree=5)
+
+
+SIX_NODES: dict[str, Any] = {"rounds": 1, "degree": 2, "cells": "triangle"}
+
+
+@cache
+def on_triangles() -> tuple[em.Adaptation, em.Adaptation]:
+    """Triangles of degree 2 on a grid and on blocks."""
+    solve, options = of_degree(2, "triangle"), SIX_NODES
+    return em.adapt(solve, 7, **options), em.adapt(solve, domain=em.Blocks.of(SQUARE), **options)
+
+
+def test_the_loop_of_quadratic_triangles_is_that_of_the_solver(connect: Connect, url: str) -> None:
+    solve, options = of_degree(2, "triangle"), SIX_NODES
+    found = connect(url).adapt(solve, 7, **options)
+    blocks = connect(url).adapt(solve, domain={"kind": "blocks", **SQUARE}, **options)
+    for there, here in zip((found, blocks), on_triangles(), strict=True):
+        for one, other in zip(there.rounds, here.rounds, strict=True):
+            assert one.numbers() == pytest.approx(other.numbers())
+    assert found.values.shape == (13, 13)
+    assert x_of(found.rounds[1].mesh) == pytest.approx(on_triangles()[0].rounds[1].mesh.x, abs=1e-12)
+    with pytest.raises(equimesh_client.BadValues, match=r"2 on triangles have 289 nodes .*, or flat in the order of"):
+        connect(url).adapt(front, 9, degree=2, cells="triangle")
+    with pytest.raises(equimesh_client.BadArgument, match="degree = 3: give 1 to 2, the .* elements on triangles"):
+        connect(url).adapt(solve, 9, degree=3, cells="triangle")
+    with pytest.raises(equimesh_client.BadArgument, match="cells = 'hexagon': choose 'quad' or 'triangle'"):
+        connect(url).adapt(solve, 9, cells="hexagon")
 
 
 def test_the_loop_on_a_sector(connect: Connect, url: str) -> None:

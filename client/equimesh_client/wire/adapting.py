@@ -24,9 +24,10 @@ from equimesh_coupling.adaptation import (
     verdict_on,
     wanted_density,
 )
-from equimesh_coupling.elements import MAX_DEGREE, element_points
+from equimesh_coupling.elements import MAX_DEGREES, WORDS, element_points
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.goals import NEEDS_GOAL, Goal, GoalValues, WithAdjoint, check_goal, goal_values
+from equimesh_coupling.parts import Cells
 from equimesh_coupling.recovery import ErrorIndicator, cell_values
 from equimesh_coupling.values import element_values
 from equimesh_schema import Certificate, Estimate
@@ -59,6 +60,8 @@ class RoundAnswer:
     is_indicator: bool
     monitor: NodalSolution | Weight | None
     u: object = None
+    cells: Cells = "quad"
+    """The cells of the elements at whose nodes values are."""
     dual: GoalValues | None = None
     """The adjoint and the functional, where there is a goal."""
 
@@ -78,6 +81,8 @@ class AdaptLoop(Generic[M]):
     norm: Norm
     degree: int | None = None
     """The degree of the elements, 1 to 4; None: that of the space of a field, 1 for arrays."""
+    cells: Cells | None = None
+    """The cells of the elements, and of the meshes; None: those of the space of a field, quadrilaterals for arrays."""
     goal: Goal | None = None
     """The functional whose error meshes make small; None for the norm of the error."""
     tolerance: float | None = None
@@ -113,10 +118,13 @@ class AdaptLoop(Generic[M]):
             raise BadArgument(f"points = {self.points!r:.20}: a grid has at least {MIN_GRID_POINTS}, 5 a direction")
         if self.norm not in NORMS:
             raise BadArgument(f"norm = {self.norm!r}: choose 'l2' or 'h1'")
-        if self.degree is not None and not (is_whole(self.degree) and 1 <= self.degree <= MAX_DEGREE):
-            raise BadArgument(f"degree = {str(self.degree)[:20]}: give 1 to {MAX_DEGREE}, the degree of your elements")
+        if self.cells not in (None, *MAX_DEGREES):
+            raise BadArgument(f"cells = {str(self.cells)[:20]!r}: choose 'quad' or 'triangle'")
+        most, where = MAX_DEGREES[self.cells or "quad"], "" if self.cells is None else f" on {WORDS[self.cells]}"
+        if self.degree is not None and not (is_whole(self.degree) and 1 <= self.degree <= most):
+            raise BadArgument(f"degree = {str(self.degree)[:20]}: give 1 to {most}, the degree of your elements{where}")
         try:
-            check_goal(self.goal, self.tolerance, self.degree)
+            check_goal(self.goal, self.tolerance, self.degree, cells=self.cells)
         except ValueError as error:
             raise BadArgument(str(error)) from error
         if self.goal is not None:
@@ -146,9 +154,9 @@ class AdaptLoop(Generic[M]):
         if on_blocks and isinstance(returned, ErrorIndicator):
             raise BadValues(NO_INDICATOR)
         if not isinstance(returned, ErrorIndicator):
-            values, degree = element_values(returned, arrays, self.degree)
+            values, degree, cells = element_values(returned, arrays, self.degree, self.cells)
             require_same_kind(self.done, is_indicator=False)
-            nodes = element_points(arrays, degree)
+            nodes = element_points(arrays, degree, cells)
             x, y = (q.reshape(values.shape) for q in nodes.T)
 
             def samples(of: Array) -> object:
@@ -156,9 +164,8 @@ class AdaptLoop(Generic[M]):
 
             adjoint = None if dual is None else samples(dual.z)
             monitor = NodalSolution(norm=self.norm, degree=degree, adjoint=adjoint)
-            return RoundAnswer(
-                arrays=arrays, values=values, is_indicator=False, monitor=monitor, u=samples(values), dual=dual
-            )
+            found: Any = {"arrays": arrays, "values": values, "cells": cells, "dual": dual}
+            return RoundAnswer(is_indicator=False, monitor=monitor, u=samples(values), **found)
         indicator = cell_values(returned, arrays)
         require_same_kind(self.done, is_indicator=True)
         density = wanted_density(arrays.x, arrays.y, indicator, self.norm)
@@ -168,7 +175,7 @@ class AdaptLoop(Generic[M]):
     def next(self, answered: RoundAnswer) -> GenerateArguments | None:
         """The request for the next mesh, whose certificate has the estimate; None where the indicator is zero."""
         n = self.n if self.points is None else _shape(answered.arrays)
-        return None if answered.monitor is None else self._request(answered.u, answered.monitor, n)
+        return None if answered.monitor is None else self._request(answered.u, answered.monitor, n, answered.cells)
 
     def shape(self) -> GenerateArguments | None:
         """The request for the mesh on the grid of the best shape, by the last round; None where that is not wanted.
@@ -181,7 +188,7 @@ class AdaptLoop(Generic[M]):
         unresolved = self.done[-1].unresolved
         if unresolved is None or unresolved > MAX_UNRESOLVED_SHARE:
             return None
-        request = self._request(last.u, LeastError(norm=self.norm, degree=last.monitor.degree), None)
+        request = self._request(last.u, LeastError(norm=self.norm, degree=last.monitor.degree), None, last.cells)
         request.options["target"] = Target(norm=self.norm, max_points=self.points)
         return request
 
@@ -227,10 +234,15 @@ class AdaptLoop(Generic[M]):
         return ended(self.done, self.rounds, self.norm, failure, self.tolerance)
 
     def _request(
-        self, u: object, monitor: LeastError | NodalSolution | Weight, n: int | tuple[int, int] | None
+        self,
+        u: object,
+        monitor: LeastError | NodalSolution | Weight,
+        n: int | tuple[int, int] | None,
+        cells: Cells = "quad",
     ) -> GenerateArguments:
         options: MeshOptions = {**DEFAULTS, "monitor": monitor, "domain": self.domain}
-        return GenerateArguments(u=u, n=DEFAULT_POINTS if n is None else n, options=options)
+        n = DEFAULT_POINTS if n is None else n
+        return GenerateArguments(u=u, n=n, options=options, cells=self.cells or cells)
 
 
 def _shape(arrays: MeshArrays) -> tuple[int, int]:

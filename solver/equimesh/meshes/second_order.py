@@ -111,7 +111,8 @@ class SecondOrderMesh:
 
         The rows ``2 k`` and ``2 k + 1`` are cut from cell k. The middle of the cut is the centre of the cell.
         """
-        return six_nodes(self.cells, triangles)
+        found: IntArray = six_nodes(self.cells, triangles)
+        return found
 
     def at_nodes(self, values: Array) -> Array:
         """Values at all nodes from those at the corners, shape ``(n,)`` or ``(n, c)``: means in between."""

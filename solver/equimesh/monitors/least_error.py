@@ -289,6 +289,12 @@ NOT_NODAL = (
     " values of one shape (n_xi, n_eta)"
 )
 """Why another function is refused."""
+SIX_NODES = (
+    "of degree 2 on triangles the nodes on the edges are their middles, and the one inside of each quadrilateral is the"
+    " middle of the diagonal along which it is cut, as a file of triangles has it: in Python"
+    ' element_points(mesh, 2, "triangle")'
+)
+"""Where the values of triangles of degree 2 are."""
 NOT_DUAL = "the adjoint belongs to another mesh than u: give its values at the same nodes, in the same form"
 """Why an adjoint of another mesh is refused."""
 TWO_KINDS = (
@@ -385,9 +391,10 @@ class NodalSolution:
         own, degree = nodal.mesh.grid, require_value_degree(self.degree)
         wanted = tuple(degree * (n - 1) + 1 for n in grid.shape)
         if degree > 1 and own.shape != wanted:
+            order = "" if self.cells == "quad" else f"; {SIX_NODES}"
             raise InputError(
                 f"{NO_OTHER_GRID}: on {grid} points elements of degree {degree} have {wanted[0]} x {wanted[1]} nodes,"
-                f" and the values are {own}",
+                f" and the values are {own}{order}",
                 field="grid",
             )
         if degree == 1 and grid != own:
@@ -419,8 +426,8 @@ class NodalSolution:
             far = int((np.abs(ways).max(axis=1) > MAX_FAR_SHARE * float(np.ptp(mesh.points, axis=0).max())).sum())
             if far:
                 raise InputError(
-                    f"u has nodes inside of cells that are not the middles of the diagonals along which these are cut,"
-                    f' {far} of {len(inside)}: give values at element_points(mesh, 2, "triangle"), in this order',
+                    f"u has nodes inside of cells that are not the middles of the cuts, {far} of {len(inside)}:"
+                    f" {SIX_NODES}",
                     field="u",
                 )
         return mesh

@@ -95,8 +95,11 @@ def test_values_of_quadratic_triangles_are_at_the_middles_of_the_cuts(blocks: bo
     assert middles != em.NodalSolution(u=middles.u, degree=2)
     assert middles.on(domain).least_error.cells == "triangle"
     inner = 9 if blocks else 16
-    with pytest.raises(em.InputError, match=f"of {inner}: give values at element_points.mesh, 2, .triangle."):
+    with pytest.raises(em.InputError, match=f"of {inner}: of degree 2 on triangles .*mesh, 2, .triangle"):
         centres.on(domain)
+    if not blocks:
+        with pytest.raises(em.InputError, match="have 13 x 13 nodes, and the values are 9 x 9; of degree 2 on"):
+            middles.require_grid(em.Grid(7))
     problem: Any = em.Problem(monitor=middles, domain=domain, grid=None if blocks else em.Grid(5))
     solution, values = em.solve(problem), middles.nodal.values
     own = em.adapt_round(middles.mesh_on(domain), values, domain, degree=2, cells="triangle")
