@@ -11,6 +11,7 @@ import skfem
 from skfem.helpers import dot, grad
 
 import equimesh as em
+from equimesh.domains.domain import map_mesh
 from equimesh.least_error.kernels import Rule
 from equimesh.rounds.recovery import measured
 from equimesh_coupling import BadValues, element_points
@@ -133,3 +134,11 @@ def test_cells_may_be_thinner_than_the_bend_of_their_side(degree: int, cells: An
     assert found.rounds[0].estimate == pytest.approx(uniform, rel=0.25)
     assert found.rounds[1].estimate < 0.6 * found.rounds[0].estimate
     assert not found.mesh.is_folded
+
+
+def test_the_estimate_of_quadratic_triangles_holds_next_to_curved_sides() -> None:
+    u, domain, grid = em.Expression("exp(x)*y"), em.AnnulusSector(), em.Grid(7)
+    mesh = map_mesh(em.Mesh.uniform(grid), domain)
+    found = em.adapt_round(mesh, exact(u, 2, "triangle")(mesh).reshape(13, 13), domain, degree=2, cells="triangle")
+    rule = Rule(norm="l2", cells="triangle", points=4, degree=2)
+    assert found.estimate == pytest.approx(measured(u, domain, em.Mesh.uniform(grid), rule), rel=0.1)
