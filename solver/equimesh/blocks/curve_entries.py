@@ -158,18 +158,20 @@ class Airfoil:
     def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """``x, y, x_t, y_t``, exactly differentiated."""
         root = 1.0 - wrapped(self, np.asarray(t, dtype=np.float64))  # from 1 to -1; the upper side is positive
-        share, side = root**2, np.where(root < 0.0, -1.0, 1.0)
+        share, side, share_t = root**2, np.copysign(1.0, root), -2.0 * root
         a, b, c, d, e = (int(self.digits[2:]) / 100.0 * k for k in THICKNESS)
         half = a * root + side * share * (b + share * (c + share * (d + share * e)))
         half_t = -(a + side * 2.0 * root * (b + share * (2.0 * c + share * (3.0 * d + share * 4.0 * e))))
-        rise, slope, bend = self._camber(share)
-        # The thickness stands at right angles on the line of camber, whose angle is atan(slope).
-        norm = np.sqrt(1.0 + slope**2)
-        sine, cosine, share_t = slope / norm, 1.0 / norm, -2.0 * root
-        angle_t = bend / (1.0 + slope**2) * share_t
-        x, y = share - half * sine, rise + half * cosine
-        x_t = share_t - half_t * sine - half * cosine * angle_t
-        y_t = slope * share_t + half_t * cosine - half * sine * angle_t
+        x, y, x_t, y_t = share, half, share_t, half_t
+        if self.digits[0] != "0":
+            # The thickness stands at right angles on the line of camber, whose angle is atan(slope).
+            rise, slope, bend = self._camber(share)
+            norm = np.sqrt(1.0 + slope**2)
+            sine, cosine = slope / norm, 1.0 / norm
+            angle_t = bend / (1.0 + slope**2) * share_t
+            x, y = share - half * sine, rise + half * cosine
+            x_t = share_t - half_t * sine - half * cosine * angle_t
+            y_t = slope * share_t + half_t * cosine - half * sine * angle_t
         turn_x, turn_y = (
             self.chord * math.cos(math.radians(self.angle)),
             self.chord * math.sin(math.radians(self.angle)),
@@ -186,10 +188,8 @@ class Airfoil:
         return nearest_on(self, x, y, np.linspace(0.0, 2.0, SEARCH_POINTS))
 
     def _camber(self, share: Array) -> tuple[Array, Array, Array]:
-        """The line of camber over the chord, and its first and second derivative."""
+        """The line of camber over the chord, which is not 0, and its first and second derivative."""
         height, place = int(self.digits[0]) / 100.0, int(self.digits[1]) / 10.0
-        if height == 0.0:
-            return np.zeros_like(share), np.zeros_like(share), np.zeros_like(share)
         ahead = share < place
         factor = height / np.where(ahead, place**2, (1.0 - place) ** 2)
         constant = np.where(ahead, 0.0, 1.0 - 2.0 * place)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -279,6 +280,8 @@ def _length_table(curve: BoundaryCurve, first: float, last: float) -> tuple[Arra
 
 # Edges of cells that join two points of a boundary curve: the area between them and the curve.
 
+SHARES = np.array([np.subtract(1.0, PLACES), PLACES])[:, None]
+"""How far a piece moves at the ``PLACES`` where its first, and where its second node does, shape ``(2, 1, 5)``."""
 MAX_DISTANCE_SHARE = 1e-6
 """The largest distance of a fixed node from a curve that it ends, as a share of the size of the curve."""
 
@@ -293,6 +296,17 @@ class Chords:
     """The parameters of nodes that are fixed, else NaN, shape ``(edges, 2)``."""
     turns: Array
     """What the parameter jumps by from the first to the second node, shape ``(edges,)``: turns of a closed curve."""
+
+    @cached_property
+    def slides(self) -> BoolArray:
+        """Which nodes are not fixed, shape ``(edges, 2)``."""
+        return np.isnan(self.fixed)
+
+    @cached_property
+    def ends(self) -> tuple[IntArray, IntArray, IntArray]:
+        """The ends of edges that are not fixed: 0 for first and 1 for second nodes, their edges, and the nodes."""
+        first_or_second, edges = np.nonzero(self.slides.T)
+        return first_or_second, edges, self.nodes[edges, first_or_second]
 
     @classmethod
     def of(
@@ -325,9 +339,9 @@ class Chords:
 
         ``parameters`` are those of all nodes, shape ``(nodes,)``; only those of nodes on the curve are read.
         """
-        begins, ends = np.where(np.isnan(self.fixed), parameters[self.nodes], self.fixed).T
+        begins, ends = np.where(self.slides, parameters[self.nodes], self.fixed).T
         lengths = ends - self.turns - begins
-        return lengths, begins[:, None] + np.multiply.outer(lengths, PLACES)
+        return lengths, begins[:, None] + lengths[:, None] * SHARES[1]
 
     def pieces(self, parameters: Array) -> Pieces:
         """The pieces of the curve between the ends of the edges."""
@@ -340,9 +354,15 @@ class Pieces:
 
     def __init__(self, chords: Chords, lengths: Array, x: Array, y: Array, x_t: Array, y_t: Array) -> None:
         self._chords, self._lengths, self._curve = chords, lengths, (x, y, x_t, y_t)
-        self._areas = areas_between(x, y)
-        self.area = float(self._areas.sum())
+
+    @cached_property
+    def area(self) -> float:
         """The area between the curve and the edges."""
+        return float(self._areas.sum())
+
+    @cached_property
+    def _areas(self) -> Array:
+        return areas_between(*self._curve[:2])
 
     def derivatives(self, nodes: int) -> tuple[Array, Array]:
         """The derivatives of the area by the parameters of all nodes, and its second ones, shape ``(nodes,)`` each.
@@ -350,13 +370,11 @@ class Pieces:
         The second ones are those of a parabola, whose area is like the third power of the length of the edge.
         """
         x, y, x_t, y_t = self._curve
-        shares = np.array([np.subtract(1.0, PLACES), PLACES])[:, None]
-        changes = changes_of_areas(x, y, shares * x_t, shares * y_t)
+        changes = changes_of_areas(x, y, SHARES * x_t, SHARES * y_t)
         squares = self._lengths**2
         second = np.divide(6.0 * self._areas, squares, out=np.zeros_like(squares), where=squares != 0.0)
-        slides = np.isnan(self._chords.fixed.T)
         slopes, bends = np.zeros((2, nodes))
-        ends = self._chords.nodes.T[slides]
-        np.add.at(slopes, ends, changes[slides])
-        np.add.at(bends, ends, np.broadcast_to(second, slides.shape)[slides])
+        first_or_second, edges, ends = self._chords.ends
+        np.add.at(slopes, ends, changes[first_or_second, edges])
+        np.add.at(bends, ends, second[edges])
         return slopes, bends

@@ -58,6 +58,15 @@ class BlockMesh:
         """The initial mesh of the domain."""
         return self._place(self.domain.mesh.points, self.domain.node_parameter)
 
+    @cached_property
+    def quad_mesh(self) -> Mesh:
+        """The cells and blocks, which all meshes of the level have, at the nodes of the initial mesh."""
+        level, finest = self.level, self.domain.mesh
+        if level.is_finest:
+            return finest
+        points, names = finest.points[level.nodes], finest.block_names
+        return Mesh(points=points, cells=level.cells, sides={}, blocks=level.blocks, block_names=names, ties=level.ties)
+
     def of_points(self, points: Array) -> Place:
         """The nodes of the level, where those of the finest mesh are at ``points``, shape ``(n, 2)``.
 
@@ -133,13 +142,10 @@ class Place:
         along = lifting.lifted_along_sides(self.parameters - first.parameters, cubic=cubic)
         return fine.chart.unknowns(share * there.points + moves, there.parameters + along)
 
-    def quad_mesh(self, finest: Mesh) -> Mesh:
-        """A mesh of its nodes; on the finest level it has the cells, sides and blocks of ``finest``."""
-        level, points = self.mesh.level, np.ascontiguousarray(self.points.T)
-        if level.is_finest:
-            return finest.moved(points)
-        names = finest.block_names
-        return Mesh(points=points, cells=level.cells, sides={}, blocks=level.blocks, block_names=names, ties=level.ties)
+    @property
+    def quad_mesh(self) -> Mesh:
+        """A mesh of its nodes; on the finest level it has the cells, sides and blocks of the domain."""
+        return self.mesh.quad_mesh.moved(np.ascontiguousarray(self.points.T))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -282,7 +288,7 @@ class BlockNest:
 
     def mesh(self, level: BlockLevel, mesh: Array) -> Mesh:
         """A mesh of these unknowns; on the finest level it has the cells, sides and blocks of the initial one."""
-        return Place(mesh=self.on(level), unknowns=mesh).quad_mesh(self.domain.mesh)
+        return Place(mesh=self.on(level), unknowns=mesh).quad_mesh
 
     def min_jacobian(self, level: BlockLevel, mesh: Array) -> float:
         """The smallest Jacobian of a corner over that of the same corner of the initial mesh."""

@@ -198,7 +198,7 @@ def blocks_between(domain: Blocks, before: Mesh, new: Mesh, share: float) -> Mes
     finest = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
     for _ in range(MAX_HALVINGS):
         place = finest.of_points(new.points + share * (before.points - new.points))
-        mesh = place.quad_mesh(domain.mesh)
+        mesh = place.quad_mesh
         if not mesh.is_folded:
             return mesh
         share *= 0.5

@@ -300,7 +300,7 @@ def test_points_are_taken_over_with_their_nearest_places_on_closed_curves() -> N
 def test_meshes_of_levels_have_their_cells_and_the_finest_its_sides() -> None:
     domain = disc(800)
     levels = block_levels(domain.mesh)
-    coarse, fine = (BlockMesh.of(domain, level).first.quad_mesh(domain.mesh) for level in (levels[0], levels[-1]))
+    coarse, fine = (BlockMesh.of(domain, level).first.quad_mesh for level in (levels[0], levels[-1]))
     assert np.array_equal(coarse.cells, levels[0].cells)
     assert not coarse.is_folded
     assert fine.sides.keys() == domain.mesh.sides.keys()
