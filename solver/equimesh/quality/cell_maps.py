@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.numerics.compiled import compiled
+from equimesh.numerics.compiled import compiled, inlined
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
 
@@ -204,35 +204,36 @@ def shares_and_alignments(corners: Array, area: Array, valid: BoolArray, metric:
         alignment[k] = max(max(p, q), max(r, s)) / (2.0 * volume) if valid[k] else np.inf
 
 
+@inlined
+def largest_ratio(area: Array, valid: BoolArray, here: int, beside: tuple[int, int, int, int]) -> float:
+    """Larger area over smaller of a cell and those ``beside`` it, the largest; infinite where one of them is folded."""
+    a, b, c, d, own = area[beside[0]], area[beside[1]], area[beside[2]], area[beside[3]], area[here]
+    largest, smallest = max(own, max(max(a, b), max(c, d))), min(own, min(min(a, b), min(c, d)))
+    known = valid[here] & valid[beside[0]] & valid[beside[1]] & valid[beside[2]] & valid[beside[3]]
+    return max(largest / own, own / smallest) if known else np.inf
+
+
 @compiled
 def size_ratios(columns: int, start: int, valid: BoolArray, area: Array, out: Array) -> None:
     """Larger area over smaller, the largest over the edge neighbours; infinite on folded cells and next to them.
 
     ``valid`` and ``area`` are those of all cells of the mesh, with ``columns`` cells along eta; ``out`` belongs to the
-    consecutive cells from number ``start`` on.
+    consecutive cells from number ``start`` on. At a side a cell takes the place of its missing neighbour.
     """
     k = 0
     while k < out.size:
         first = start + k
         column = first % columns
         count = min(columns - column, out.size - k)
-        for m in range(count):
+        before, after = columns if first >= columns else 0, columns if first - column + columns < area.size else 0
+        for m in range(1, count - 1):
             here = first + m
-            largest = smallest = area[here]
-            known = valid[here]
-            if column + m > 0:
-                largest, smallest = max(largest, area[here - 1]), min(smallest, area[here - 1])
-                known = known and valid[here - 1]
-            if column + m < columns - 1:
-                largest, smallest = max(largest, area[here + 1]), min(smallest, area[here + 1])
-                known = known and valid[here + 1]
-            if here >= columns:
-                largest, smallest = max(largest, area[here - columns]), min(smallest, area[here - columns])
-                known = known and valid[here - columns]
-            if here + columns < area.size:
-                largest, smallest = max(largest, area[here + columns]), min(smallest, area[here + columns])
-                known = known and valid[here + columns]
-            out[k + m] = max(largest / area[here], area[here] / smallest) if known else np.inf
+            out[k + m] = largest_ratio(area, valid, here, (here - 1, here + 1, here - before, here + after))
+        for m in (0, count - 1):  # at the ends of a row, and at those of what is asked for
+            here = first + m
+            left = here - 1 if column + m > 0 else here
+            right = here + 1 if column + m < columns - 1 else here
+            out[k + m] = largest_ratio(area, valid, here, (left, right, here - before, here + after))
         k += count
 
 

@@ -17,7 +17,7 @@ from equimesh.meshes.cell_edges import CellEdges
 from equimesh.meshes.mesh import Grid, Mesh, MeshRows
 from equimesh.meshes.nested import OPEN, Closed
 from equimesh.meshes.rows import Rows
-from equimesh.numerics.types import Array, BoolArray, IntArray
+from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 from equimesh.quality.cell_maps import (
     gather_cells,
     gather_corners,
@@ -26,8 +26,6 @@ from equimesh.quality.cell_maps import (
     map_cells,
     measure_cells,
     measure_corners,
-    size_ratios,
-    size_ratios_of,
 )
 from equimesh_coupling.parts import corner_cuts, cuts_at_corners
 
@@ -282,9 +280,19 @@ class MeshCells(Cells):
     def corner_values(self, nodal: Array, cells: IntArray) -> Array:
         """Values at the held nodes at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
 
+    @property
+    def grid_nodes(self) -> Pair:
+        """The same as arrays of rows; one row where the nodes form no grid."""
+        x, y = self.nodes
+        return (x, y) if x.ndim > 1 else (x[None], y[None])
+
+    @property
     @abstractmethod
-    def size_ratios(self, cells: slice, out: Array) -> None:
-        """Larger area over smaller of consecutive cells, the largest over the neighbours; infinite on folded cells."""
+    def tables(self) -> tuple[IntArray, IntArray]:
+        """The nodes of every held cell and its edge neighbours or -1, shapes ``(cells, 4)``.
+
+        No rows where they are those of a grid of nodes.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,25 +363,23 @@ class BilinearCells(MeshCells):
         gather_values(np.ascontiguousarray(nodal), self._numbers_here(cells), out)
         return out
 
-    def size_ratios(self, cells: slice, out: Array) -> None:
-        """Larger area over smaller of consecutive cells, the largest over the neighbours; infinite on folded cells."""
-        size_ratios(self.shape[1], self.places(cells).start, self.valid, self.area, out)
-        if any(self.closed):
-            np.maximum(out, self._ratios_at_seams[self.places(cells)], out=out)
+    @cached_property
+    def tables(self) -> tuple[IntArray, IntArray]:
+        """The nodes of every held cell and its edge neighbours: no rows, or the neighbours across seams, too."""
+        none = np.empty((0, 4), dtype=np.int64)
+        if not any(self.closed):
+            return none, none
+        numbers, found = np.arange(self.count).reshape(self.shape), []
+        for axis, is_closed in enumerate(self.closed):
+            for step, side in ((1, 0), (-1, -1)):
+                beside = np.roll(numbers, step, axis)
+                if not is_closed:
+                    np.moveaxis(beside, axis, 0)[side] = -1
+                found.append(beside.ravel())
+        return none, np.ascontiguousarray(np.stack(found, axis=1))
 
     def _numbers_here(self, cells: IntArray) -> IntArray:
         return cells - self.rows.begin * self.shape[1] if self.rows.begin else cells
-
-    @cached_property
-    def _ratios_at_seams(self) -> Array:
-        """Larger area over smaller of the two cells at a seam, 1 for all other cells; infinite on folded cells."""
-        area = np.where(self.valid, self.area, np.nan).reshape(self.shape)
-        found = np.ones(self.shape)
-        for axis in np.flatnonzero(self.closed):
-            ends, ratios = np.moveaxis(area, axis, 0)[[0, -1]], np.moveaxis(found, axis, 0)
-            ratio = np.nan_to_num(ends.max(axis=0) / ends.min(axis=0), nan=np.inf)
-            ratios[0], ratios[-1] = np.maximum(ratios[0], ratio), np.maximum(ratios[-1], ratio)
-        return found.ravel()
 
     @cached_property
     def _measured(self) -> tuple[Array, BoolArray, float]:
@@ -459,13 +465,10 @@ class QuadCells(MeshCells):
         """Values at the nodes at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
         return np.ascontiguousarray(np.asarray(nodal)[self.mesh.cells[cells]].T)
 
-    def size_ratios(self, cells: slice, out: Array) -> None:
-        """Larger area over smaller of consecutive cells, the largest over the neighbours; infinite on folded cells."""
-        size_ratios_of(self._neighbours, cells.start, self.valid, self.area, out)
-
     @cached_property
-    def _neighbours(self) -> IntArray:
-        return np.ascontiguousarray(self.edges.neighbours)
+    def tables(self) -> tuple[IntArray, IntArray]:
+        """The nodes of every cell and its edge neighbours."""
+        return np.array(self.mesh.cells, dtype=np.int64, order="C"), np.ascontiguousarray(self.edges.neighbours)
 
     @cached_property
     def _measured(self) -> tuple[Array, BoolArray, float]:

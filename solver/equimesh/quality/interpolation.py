@@ -163,7 +163,8 @@ def norms_of(tally: ErrorTally) -> Norms:
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
 
     def pieces(some: IntArray) -> Pieces:
-        return Pieces.of(cells, chosen.numbers[some], values[:, some])
+        corners, there = tally.pieces(some)
+        return Pieces(corners, there, there)
 
     found = resolved_integrals(pieces, chosen, tally.sums[:2], tally.u, squares)
     l2, h1 = (math.sqrt(square * cells.count / found.cells) for square in found.squares)

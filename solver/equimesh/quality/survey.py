@@ -7,14 +7,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from equimesh.monitors.monitor import Monitor, OfDerivatives
 from equimesh.numerics.compiled import compiled, vectorised
-from equimesh.numerics.types import Array
-from equimesh.quality.cell_maps import locate, shapes, shares_and_alignments
+from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
+from equimesh.quality.cell_maps import (
+    gather_corners,
+    gather_row_of_cells,
+    locate,
+    shapes,
+    shares_and_alignments,
+    size_ratios,
+    size_ratios_of,
+)
 from equimesh.quality.cells import BilinearCells, CellPoints, MeshCells, cells_of_block, pieces
 from equimesh.quality.tally import ErrorTally, share_blocks
 
@@ -49,34 +57,28 @@ def mean_metrics(
 
 
 @compiled
-def nodal_means(corners: Array, metric: tuple[Array, Array, Array], start: int, out: Array) -> None:
-    """As :func:`mean_metrics` by the corners of the cells from number ``start`` on of a grid of nodes.
+def nodal_means(x: Array, y: Array, metric: tuple[Array, Array, Array], out: Array) -> None:
+    """As :func:`mean_metrics` by the corners of all cells of a grid of nodes, in their order.
 
     ``metric`` is that at the nodes, each entry of their shape. A corner counts by the determinant there.
     """
-    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
-    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
     first, second, third = metric
-    columns, k = first.shape[1] - 1, 0
+    columns = x.shape[1] - 1
     a, b, c, d = np.empty(columns), np.empty(columns), np.empty(columns), np.empty(columns)
-    while k < out.shape[1]:
-        i = (start + k) // columns
-        j = start + k - i * columns
-        count = min(columns - j, out.shape[1] - k)
-        for m in range(count):
-            p = k + m
-            a[m] = (x1[p] - x0[p]) * (y3[p] - y0[p]) - (y1[p] - y0[p]) * (x3[p] - x0[p])
-            b[m] = (x1[p] - x0[p]) * (y2[p] - y1[p]) - (y1[p] - y0[p]) * (x2[p] - x1[p])
-            c[m] = (x2[p] - x3[p]) * (y2[p] - y1[p]) - (y2[p] - y3[p]) * (x2[p] - x1[p])
-            d[m] = (x2[p] - x3[p]) * (y3[p] - y0[p]) - (y2[p] - y3[p]) * (x3[p] - x0[p])
-        for m in range(count):
-            per = 1.0 / (a[m] + b[m] + c[m] + d[m])
-            a[m], b[m], c[m], d[m] = a[m] * per, b[m] * per, c[m] * per, d[m] * per
+    for i in range(x.shape[0] - 1):
+        x0, x1, y0, y1 = x[i], x[i + 1], y[i], y[i + 1]
+        for j in range(columns):
+            ex0, ey0, ex1, ey1 = x1[j] - x0[j], y1[j] - y0[j], x1[j + 1] - x0[j + 1], y1[j + 1] - y0[j + 1]
+            fx0, fy0, fx1, fy1 = x0[j + 1] - x0[j], y0[j + 1] - y0[j], x1[j + 1] - x1[j], y1[j + 1] - y1[j]
+            a[j], b[j] = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
+            c[j], d[j] = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
+        for j in range(columns):
+            per = 1.0 / (a[j] + b[j] + c[j] + d[j])
+            a[j], b[j], c[j], d[j] = a[j] * per, b[j] * per, c[j] * per, d[j] * per
         for entry, to in ((first, out[0]), (second, out[1]), (third, out[2])):
-            low, high = entry[i], entry[i + 1]
-            for m in range(count):
-                to[k + m] = a[m] * low[j + m] + b[m] * high[j + m] + c[m] * high[j + m + 1] + d[m] * low[j + m + 1]
-        k += count
+            low, high, here = entry[i], entry[i + 1], to[i * columns : (i + 1) * columns]
+            for j in range(columns):
+                here[j] = a[j] * low[j] + b[j] * high[j] + c[j] * high[j + 1] + d[j] * low[j + 1]
 
 
 # Extremes, mean and root mean square of numbers that come in blocks.
@@ -106,35 +108,141 @@ class Statistics(NamedTuple):
         return Statistics(*(factor * value for value in self))
 
 
+@compiled
 def fill_parts(rows: Array, out: Array) -> None:
     """Fill ``out``, of shape ``(rows, 4)``, with the largest and smallest, the sum and the sum of squares of each row.
 
     Where a number is not finite they are what numpy says.
     """
-    rows.max(axis=1, out=out[:, 0])
-    rows.min(axis=1, out=out[:, 1])
-    fast_sums(rows, out)
-    if not math.isfinite(out[:, 3].sum()):
-        out[:, 2], out[:, 3] = rows.sum(axis=1), np.square(rows).sum(axis=1)
+    fast_parts(rows, out)
+    for r in range(rows.shape[0]):
+        if not np.isfinite(out[r, 3]):
+            out[r] = -np.inf, np.inf, 0.0, 0.0
+            for number in rows[r]:
+                out[r, 0] = number if number > out[r, 0] or number != number else out[r, 0]
+                out[r, 1] = number if number < out[r, 1] or number != number else out[r, 1]
+                out[r, 2] += number
+                out[r, 3] += number * number
 
 
+@compiled
 def join_parts(one: Array, other: Array) -> None:
     """Add to ``one`` the :func:`fill_parts` of other numbers."""
-    np.maximum(one[:, 0], other[:, 0], out=one[:, 0])
-    np.minimum(one[:, 1], other[:, 1], out=one[:, 1])
-    one[:, 2:] += other[:, 2:]
+    for r in range(len(one)):
+        high, low = other[r, 0], other[r, 1]
+        one[r, 0] = high if high > one[r, 0] or high != high else one[r, 0]
+        one[r, 1] = low if low < one[r, 1] or low != low else one[r, 1]
+        one[r, 2] += other[r, 2]
+        one[r, 3] += other[r, 3]
 
 
 @vectorised
-def fast_sums(rows: Array, out: Array) -> None:
-    """The sums of :func:`fill_parts` where all numbers are finite; where one is not, that of its squares is neither."""
+def fast_parts(rows: Array, out: Array) -> None:
+    """:func:`fill_parts` where all numbers are finite; where one is not, the sum of their squares is neither.
+
+    Each comparison waits for the one before it: extremes are found of every fourth number, and then of the four.
+    """
+    fours = rows.shape[1] // 4 * 4
     for r in range(rows.shape[0]):
         row = rows[r]
+        a = b = c = d = e = f = g = h = row[0]
         total, squares = 0.0, 0.0
+        for k in range(0, fours, 4):
+            p, q, s, t = row[k], row[k + 1], row[k + 2], row[k + 3]
+            a, b, c, d = p if p > a else a, q if q > b else b, s if s > c else c, t if t > d else d
+            e, f, g, h = p if p < e else e, q if q < f else f, s if s < g else g, t if t < h else h
+        for k in range(fours, row.size):
+            a, e = max(a, row[k]), min(e, row[k])
         for k in range(row.size):
             total += row[k]
             squares += row[k] * row[k]
+        out[r, 0], out[r, 1] = max(max(a, b), max(c, d)), min(min(e, f), min(g, h))
         out[r, 2], out[r, 3] = total, squares
+
+
+# All measures of consecutive cells.
+
+CHUNK = 1024
+"""Cells that are measured together: what is known of them stays in the cache."""
+
+
+@vectorised
+def skewnesses(tangents: Array) -> None:
+    """From the tangents of angles, none negative, to the angles as shares of a right one, to rounding.
+
+    The ranges and the quotient of polynomials are those of S. L. Moshier's Cephes library.
+    """
+    for k in range(tangents.size):
+        tangent = tangents[k]
+        is_large, is_small = tangent > 2.414213562373095, tangent <= 0.66
+        above = -1.0 if is_large else (tangent if is_small else tangent - 1.0)
+        below = tangent if is_large else (1.0 if is_small else tangent + 1.0)
+        x = above / below
+        begin = 0.5 * np.pi if is_large else (0.0 if is_small else 0.25 * np.pi)
+        z = x * x
+        p = -8.750608600031904122785e-1 * z - 1.615753718733365076637e1
+        p = ((p * z - 7.500855792314704667340e1) * z - 1.228866684490136173410e2) * z - 6.485021904942025371773e1
+        q = (z + 2.485846490142306297962e1) * z + 1.650270098316988542046e2
+        q = ((q * z + 4.328810604912902668951e2) * z + 4.853903996359136964868e2) * z + 1.945506571482613964425e2
+        tangents[k] = (begin + (x + x * z * p / q)) / (0.5 * np.pi)
+
+
+@compiled
+def measure_shapes(corners: Array, area: Array, valid: BoolArray, metric: Array, rows: Array) -> None:
+    """Fill the first six of ``rows``, in the order of :data:`ROWS`, the first not yet scaled; ``metric`` is the mean."""
+    shares_and_alignments(corners, area, valid, metric, rows[:2])
+    shapes(corners, valid, rows[2:6])
+    skewnesses(rows[4])
+
+
+@compiled
+def survey_cells(
+    nodes: Pair,
+    tables: tuple[IntArray, IntArray],
+    known: tuple[Array, BoolArray],
+    place: int,
+    mean: Array,
+    parts: Array,
+    kept: Array,
+    to: int,
+) -> float:
+    """The sum of the shares of valid cells; ``parts`` is set to the :func:`fill_parts` of all measures.
+
+    The cells are those at ``place`` and after it, one for each ``mean`` metric, shape ``(3, n)``. ``tables`` and what is
+    ``known``, area and validity, are those of all held cells. The measures go to ``kept`` from ``to`` on, as many of
+    them as it has rows.
+    """
+    (x, y), (cells, neighbours), (area, valid) = nodes, tables, known
+    total = 0.0
+    for begin in range(0, mean.shape[1], CHUNK):
+        first, size = place + begin, min(CHUNK, mean.shape[1] - begin)
+        corners, metric, rows, found = np.empty((8, size)), np.empty((3, size)), np.empty((7, size)), np.empty((7, 4))
+        if len(cells):
+            gather_corners(x[0], y[0], cells[first : first + size], corners)
+        else:
+            gather_row_of_cells(x, y, first, corners)
+        for r in range(3):
+            for k in range(size):
+                metric[r, k] = mean[r, begin + k]
+        measure_shapes(corners, area[first : first + size], valid[first : first + size], metric, rows)
+        if len(neighbours):
+            size_ratios_of(neighbours, first, valid, area, rows[6])
+        else:
+            size_ratios(x.shape[1] - 1, first, valid, area, rows[6])
+        fill_parts(rows, found)
+        if np.isfinite(found[0, 2]):
+            total += found[0, 2]
+        else:
+            for k in range(size):
+                total += rows[0, k] if valid[first + k] else 0.0
+        if begin:
+            join_parts(parts, found)
+        else:
+            parts[:] = found
+        for r in range(len(kept)):
+            for k in range(size):
+                kept[r, to + begin + k] = rows[r, k]
+    return total
 
 
 ROWS = ("q_eq", "q_ali", "q_geo", "scaled_jacobian", "skewness", "aspect_ratio", "size_ratio")
@@ -172,87 +280,41 @@ class Survey:
         ``tally`` counts the errors of interpolation at the same points, unless these are the corners. ``keep`` keeps
         all values in any case.
         """
-        strips, own = cells.rows.strips, cells.own
-        kept = np.empty((len(ROWS), own.stop - own.start)) if keep or cells.count <= MAX_KEPT_CELLS else None
-        q_eq = np.empty(own.stop - own.start) if kept is None else kept[0]
+        strips, own, columns = cells.rows.strips, cells.own, cells.shape[1]
+        is_kept = keep or cells.count <= MAX_KEPT_CELLS
+        kept = np.empty((len(ROWS) if is_kept else 1, own.stop - own.start))
         parts, shares = np.empty((len(strips), len(ROWS), 4)), np.zeros(len(strips))
-        is_valid = cells.all_valid  # before the threads need it
-        metrics: _Metrics
+        known = cells.area, cells.valid  # before the threads need them
+        metrics: _Inside | _AtNodes
         if rule is CellPoints.corners():
-            metrics, size = _AtNodes.of(cells, monitor), BLOCK_CELLS
+            metrics = _AtNodes.of(cells, monitor)
         else:
-            metrics, size = _Inside(cells, monitor, rule, tally if is_valid else None), cells_of_block(rule)
+            metrics = _Inside(cells, monitor, rule, tally if cells.all_valid else None)
+        nodes, tables = cells.grid_nodes, cells.tables
 
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
                 for number in range(thread, len(strips), threads):
-                    metrics.begin(number)
                     first, last = strips[number]
-                    for block in pieces(first * cells.shape[1], last * cells.shape[1], size):
-                        here = _places(cells, block)
-                        rows = np.empty((len(ROWS), block.stop - block.start))
-                        shares[number] += _measure(cells, metrics, number, block, rows)
-                        if block.start == first * cells.shape[1]:
-                            fill_parts(rows, parts[number])
-                        else:
-                            found = np.empty((len(ROWS), 4))
-                            fill_parts(rows, found)
-                            join_parts(parts[number], found)
-                        if kept is None:
-                            q_eq[here] = rows[0]
-                        else:
-                            kept[:, here] = rows
-                    metrics.end(number)
+                    span = slice(first * columns, last * columns)
+                    mean, place = metrics.means(first, last), cells.places(span).start
+                    to = span.start - own.start
+                    shares[number] = survey_cells(nodes, tables, known, place, mean, parts[number], kept, to)
 
         share_blocks(work, own.stop - own.start, threads)
         found = cells.rows.joined(np.column_stack([shares, parts.reshape(len(strips), -1)]))
         with np.errstate(all="ignore"):
             factor = np.float64(cells.count) / found[:, 0].sum()
-            q_eq *= factor
+            kept[0] *= factor
         statistics = Statistics.of(found[:, 1:].reshape(-1, len(ROWS), 4), cells.count)
         statistics[0] = statistics[0].times(float(factor))
-        return cls(statistics=tuple(statistics), q_eq=q_eq, kept=kept, nodal=metrics.nodal)
+        return cls(
+            statistics=tuple(statistics), q_eq=kept[0], kept=kept if is_kept else None, nodal=metrics.nodal
+        )
 
 
-def _measure(cells: MeshCells, metrics: _Metrics, strip: int, block: slice, rows: Array) -> float:
-    """Fill ``rows`` of the measures of some cells, the first one not yet scaled; returns its sum over valid cells."""
-    here = cells.places(block)
-    corners, area, valid = cells.corners(block), cells.area[here], cells.valid[here]
-    metric = metrics.means(strip, block, corners)
-    shares_and_alignments(corners, area, valid, metric, rows[:2])
-    shapes(corners, valid, rows[2:6])
-    np.arctan(rows[4], out=rows[4])
-    rows[4] /= 0.5 * np.pi
-    cells.size_ratios(block, rows[6])
-    return float(rows[0].sum() if cells.all_valid else rows[0].sum(where=valid))
-
-
-def _places(cells: MeshCells, block: slice) -> slice:
-    return slice(block.start - cells.own.start, block.stop - cells.own.start)
-
-
-# The mean metric of every cell, by one of two rules: points inside the cells, or their corners.
-
-
-class _Metrics(Protocol):
-    """The mean metrics of the cells of a mesh, strip by strip; threads may ask for those of different strips."""
-
-    @property
-    def nodal(self) -> Array | None:
-        """u at the held nodes, where it was needed."""
-        ...
-
-    def begin(self, strip: int) -> None:
-        """What the blocks of a strip share is computed here."""
-        ...
-
-    def means(self, strip: int, block: slice, corners: Array) -> Array:
-        """The mean metrics of the cells of a block of the strip, shape ``(3, cells)``; their ``corners`` are known."""
-        ...
-
-    def end(self, strip: int) -> None:
-        """The strip is measured."""
-        ...
+# The mean metric of every cell, by one of two rules: points inside the cells, or their corners. Threads may ask for
+# those of different rows.
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,24 +327,22 @@ class _Inside:
     tally: ErrorTally | None
     nodal: Array | None = None
 
-    def begin(self, strip: int) -> None:
-        """Nothing: blocks share no points."""
+    def means(self, first: int, last: int) -> Array:
+        """The mean metrics of the cells of the rows ``first`` to ``last - 1``, shape ``(3, cells)``."""
+        cells, columns = self.cells, self.cells.shape[1]
+        mean = np.full((3, (last - first) * columns), np.nan)  # u need not be defined where a folded cell reaches
+        of_all = self.tally is not None or cells.all_valid
+        for block in pieces(first * columns, last * columns, cells_of_block(self.rule)):
+            corners, here, to = cells.corners(block), cells.places(block), block.start - first * columns
+            if of_all:
+                mean[:, to : to + corners.shape[1]] = self._of_valid(corners, cells.area[here], block)
+            else:
+                chosen = np.flatnonzero(cells.valid[here])
+                some = np.ascontiguousarray(corners[:, chosen])
+                mean[:, to + chosen] = self._of_valid(some, cells.area[here][chosen], block)
+        return mean
 
-    def end(self, strip: int) -> None:
-        """Nothing is kept."""
-
-    def means(self, strip: int, block: slice, corners: Array) -> Array:  # noqa: ARG002 - as by the corners
-        """As the protocol has it."""
-        here = self.cells.places(block)
-        area, own = self.cells.area[here], _places(self.cells, block)
-        if self.cells.all_valid:
-            return self._of_valid(corners, area, own)
-        metric = np.full((3, area.size), np.nan)  # u need not be defined where a folded cell reaches
-        chosen = np.flatnonzero(self.cells.valid[here])
-        metric[:, chosen] = self._of_valid(np.ascontiguousarray(corners[:, chosen]), area[chosen], own)
-        return metric
-
-    def _of_valid(self, corners: Array, area: Array, own: slice) -> Array:
+    def _of_valid(self, corners: Array, area: Array, block: slice) -> Array:
         rule, monitor, tally = self.rule, self.monitor, self.tally
         x, y = np.empty((2, rule.s.size, area.size))
         locate(corners, rule.s, rule.t, x, y)
@@ -290,58 +350,50 @@ class _Inside:
         if tally is not None and isinstance(monitor, OfDerivatives):
             derivatives = tally.u.evaluate(x, y, monitor.order)
             entries = monitor.metric_of(*derivatives)
-            tally.add(own, corners, derivatives)
         else:
             entries = monitor.metric(x, y)
-            if tally is not None:
-                tally.add(own, corners, tally.u.evaluate(x, y, 1))
+            derivatives = () if tally is None else tally.u.evaluate(x, y, 1)
+        if tally is not None:
+            start = self.cells.own.start
+            tally.add(slice(block.start - start, block.stop - start), corners, derivatives)
         mean_metrics(corners, area, rule, contiguous(entries), mean)
         return mean
 
 
 @dataclass(frozen=True, eq=False)
 class _AtNodes:
-    """By the corners of every cell, where neighbours share the metric.
+    """By the corners of every cell, where neighbours share the metric; on blocks it is known ``everywhere``.
 
-    ``strips`` has the metric at the nodes of every strip that is being measured; on blocks at all nodes.
+    ``nodal`` is u at the held nodes, where it was needed.
     """
 
     cells: MeshCells
     monitor: Monitor
     nodal: Array | None
-    strips: dict[int, tuple[Array, Array, Array]]
+    everywhere: list[tuple[Array, Array, Array]]
 
     @classmethod
     def of(cls, cells: MeshCells, monitor: Monitor) -> _AtNodes:
         """Nothing yet; on blocks the metric at all nodes."""
         is_known = isinstance(monitor, OfDerivatives) and monitor.u is not None
-        found = cls(cells, monitor, np.full(cells.nodes[0].shape, np.nan) if is_known else None, {})
+        found = cls(cells, monitor, np.full(cells.nodes[0].shape, np.nan) if is_known else None, [])
         if not isinstance(cells, BilinearCells):
-            found.strips[ALL] = found._at(*cells.nodes, found.nodal)
+            found.everywhere.append(found._at(*cells.nodes, found.nodal))
         return found
 
-    def begin(self, strip: int) -> None:
-        """The metric at the nodes of the strip."""
-        if isinstance(self.cells, BilinearCells):
-            first, last = self.cells.rows.strips[strip]
-            begin, nodal = self.cells.rows.begin, self.nodal
-            there = None if nodal is None else nodal[first - begin : last + 1 - begin]
-            self.strips[strip] = self._at(*self.cells.window.nodes(first, last), there)
-
-    def end(self, strip: int) -> None:
-        """The metric of the strip is needed no more."""
-        self.strips.pop(strip, None)
-
-    def means(self, strip: int, block: slice, corners: Array) -> Array:
-        """As the protocol has it."""
-        mean = np.empty((3, corners.shape[1]))
-        if isinstance(self.cells, BilinearCells):
-            first = self.cells.rows.strips[strip][0]
-            nodal_means(corners, self.strips[strip], block.start - first * self.cells.shape[1], mean)
+    def means(self, first: int, last: int) -> Array:
+        """As :meth:`_Inside.means`."""
+        cells, columns = self.cells, self.cells.shape[1]
+        mean = np.empty((3, (last - first) * columns))
+        if isinstance(cells, BilinearCells):
+            begin, (x, y) = cells.rows.begin, cells.window.nodes(first, last)
+            nodal = None if self.nodal is None else self.nodal[first - begin : last + 1 - begin]
+            nodal_means(x, y, self._at(x, y, nodal), mean)
             return mean
-        numbers = np.arange(block.start, block.stop)
-        m11, m12, m22 = (self.cells.corner_values(entry, numbers) for entry in self.strips[ALL])
-        mean_metrics(corners, self.cells.area[block], CellPoints.corners(), (m11, m12, m22), mean)
+        numbers = np.arange(first * columns, last * columns)
+        m11, m12, m22 = (cells.corner_values(entry, numbers) for entry in self.everywhere[0])
+        corners = cells.corners(numbers)
+        mean_metrics(corners, cells.area[numbers], CellPoints.corners(), (m11, m12, m22), mean)
         return mean
 
     def _at(self, x: Array, y: Array, nodal: Array | None) -> tuple[Array, Array, Array]:
@@ -353,12 +405,6 @@ class _AtNodes:
             derivatives = u.evaluate(x, y, monitor.order)
             nodal[...] = derivatives[0]
             return contiguous(monitor.metric_of(*derivatives))
-
-
-BLOCK_CELLS = 1 << 14
-"""Cells of a block where the metric is known at the nodes: a block has no points inside cells."""
-ALL = -1
-"""The strip of a mesh of blocks, whose nodes are evaluated together."""
 
 
 def contiguous(entries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:

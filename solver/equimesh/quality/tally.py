@@ -27,22 +27,30 @@ MIDDLE_WEIGHT = 2 / 45
 
 @compiled
 def add_errors(
-    corners: Array, values: Array, u: Array, gradient: Pair, points: CellPoints, sums: Array, largest: Array
+    corners: Array,
+    values: Array,
+    u: Array,
+    gradient: Pair,
+    points: CellPoints,
+    sums: Array,
+    largest: Array,
+    place: int = 0,
 ) -> None:
-    """To ``sums`` of shape ``(4, n)`` the integrals of errors ``u_h - u`` over every cell, by quadrature.
+    """To ``sums`` the integrals of errors ``u_h - u`` over every cell, by quadrature.
 
-    The first is that of the squared error, the second that of the squared error of the gradient, the others are those
+    ``values``, ``sums`` and ``largest`` have those of these cells from ``place`` on. The first is that of the squared error, the second that of the squared error of the gradient, the others are those
     of the two components of this error. ``largest`` becomes the largest size of the error.
     """
     x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
     y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
-    v0, v1, v2, v3 = values[0], values[1], values[2], values[3]
-    squares, slopes, along_x, along_y = sums[0], sums[1], sums[2], sums[3]
+    v0, v1, v2, v3 = values[0, place:], values[1, place:], values[2, place:], values[3, place:]
+    squares, slopes, along_x, along_y = sums[0, place:], sums[1, place:], sums[2, place:], sums[3, place:]
+    most = largest[place:]
     for p in range(u.shape[0]):
         s, t, weight = points.s[p], points.t[p], points.weights[p]
         a, b, c, d = (1.0 - s) * (1.0 - t), s * (1.0 - t), s * t, (1.0 - s) * t
         here, u_x, u_y = u[p], gradient[0][p], gradient[1][p]
-        for k in range(largest.size):
+        for k in range(corners.shape[1]):
             x_s = (1.0 - t) * (x1[k] - x0[k]) + t * (x2[k] - x3[k])
             y_s = (1.0 - t) * (y1[k] - y0[k]) + t * (y2[k] - y3[k])
             x_t = (1.0 - s) * (x3[k] - x0[k]) + s * (x2[k] - x1[k])
@@ -58,7 +66,7 @@ def add_errors(
             slopes[k] += share * (error_x * error_x + error_y * error_y)
             along_x[k] += share * error_x
             along_y[k] += share * error_y
-            largest[k] = max(largest[k], abs(error))
+            most[k] = max(most[k], abs(error))
 
 
 @compiled
@@ -169,6 +177,8 @@ class ErrorTally:
     sums: Array
     largest: Array
     ends: list[tuple[float, float]]
+    corners: Array | None
+    """x and y of the corners of some cells; ``None`` where all are looked at, in blocks."""
 
     @classmethod
     def of(
@@ -185,11 +195,12 @@ class ErrorTally:
         """
         chosen = ChosenCells.of(cells.rows, numbers)
         count = chosen.numbers.size
+        corners = None if numbers is None and isinstance(cells, MeshCells) else cells.corners(chosen.numbers)
         if isinstance(cells, MeshCells) and (nodal is not None or numbers is None):
             nodal = u.evaluate(*cells.nodes)[0] if nodal is None else nodal
             values = cells.corner_values(nodal, chosen.numbers)
         else:
-            corners = cells.corners(chosen.numbers)
+            corners = cells.corners(chosen.numbers) if corners is None else corners
             (values,) = u.evaluate(corners[:4], corners[4:])
         return cls(
             cells=cells,
@@ -202,14 +213,23 @@ class ErrorTally:
             sums=np.zeros((4, count)),
             largest=np.zeros(count),
             ends=[(float(values.min()), float(values.max()))] if count else [],
+            corners=corners,
         )
+
+    def pieces(self, some: IntArray) -> tuple[Array, Array]:
+        """The corners, shape ``(8, n)``, and the values there, shape ``(4, n)``, of some of the cells."""
+        if self.corners is None:
+            return self.cells.corners(self.chosen.numbers[some]), self.values[:, some]
+        return self.corners[:, some], self.values[:, some]
+
+    def _corners(self, where: slice, numbers: slice | IntArray) -> Array:
+        """The corners of the cells at these places, which have these ``numbers``."""
+        return self.cells.corners(numbers) if self.corners is None else np.ascontiguousarray(self.corners[:, where])
 
     def add(self, where: slice, corners: Array, derivatives: tuple[Array, ...]) -> None:
         """The cells at these places, with u and its ``derivatives`` at the inner points of the rule."""
         u, u_x, u_y = (np.ascontiguousarray(part) for part in derivatives[:3])
-        values, sums = np.ascontiguousarray(self.values[:, where]), np.zeros((4, corners.shape[1]))
-        add_errors(corners, values, u, (u_x, u_y), self.rule.inner, sums, self.largest[where])
-        self.sums[:, where] = sums
+        add_errors(corners, self.values, u, (u_x, u_y), self.rule.inner, self.sums, self.largest, where.start)
         self._widen(u)
 
     def add_all(self, threads: int = 1) -> None:
@@ -223,7 +243,7 @@ class ErrorTally:
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
                 for where, numbers in blocks[thread::threads]:
-                    corners = self.cells.corners(numbers)
+                    corners = self._corners(where, numbers)
                     x, y = np.empty((2, inner.s.size, corners.shape[1]))
                     locate(corners, inner.s, inner.t, x, y)
                     self.add(where, corners, self.u.evaluate(x, y, order=1))
@@ -240,7 +260,7 @@ class ErrorTally:
                 self._add_middles(self.cells.window, self.nodal, first, last)
             return
         for where, numbers in self.cells.blocks_of(self.chosen, edge):
-            corners = self.cells.corners(numbers)
+            corners = self._corners(where, numbers)
             x, y = np.empty((2, edge.s.size, corners.shape[1]))
             locate(corners, edge.s, edge.t, x, y)
             (there,) = self.u.evaluate(x, y)

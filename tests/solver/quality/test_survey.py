@@ -12,7 +12,7 @@ from equimesh.monitors.monitor import OfDerivatives
 from equimesh.quality import tally
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.measures import PER_CELL, measure, measure_all, measure_errors
-from equimesh.quality.survey import Statistics, Survey, fill_parts
+from equimesh.quality.survey import Statistics, Survey, fill_parts, skewnesses
 from equimesh.quality.tally import ErrorRule, ErrorTally
 from solver.quality.handmade import TANH20, wavy
 
@@ -98,6 +98,13 @@ def test_metric_and_derivatives_belong_together() -> None:
             bound.metric_of(*TANH20.evaluate(x, y, bound.order)), bound.metric(x, y), strict=True
         ):
             assert np.array_equal(entry, expected)
+
+
+def test_the_skewness_is_the_angle_of_its_tangent() -> None:
+    tangents = np.concatenate([[0.0, math.inf], np.logspace(-20.0, 20.0, 2001), np.linspace(0.3, 3.0, 2001)])
+    expected = np.arctan(tangents) / (0.5 * np.pi)
+    skewnesses(tangents)
+    assert np.max(np.abs(tangents - expected) / (expected + 1e-300)) < 1e-15
 
 
 # Extremes and means of numbers in blocks are those of all numbers.
