@@ -133,14 +133,20 @@ class Recovery:
         knows it, unless ``of_solver`` is false: values at the nodes of long cells can be wrong by more than the
         interpolant is. A share of what polynomials leave at the nodes counts as error.
         """
-        rule = Rule(norm=norm, cells=self.cells, points=self.degree + MORE_ESTIMATE_POINTS, degree=self.degree)
-        plain = measured(self.u, self.domain, self.mesh, rule, threads)
+        plain = measured(self.u, self.domain, self.mesh, self._rule(norm), threads)
         if self.left is not None:
             left = nodal_norms(cells_of(on_domain(self.mesh, self.domain)), self.left)
             return math.hypot(plain, LEFT_SHARES[norm] * left[norm])
-        if norm == "h1" or not of_solver or not plain > self.rounding:
+        return self.of_solver(plain, threads) if norm == "l2" and of_solver else plain
+
+    def of_solver(self, plain: float, threads: int = 1) -> float:
+        """The estimate of the error in L2 of which the part of the interpolant, ``plain``, is known."""
+        if self.left is not None or not plain > self.rounding:
             return plain
-        return measured(self.u, self.domain, self.mesh, rule, threads, of_solver=True)
+        return measured(self.u, self.domain, self.mesh, self._rule("l2"), threads, of_solver=True, plain=plain)
+
+    def _rule(self, norm: Norm) -> Rule:
+        return Rule(norm=norm, cells=self.cells, points=self.degree + MORE_ESTIMATE_POINTS, degree=self.degree)
 
     def fitted(self) -> Recovery:
         """The recovery of degree 1 on a grid whose gradients are those of cubics; any other one is as it is."""
@@ -216,13 +222,20 @@ def nodal_norms(cells: MeshCells, values: Array) -> Mapping[Norm, float]:
 
 
 def measured(
-    u: Field, domain: Domain | Blocks, mesh: Mesh, rule: Rule, threads: int = 1, *, of_solver: bool = False
+    u: Field,
+    domain: Domain | Blocks,
+    mesh: Mesh,
+    rule: Rule,
+    threads: int = 1,
+    *,
+    of_solver: bool = False,
+    plain: float | None = None,
 ) -> float:
     """The norm of the error of the interpolant of u on a ``mesh`` of the reference square, or of blocks.
 
     The elements of the interpolant are those of the ``rule``. ``of_solver`` takes the projection of u by the equation
     of Poisson in its place, in L2 for degree 1, on a mesh on which it is known in a moderate time: see
-    :mod:`equimesh.least_error.projection`.
+    :mod:`equimesh.least_error.projection`. ``plain`` is the norm of the interpolant, where it is known.
     """
     weights = Weights(distortion=0.0, smoothness=0.0)
     chart: Chart
@@ -241,6 +254,8 @@ def measured(
         projected = _error(ProjectedObjective(u, chart, cells, start, weights, finer, threads), points)
         if math.isfinite(projected):
             return projected
+    if plain is not None:
+        return plain
     return _error(objective_of(u)(u, chart, cells, start, weights, rule, threads), points)
 
 
@@ -346,9 +361,9 @@ class ErrorEstimate:
         :class:`~equimesh.errors.InputError` for a folded mesh, one of another domain, and an adjoint of degree 2.
         """
         recovery = Recovery.of(mesh, values, domain, degree, cells if adjoint is None else "quad")
-        estimate, size, products = recovery.estimate("l2", threads), recovery.gradient_norm(), None
-        is_exact = not estimate > recovery.rounding
         plain = recovery.estimate("l2", threads, of_solver=False)
+        estimate, size, products = recovery.of_solver(plain, threads), recovery.gradient_norm(), None
+        is_exact = not estimate > recovery.rounding
         if adjoint is not None:
             if degree != 1:
                 raise InputError(NO_DUAL_DEGREE, field="degree")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.starts import mesh_of, rectilinear
 from equimesh.meshes.second_order import lattice_of
 from equimesh.quality.measures import measure_errors
+from equimesh.rounds import recovery
 from equimesh.rounds.candidates import LINE_FLOORS, LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells
 from equimesh.rounds.round import adapt_round
@@ -240,6 +242,22 @@ def test_a_solver_leads_where_its_error_is_above_that_of_the_interpolant() -> No
     cases = {(0.3, 0.8): False, (0.2, 0.8): False, (0.1, 0.8): True, (0.3, 1.2): True}
     found = [dataclasses.replace(known, unresolved=left, solver_share=share) for left, share in cases]
     assert [one.is_for_solver for one in found] == list(cases.values())
+
+
+def test_no_error_of_the_values_is_measured_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    called = list[tuple[str, bool]]()
+
+    def counting(*given: Any, plain: float | None = None, **of: Any) -> float:
+        called.append((given[3].norm, plain is not None))
+        return measured(*given, plain=plain, **of)
+
+    monkeypatch.setattr(recovery, "measured", counting)
+    for degree in (1, 2):
+        nodes = uniform(8 * degree + 1, 8 * degree + 1)
+        values = STEEP_FRONT.evaluate(nodes.x, nodes.y)[0]
+        ErrorEstimate.of(uniform(9, 9), values, UNIT_SQUARE, degree=degree)
+        assert sorted(called) == [("h1", False), ("l2", False), ("l2", True)]
+        called.clear()
 
 
 def test_fitted_gradients_are_nearer_to_a_smooth_function() -> None:
