@@ -470,8 +470,8 @@ class MeshRows:
     @classmethod
     def uniform(cls, rows: Rows) -> MeshRows:
         """The uniform mesh of the unit square."""
-        s, t = (np.linspace(0.0, 1.0, n) for n in rows.shape)
-        x, y = np.meshgrid(s[rows.here], t, indexing="ij")
+        x, y = np.empty((2, *rows.here_shape))
+        x[:], y[:] = np.linspace(0.0, 1.0, rows.shape[0])[rows.here, None], np.linspace(0.0, 1.0, rows.shape[1])
         return cls(x, y, rows)
 
     @property

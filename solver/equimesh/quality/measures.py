@@ -195,7 +195,7 @@ def measure_all(
         if u is not None and errors is None:
             here = norms_of(tally) if tally else None
             errors = _errors(
-                cells, u, uniform, domain, kind, degree, here=here, gauss=gauss, nodal=nodal, threads=threads
+                cells, u, uniform, domain, (kind, degree), numbers, here=here, gauss=gauss, nodal=nodal, threads=threads
             )
         return replace(_quality(cells, monitor, rule, survey, errors), u=nodal)
 
@@ -219,9 +219,8 @@ def measure_errors(
     """
     with np.errstate(all="ignore"):
         cells = cells_of(mesh, closed_of(domain))
-        return _errors(
-            cells, u, uniform, None if alone else domain, kind, degree, gauss=gauss, nodal=nodal, threads=threads
-        )
+        there, numbers = None if alone else domain, sample(cells.rows) if gauss is None else None
+        return _errors(cells, u, uniform, there, (kind, degree), numbers, gauss=gauss, nodal=nodal, threads=threads)
 
 
 def _errors(
@@ -229,18 +228,21 @@ def _errors(
     u: Field,
     uniform: Mesh | None,
     domain: Domain | None,
-    kind: Literal["quad", "triangle"],
-    degree: int,
+    element: tuple[Literal["quad", "triangle"], int],
+    numbers: IntArray | None,
     *,
     here: Norms | None = None,
     gauss: int | None = None,
     nodal: Array | None = None,
     threads: int = 1,
 ) -> InterpolationErrors:
-    """The errors next to those on the uniform or given mesh; ``here`` are the norms of bilinear ones if known."""
-    numbers = sample(cells.rows) if gauss is None else None
+    """The errors next to those on the uniform or given mesh; ``here`` are the norms of bilinear ones if known.
+
+    They are those in the cells with these ``numbers``, or in all.
+    """
     there, rule = _uniform_cells(cells, uniform, domain, numbers), error_rule(cells, gauss)
-    if (kind, degree) != ("quad", 1):
+    kind, degree = element
+    if element != ("quad", 1):
         return degree_errors(cells, there, u, degree, kind)
     if here is None:
         here = norms(cells, u, rule, numbers, nodal=nodal, threads=threads)

@@ -189,7 +189,7 @@ def skewnesses(tangents: Array) -> None:
 
 @compiled
 def measure_shapes(corners: Array, area: Array, valid: BoolArray, metric: Array, rows: Array) -> None:
-    """Fill the first six of ``rows``, in the order of :data:`ROWS`, the first not yet scaled; ``metric`` is the mean."""
+    """Fill the first six of ``rows``, in the order of :data:`ROWS`, the first not yet scaled."""
     shares_and_alignments(corners, area, valid, metric, rows[:2])
     shapes(corners, valid, rows[2:6])
     skewnesses(rows[4])
@@ -208,9 +208,9 @@ def survey_cells(
 ) -> float:
     """The sum of the shares of valid cells; ``parts`` is set to the :func:`fill_parts` of all measures.
 
-    The cells are those at ``place`` and after it, one for each ``mean`` metric, shape ``(3, n)``. ``tables`` and what is
-    ``known``, area and validity, are those of all held cells. The measures go to ``kept`` from ``to`` on, as many of
-    them as it has rows.
+    The cells are those from ``place`` on, one for each ``mean`` metric, shape ``(3, n)``. ``tables`` and what is
+    ``known``, area and validity, are those of all held cells. As many measures as ``kept`` has rows go there, from
+    ``to`` on.
     """
     (x, y), (cells, neighbours), (area, valid) = nodes, tables, known
     total = 0.0
@@ -289,7 +289,8 @@ class Survey:
         if rule is CellPoints.corners():
             metrics = _AtNodes.of(cells, monitor)
         else:
-            metrics = _Inside(cells, monitor, rule, tally if cells.all_valid else None)
+            of_derivatives = monitor if tally is not None and isinstance(monitor, OfDerivatives) else None
+            metrics = _Inside(cells, monitor, rule, tally if cells.all_valid else None, of_derivatives)
         nodes, tables = cells.grid_nodes, cells.tables
 
         def work(thread: int, threads: int) -> None:
@@ -308,9 +309,7 @@ class Survey:
             kept[0] *= factor
         statistics = Statistics.of(found[:, 1:].reshape(-1, len(ROWS), 4), cells.count)
         statistics[0] = statistics[0].times(float(factor))
-        return cls(
-            statistics=tuple(statistics), q_eq=kept[0], kept=kept if is_kept else None, nodal=metrics.nodal
-        )
+        return cls(statistics=tuple(statistics), q_eq=kept[0], kept=kept if is_kept else None, nodal=metrics.nodal)
 
 
 # The mean metric of every cell, by one of two rules: points inside the cells, or their corners. Threads may ask for
@@ -325,6 +324,8 @@ class _Inside:
     monitor: Monitor
     rule: CellPoints
     tally: ErrorTally | None
+    of_derivatives: OfDerivatives | None
+    """The monitor, where u is evaluated once for the metric and for ``tally``."""
     nodal: Array | None = None
 
     def means(self, first: int, last: int) -> Array:
@@ -343,15 +344,15 @@ class _Inside:
         return mean
 
     def _of_valid(self, corners: Array, area: Array, block: slice) -> Array:
-        rule, monitor, tally = self.rule, self.monitor, self.tally
+        rule, monitor, tally = self.rule, self.of_derivatives, self.tally
         x, y = np.empty((2, rule.s.size, area.size))
         locate(corners, rule.s, rule.t, x, y)
         mean = np.empty((3, area.size))
-        if tally is not None and isinstance(monitor, OfDerivatives):
+        if tally is not None and monitor is not None:
             derivatives = tally.u.evaluate(x, y, monitor.order)
             entries = monitor.metric_of(*derivatives)
         else:
-            entries = monitor.metric(x, y)
+            entries = self.monitor.metric(x, y)
             derivatives = () if tally is None else tally.u.evaluate(x, y, 1)
         if tally is not None:
             start = self.cells.own.start
@@ -370,13 +371,17 @@ class _AtNodes:
     cells: MeshCells
     monitor: Monitor
     nodal: Array | None
+    of_derivatives: OfDerivatives | None
     everywhere: list[tuple[Array, Array, Array]]
 
     @classmethod
     def of(cls, cells: MeshCells, monitor: Monitor) -> _AtNodes:
         """Nothing yet; on blocks the metric at all nodes."""
-        is_known = isinstance(monitor, OfDerivatives) and monitor.u is not None
-        found = cls(cells, monitor, np.full(cells.nodes[0].shape, np.nan) if is_known else None, [])
+        of_derivatives = monitor if isinstance(monitor, OfDerivatives) and monitor.u is not None else None
+        nodal = None if of_derivatives is None else np.empty(cells.nodes[0].shape)
+        if nodal is not None and not cells.rows.are_all:
+            nodal.fill(np.nan)
+        found = cls(cells, monitor, nodal, of_derivatives, [])
         if not isinstance(cells, BilinearCells):
             found.everywhere.append(found._at(*cells.nodes, found.nodal))
         return found
@@ -398,10 +403,10 @@ class _AtNodes:
 
     def _at(self, x: Array, y: Array, nodal: Array | None) -> tuple[Array, Array, Array]:
         """The metric at these nodes; u there goes to ``nodal``."""
-        monitor, u = self.monitor, self.monitor.u
+        monitor, u = self.of_derivatives, self.monitor.u
         with np.errstate(all="ignore"):
-            if nodal is None or u is None or not isinstance(monitor, OfDerivatives):
-                return contiguous(monitor.metric(x, y))
+            if nodal is None or u is None or monitor is None:
+                return contiguous(self.monitor.metric(x, y))
             derivatives = u.evaluate(x, y, monitor.order)
             nodal[...] = derivatives[0]
             return contiguous(monitor.metric_of(*derivatives))

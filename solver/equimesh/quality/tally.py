@@ -38,8 +38,9 @@ def add_errors(
 ) -> None:
     """To ``sums`` the integrals of errors ``u_h - u`` over every cell, by quadrature.
 
-    ``values``, ``sums`` and ``largest`` have those of these cells from ``place`` on. The first is that of the squared error, the second that of the squared error of the gradient, the others are those
-    of the two components of this error. ``largest`` becomes the largest size of the error.
+    ``values``, ``sums`` and ``largest`` have those of these cells from ``place`` on. The first sum is that of the
+    squared error, the second that of the squared error of the gradient, the others are those of the two components of
+    this error. ``largest`` becomes the largest size of the error.
     """
     x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
     y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
