@@ -111,7 +111,7 @@ def _block_errors(u: Field, corners: Array, values: Array, rim: Array) -> Array:
     locate(corners, gauss.s, gauss.t, x, y)
     there, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1)[:3])
     sums, missed = np.zeros((4, n)), np.empty(n)
-    add_errors(corners, values, there, (u_x, u_y), gauss, sums, np.zeros(n))
+    add_errors(corners, values, there, (u_x, u_y), gauss, sums, np.zeros(n), 0)
     missed_gradients(corners, values, rim, sums[2:], missed)
     return np.stack([sums[0], sums[1], missed])
 

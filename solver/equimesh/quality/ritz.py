@@ -145,7 +145,7 @@ def ritz_errors(mesh: Mesh, u: Field, *, triangles: bool = False, degree: int = 
         added = _solved(numbers[nodes.T], matrices, loads)
         values = nodal + np.where(numbers < 0, 0.0, added[numbers])
         sums, largest = np.zeros((4, nodes.shape[1])), np.zeros(nodes.shape[1])
-        add_errors(corners, np.ascontiguousarray(values[nodes]), here, (u_x, u_y), points, sums, largest)
+        add_errors(corners, np.ascontiguousarray(values[nodes]), here, (u_x, u_y), points, sums, largest, 0)
         l2, h1 = (math.sqrt(total) if math.isfinite(total) else math.nan for total in sums[:2].sum(axis=1))
         return RitzErrors(l2=l2, h1=h1, rounding=noise(cells, float(np.abs(nodal).max())))
 

@@ -34,7 +34,7 @@ def add_errors(
     points: CellPoints,
     sums: Array,
     largest: Array,
-    place: int = 0,
+    place: int,
 ) -> None:
     """To ``sums`` the integrals of errors ``u_h - u`` over every cell, by quadrature.
 

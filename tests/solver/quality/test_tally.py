@@ -69,7 +69,7 @@ def test_errors_of_a_square_by_hand() -> None:
     corners = np.array([[0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]]).T
     x, values = GAUSS.s[:, None], np.array([[0.0, 1.0, 1.0, 0.0]]).T
     sums, largest = np.zeros((4, 1)), np.zeros(1)
-    add_errors(corners, values, x**2, (2.0 * x, np.zeros_like(x)), GAUSS, sums, largest)
+    add_errors(corners, values, x**2, (2.0 * x, np.zeros_like(x)), GAUSS, sums, largest, 0)
     assert sums[:, 0] == pytest.approx([1 / 30, 1 / 3, 0.0, 0.0], abs=1e-15)
     assert largest[0] == pytest.approx(0.25)
     alone, peak = np.zeros(1), np.zeros(1)
