@@ -193,7 +193,8 @@ class ClientOperations(ABC, Generic[M]):
         ``deadline`` is that of each mesh, in seconds.
 
         With a ``goal`` meshes make the error of that functional small, ``solve`` returns :class:`WithAdjoint`, and the
-        loop ends, too, where the estimated error is at most ``tolerance``.
+        loop ends, too, where its estimated error and the change of its corrected value are at most ``tolerance``
+        together, on two meshes that resolve u and z.
 
         With :class:`AsyncClient` it gets the arrays of the mesh, whose ``to_skfem()`` and other methods need no await,
         and returns its solution or an awaitable of it.

@@ -35,8 +35,28 @@ zigzag from node to node, which says nothing of u, has a squared gradient of 5 t
 """
 MIN_UNSEEN = 0.01
 """The least share of the squared gradient that counts as not seen. Boundary values alone make small differences."""
-CHANCE_SHARE = 0.1
-"""The share of the bound of a functional's error that is added to its estimate where rounds are compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalRecord:
+    """The functional of one round."""
+
+    value: float
+    """The functional of the solution on this mesh."""
+    error: float | None
+    """The estimate of what it lacks of the functional of the exact solution, with its sign; ``None``: not known."""
+    bound: float
+    """The sum over the cells of the products of the estimated errors of the gradients of u and z."""
+
+    @property
+    def corrected(self) -> float:
+        """The value with its estimated error added."""
+        return self.value + (self.error or 0.0)
+
+    @property
+    def largest_error(self) -> float:
+        """The bound, or the estimated error where it exceeds that: values given on sides count in it, too."""
+        return max(self.bound, abs(self.error or 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +71,8 @@ class RoundNumbers:
     """The estimated error of the gradient over the norm of the gradient; ``None`` where it is not known."""
     moved_cells: float = 0.0
     """The root mean square of the moves of the nodes from the mesh before, in spacings of the uniform mesh."""
-    has_goal: bool = False
-    """Whether the errors are products of those of u and of an adjoint."""
-    goal_error: float | None = None
-    """The estimated error of a functional; ``None`` without one, and where it is not known."""
-    goal_bound: float = 0.0
-    """The sum over the cells of the products of both errors, in the units of the functional."""
+    goal: GoalRecord | None = None
+    """The functional, where errors are products of those of u and of an adjoint."""
 
     @property
     def is_resolved(self) -> bool:
@@ -86,27 +102,23 @@ def compared(history: Sequence[RoundNumbers], norm: str) -> list[float]:
     squared norm of the gradient lacks of the largest one, as for the energy of a Galerkin solution. From
     each norm some squared estimates are taken off first (``DOUBT_FACTORS``), which is all of it for an oscillation from
     node to node. In H1 they are relative to the gradient of the round; in L2 an estimate grows by the same factor.
-    For a goal they are roots of errors of the functional: of the bound, or, of rounds that resolve the solution where
-    all such rounds know it, of the estimated error plus a tenth of the bound (``CHANCE_SHARE``), as errors of both
-    signs cancel by chance. What these rounds do not see is left out: the gradient of the adjoint of a value at a point
-    has no limit.
+    For a goal they are roots of the largest error of the functional, in which errors of both signs do not cancel. What
+    rounds that resolve the solution do not see is left out: the gradient of the adjoint of a value at a point has no
+    limit.
     """
     seen = [_gradient(one) for one in history]
     shares = [DOUBT_FACTORS[one.is_resolved] * (one.unresolved or 0.0) ** 2 for one in history]
     most = max(square * (1.0 - share) for square, share in zip(seen, shares, strict=True))
-    has_errors = all(one.goal_error is not None for one in history if one.is_resolved)
     found = []
     for one, square in zip(history, seen, strict=True):
         slopes = one.estimate_h1 or 0.0
         if one.estimate == 0.0 or not slopes > 0.0:
             found.append(one.estimate)
             continue
-        unseen = 0.0 if one.has_goal and one.is_resolved else most - square
+        unseen = 0.0 if one.goal and one.is_resolved else most - square
         whole = math.sqrt(slopes**2 + (unseen if unseen > MIN_UNSEEN * most else 0.0))
-        if one.has_goal and one.is_resolved and one.goal_error is not None and has_errors:
-            found.append(math.sqrt(abs(one.goal_error) + CHANCE_SHARE * one.goal_bound))
-        elif one.has_goal:
-            found.append(whole / slopes * math.sqrt(one.goal_bound))
+        if one.goal:
+            found.append(whole / slopes * math.sqrt(one.goal.largest_error))
         else:
             found.append(whole / math.sqrt(square) if norm == "h1" else one.estimate * whole / slopes)
     return found
@@ -123,20 +135,31 @@ def judge(history: Sequence[RoundNumbers], rounds: int, norm: str = "l2", tolera
     The best round has the smallest of the :func:`compared` estimates, the first of equal ones. The loop ends after two
     rounds in which that did not fall by 15 %, in H1 by 8 %, if the best round resolves the solution, where the mesh
     does not move, and after ``rounds``. The best round resolves the solution where its mesh leaves at most 15 % of the
-    gradient unresolved. A round that does, and whose functional has an estimated error of at most ``tolerance``, is the
-    best one, and the last.
+    gradient unresolved. Two such rounds end it, the last of which is the best one, where the estimated error of the
+    functional, plus the change of its corrected value, is at most ``tolerance``.
     """
-    last = history[-1]
-    if tolerance is not None and last.goal_error is not None and last.is_resolved:
-        error = abs(last.goal_error)
-        if error <= tolerance:
-            reason = f"The estimated error of the functional is {error:.2g}, within the tolerance of {tolerance:.2g}."
-            return Verdict(best=len(history) - 1, is_done=True, reason=reason, resolved=True)
+    reason = "" if tolerance is None else _within(history[-2:], tolerance)
+    if reason:
+        return Verdict(best=len(history) - 1, is_done=True, reason=reason, resolved=True)
     errors = compared(history, norm)
     best = min(range(len(history)), key=lambda number: errors[number])
     resolved = _is_resolved(history, best)
     reason = _reason(history, errors, rounds, MIN_FALL["h1" if norm == "h1" else "l2"])
     return Verdict(best=best, is_done=reason != "", reason=reason, resolved=resolved)
+
+
+def _within(last: Sequence[RoundNumbers], tolerance: float) -> str:
+    """What is within the ``tolerance`` on the ``last`` two meshes; empty where nothing is, or not known."""
+    goals = [one.goal for one in last if one.goal and one.goal.error is not None and one.is_resolved]
+    if len(goals) < 2:
+        return ""
+    error, change = abs(goals[1].error or 0.0), abs(goals[1].corrected - goals[0].corrected)
+    if error + change > tolerance:
+        return ""
+    return (
+        f"The estimated error of the functional is {error:.2g}, and its corrected value changed by {change:.2g}: both"
+        f" together are within the tolerance of {tolerance:.2g}."
+    )
 
 
 def _reason(history: Sequence[RoundNumbers], errors: Sequence[float], rounds: int, min_fall: float) -> str:
@@ -175,23 +198,6 @@ def count_of(rounds: int) -> str:
 
 MAX_SHOWN = 12
 """Rounds in the table of a notebook."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GoalRecord:
-    """The functional of one round."""
-
-    value: float
-    """The functional of the solution on this mesh."""
-    error: float | None
-    """The estimate of what it lacks of the functional of the exact solution, with its sign; ``None``: not known."""
-    bound: float
-    """The sum over the cells of the products of the estimated errors of the gradients of u and z."""
-
-    @property
-    def corrected(self) -> float:
-        """The value with its estimated error added."""
-        return self.value + (self.error or 0.0)
 
 
 M = TypeVar("M")
@@ -313,9 +319,7 @@ def verdict_on(done: Sequence[AdaptRound[M]], rounds: int, norm: str, tolerance:
             estimate_h1=one.estimate_h1,
             unresolved=one.unresolved,
             moved_cells=one.moved_cells,
-            has_goal=one.goal is not None,
-            goal_error=None if one.goal is None else one.goal.error,
-            goal_bound=0.0 if one.goal is None else one.goal.bound,
+            goal=one.goal,
         )
         for one in done
     ]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh_coupling.adaptation import RoundNumbers, ended, judge, verdict_on, wanted_density
+from equimesh_coupling.adaptation import GoalRecord, RoundNumbers, ended, judge, verdict_on, wanted_density
 
 MESH = em.Mesh.uniform(em.Grid(n_xi=4, n_eta=5))
 
@@ -198,38 +199,57 @@ def test_rounds_for_a_goal_are_ranked_by_products_though_the_gradient_of_the_adj
             estimate_h1=slopes,
             unresolved=share,
             moved_cells=1.0,
-            has_goal=has_goal,
-            goal_bound=slopes**2,
+            goal=GoalRecord(value=1.0, error=None, bound=slopes**2) if has_goal else None,
         )
         for slopes, share in ((0.0096, 0.0197), (0.0048, 0.0101))
     ]
     assert judge(done, 5, "h1").best == best
 
 
-@pytest.mark.parametrize(
-    ("errors", "unresolved", "best"),
-    [
-        ((3e-5, -1e-6, 8e-6), (0.02, 0.02, 0.02), 1),
-        ((3e-5, None, 8e-6), (0.02, 0.02, 0.02), 2),
-        ((1e-6, 2e-6, 8e-6), (0.3, 0.02, 0.02), 1),
-        ((3e-5, 1e-8, 8e-6), (0.02, 0.02, 0.02), 2),
-    ],
-    ids=["by their errors", "by bounds where one has no error", "of those that resolve", "not by chance"],
-)
-def test_rounds_for_a_goal_are_ranked_by_the_error_of_the_functional(
-    errors: tuple[float | None, ...], unresolved: tuple[float, ...], best: int
-) -> None:
-    bounds = (9e-5, 4e-5 if errors[1] != 1e-8 else 9e-4, 3e-5)
-    done = [
+def goal_rounds(values: Any, errors: Any, unresolved: Any, bounds: Any) -> list[RoundNumbers]:
+    return [
         RoundNumbers(
             estimate=1.0,
             estimate_h1=bound**0.5,
             unresolved=share,
             moved_cells=1.0,
-            has_goal=True,
-            goal_error=error,
-            goal_bound=bound,
+            goal=GoalRecord(value=value, error=error, bound=bound),
         )
-        for error, share, bound in zip(errors, unresolved, bounds, strict=True)
+        for value, error, share, bound in zip(values, errors, unresolved, bounds, strict=True)
     ]
+
+
+@pytest.mark.parametrize(
+    ("errors", "unresolved", "best"),
+    [
+        ((3e-5, -1e-8, 8e-6), (0.02, 0.02, 0.02), 2),
+        ((3e-5, None, 8e-6), (0.02, 0.02, 0.02), 2),
+        ((3e-5, 1e-6, 8e-6), (0.02, 0.02, 0.3), 1),
+        ((3e-5, 1e-6, -6e-5), (0.02, 0.02, 0.02), 1),
+    ],
+    ids=["not by chance", "one without an error", "of those that resolve", "by an error above the bound"],
+)
+def test_rounds_for_a_goal_are_ranked_by_the_largest_error_of_the_functional(
+    errors: tuple[float | None, ...], unresolved: tuple[float, ...], best: int
+) -> None:
+    done = goal_rounds((1.0, 1.0, 1.0), errors, unresolved, (9e-5, 4e-5, 3e-5))
     assert judge(done, 5, "h1").best == best
+
+
+@pytest.mark.parametrize(
+    ("values", "errors", "unresolved", "is_done"),
+    [
+        ((1.0, 1.1), (0.2, 0.1), (0.1, 0.1), True),
+        ((1.0, 1.1), (0.2, 0.06), (0.1, 0.1), True),
+        ((1.0, 1.1), (0.3, 0.0), (0.1, 0.1), False),
+        ((1.0, 1.1), (0.2, 0.1), (0.3, 0.1), False),
+        ((1.0, 1.1), (None, 0.1), (0.1, 0.1), False),
+        ((1.1,), (0.0,), (0.1,), False),
+    ],
+    ids=["alike", "near", "error zero by chance", "not resolved before", "not known before", "one mesh"],
+)
+def test_a_functional_is_within_its_tolerance_on_two_meshes(
+    values: Any, errors: Any, unresolved: Any, *, is_done: bool
+) -> None:
+    verdict = judge(goal_rounds(values, errors, unresolved, [1.0] * len(values)), 5, "h1", 0.1001)
+    assert (verdict.is_done, "within the tolerance" in verdict.reason) == (is_done, is_done)

@@ -254,7 +254,8 @@ def adapt(
 
     With a ``goal`` the error is that of a functional: the sum over the cells of the products of the errors of u and of
     the adjoint z. ``solve`` then returns :class:`~equimesh_coupling.goals.WithAdjoint`. The loop ends, too, where the
-    estimated error of the functional is at most ``tolerance`` on a mesh that resolves u and z.
+    estimated error of the functional and the change of its corrected value are at most ``tolerance`` together, on two
+    meshes that resolve u and z.
 
     Raises :class:`~equimesh_coupling.errors.BadValues` where the values of the first solve cannot be used, and what the
     first solve raises. Later the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the
