@@ -7,7 +7,7 @@ degree 2 minus that of u_h. So this solution is all that is needed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -15,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh_coupling.arrays import finite, real
+from equimesh_coupling.elements import element_numbers, gauss, lagrange_functions
 from equimesh_coupling.errors import BadValues, library
-from equimesh_coupling.functionals import Places
+from equimesh_coupling.functionals import Places, edges_next_to, edges_of_side
 from equimesh_coupling.parts import Array, IntArray, MeshParts
-from equimesh_coupling.recovery import unique_edges
+from equimesh_coupling.recovery import edge_numbers, unique_edges
 
 SourceFunction: TypeAlias = Callable[[Array, Array], npt.ArrayLike]
 """The right side of an equation, from arrays of x and y of one shape."""
@@ -36,8 +37,8 @@ LEAST_TURN = 1.15 * math.pi
 alone. Nodes of round holes have smaller ones."""
 LEAST_COSINE = 0.9
 """The least cosine of the turn of a side at a node across which given values are taken for smooth."""
-NODES = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1))
-"""The nodes of a cell in halves of it: corners, middles of edges, and the centre."""
+MAX_BEND_SHARE = 0.25
+"""How far the middle of an edge may move to a curved side, as a share of the thickness of its cell."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,39 +60,75 @@ class Equation:
 
 
 def functional_of_degree_2(
-    parts: MeshParts, equation: Equation, places: Places, u: Array, is_fixed: npt.NDArray[np.bool_]
+    parts: MeshParts, equation: Equation, of: Places | str, u: Array, is_fixed: npt.NDArray[np.bool_]
 ) -> float:
-    """The functional of the solution of degree 2, with the values of ``u`` at the nodes that are fixed.
+    """The functional of the solution of degree 2, by ``of`` values at places, or of the flux through a side.
 
-    Nothing flows through the rest of the boundary. Raises :class:`BadValues` where the equations are singular.
+    The solution has the values of ``u`` at the nodes that are fixed. Nothing flows through the rest of the boundary.
+    Raises :class:`BadValues` where the equations are singular.
     """
     solver = library("scipy.sparse.linalg", install="pip install scipy", package="scipy")
     edges, numbers = unique_edges(parts.cells)
-    on_boundary = np.bincount(numbers.ravel(), minlength=len(edges)) == 1
-    given = on_boundary & is_fixed[edges].all(axis=1)
-    count, middles = len(parts.points), parts.points[edges].mean(axis=1)
-    point = parts.cells[places.cells] if places.cells.size == 1 else parts.cells[:0]
-    for corner in np.setdiff1d(steep_corners(parts, edges[on_boundary], given[on_boundary]), point):
-        for end in (0, 1):
-            at = np.flatnonzero(edges[:, end] == corner)
-            ends = parts.points[edges[at, 1 - end]]
-            middles[at] = parts.points[corner] + NEAR_CORNER * (ends - parts.points[corner])
+    outer = np.flatnonzero(np.bincount(numbers.ravel(), minlength=len(edges)) == 1)
+    is_given = is_fixed[edges[outer]].all(axis=1)
+    given, count, share = outer[is_given], len(parts.points), np.full((len(edges), 1), 0.5)
+    corners = steep_corners(parts, edges[outer], is_given)
+    if isinstance(of, Places) and of.cells.size == 1:  # a point
+        corners = np.setdiff1d(corners, parts.cells[of.cells])
+    for end, near in enumerate((NEAR_CORNER, 1.0 - NEAR_CORNER)):
+        share[np.isin(edges[:, end], corners)] = near
+    middles = (1.0 - share) * parts.points[edges[:, 0]] + share * parts.points[edges[:, 1]]
+    curved = on_sides(parts.points, edges[outer], share[outer], parts.points)
+    is_thick = np.hypot(*(curved - middles[outer]).T) < MAX_BEND_SHARE * _thickness(parts, edges, numbers)[outer]
+    middles[outer[is_thick]] = curved[is_thick]
     centres = 0.5 * middles[numbers].sum(axis=1) - 0.25 * parts.points[parts.cells].sum(axis=1)
     points = np.concatenate([parts.points, middles, centres])
-    last = count + len(edges) + np.arange(len(parts.cells))
-    nodes = np.concatenate([parts.cells, count + numbers, last[:, None]], axis=1)
+    nodes = element_numbers(parts.cells, count, 2).reshape(-1, 9)
     matrix, load = assembled(points, nodes, equation)
-    values = np.zeros(len(points))
-    known = np.concatenate([is_fixed, given, np.zeros(len(parts.cells), dtype=bool)])
+    values, known = np.zeros(len(points)), np.zeros(len(points), dtype=bool)
+    known[:count], known[count + given] = is_fixed, True
     values[:count][is_fixed] = u[is_fixed]
-    values[count : count + len(edges)][given] = on_middles(parts.points, edges[given], u)
+    values[count + given] = on_sides(parts.points, edges[given], share[given], u[:, None])[:, 0]
     free = np.flatnonzero(~known)
     rows = matrix[free]
     try:
         values[free] = solver.splu(rows[:, free].tocsc()).solve(load[free] - rows @ values)
     except RuntimeError as error:
         raise BadValues(f"the equations are singular ({error}): name the nodes with given values in fixed") from error
-    return float(places.on(nodes, len(points), quadratic_functions) @ values)
+    if isinstance(of, Places):
+        return float(of.on(nodes, len(points), lambda s, t: lagrange_functions(2, s, t)[0]) @ values)
+    left = matrix @ values - load
+    weights = flux_weights_of_degree_2(parts, of, edges)
+    return float(weights @ left[: weights.size])
+
+
+def flux_weights_of_degree_2(parts: MeshParts, side: str, edges: IntArray) -> Array:
+    """The weights of nodes and of middles of ``edges`` as :func:`~equimesh_coupling.functionals.flux_weights`.
+
+    The flux through the side next to a corner is linear between the middles of the next two edges there.
+    """
+    count = len(parts.points)
+    weights = np.zeros(count + len(edges))
+    on_side = edges_of_side(parts, side)
+    weights[on_side], weights[count + edge_numbers(on_side, edges)] = 1.0, 1.0
+    others, pairs = edges_next_to(parts, side)
+    for pair in pairs:
+        ends = others[list(pair)]
+        length, further = np.hypot(*(parts.points[ends[:, 1]] - parts.points[ends[:, 0]]).T)
+        near, after = count + edge_numbers(ends, edges)
+        slope = 0.25 * length / (length + further)
+        weights[near] -= 0.25 + slope
+        weights[after] += slope * length / further
+    return weights
+
+
+def _thickness(parts: MeshParts, edges: IntArray, numbers: IntArray) -> Array:
+    """The area of a cell at each edge, over the length of the edge."""
+    one, other = (parts.points[parts.cells[:, k + 2]] - parts.points[parts.cells[:, k]] for k in (0, 1))
+    areas = np.empty(len(edges))
+    areas[numbers] = 0.5 * np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])[:, None]
+    found: Array = areas / np.hypot(*(parts.points[edges[:, 1]] - parts.points[edges[:, 0]]).T)
+    return found
 
 
 def steep_corners(parts: MeshParts, edges: IntArray, given: npt.NDArray[np.bool_]) -> IntArray:
@@ -107,41 +144,27 @@ def steep_corners(parts: MeshParts, edges: IntArray, given: npt.NDArray[np.bool_
     return np.flatnonzero((sides == 2) & (around * np.where(fixed == 1, 2.0, 1.0) > LEAST_TURN))
 
 
-def on_middles(points: Array, edges: IntArray, u: Array) -> Array:
-    """Given values at the middles of ``edges``: by parabolas through three nodes, where the side goes straight on."""
-    found = u[edges].mean(axis=1)
+def on_sides(points: Array, edges: IntArray, share: Array, q: Array) -> Array:
+    """``q`` of the nodes, shape ``(n, k)``, at a ``share`` of each of the ``edges`` of sides.
+
+    It lies on parabolas through three nodes, where the side goes straight on.
+    """
+    begin, end = q[edges[:, 0]], q[edges[:, 1]]
     steps = points[edges[:, 1]] - points[edges[:, 0]]
-    lengths, slopes = np.hypot(*steps.T), u[edges[:, 1]] - u[edges[:, 0]]
-    at: dict[int, list[int]] = {}
-    for number, pair in enumerate(edges.tolist()):
-        for node in pair:
-            at.setdefault(node, []).append(number)
-    bends: list[list[float]] = [[] for _ in edges]
-    for node, both in at.items():
-        if len(both) != 2:
-            continue
-        signs = [1.0 if edges[one, 0] == node else -1.0 for one in both]
-        lower, upper = lengths[both]
-        cosine = -signs[0] * signs[1] * float(steps[both[0]] @ steps[both[1]]) / (lower * upper)
-        if cosine > LEAST_COSINE:
-            rise = signs[0] * slopes[both[0]] / lower + signs[1] * slopes[both[1]] / upper
-            for one in both:
-                bends[one].append(rise / (lower + upper))
-    bend = np.array([float(np.mean(one)) if one else 0.0 for one in bends])
-    return np.asarray(found - 0.25 * lengths**2 * bend)
-
-
-def quadratic_functions(s: Any, t: Any) -> Array:
-    """The nine biquadratic shape functions, in the order of ``NODES``."""
-    along, across = (_quadratics(q)[0] for q in (s, t))
-    return np.stack([along[i] * across[j] for i, j in NODES])
-
-
-def _quadratics(s: Any) -> tuple[Array, Array]:
-    """The three quadratic shape functions of an interval, and their derivatives."""
-    return np.stack([(1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1)]), np.stack(
-        [4 * s - 3, 4 - 8 * s, 4 * s - 1]
-    )
+    lengths = np.hypot(*steps.T)
+    order = np.argsort(edges, axis=None, kind="stable")
+    nodes = edges.ravel()[order]
+    first = np.flatnonzero(np.bincount(nodes)[nodes] == 2)[::2]
+    both, is_end = np.divmod(np.stack([order[first], order[first + 1]]), 2)  # the two edges at a node
+    sign = 1.0 - 2.0 * is_end
+    turn = -(sign.prod(axis=0) * (steps[both[0]] * steps[both[1]]).sum(axis=1)) / lengths[both].prod(axis=0)
+    rise = ((sign / lengths[both])[..., None] * (end - begin)[both]).sum(axis=0) / lengths[both].sum(axis=0)[:, None]
+    goes_on = turn > LEAST_COSINE
+    on = both[:, goes_on].ravel()
+    bends, counts = np.zeros_like(begin), np.bincount(on, minlength=len(edges))
+    np.add.at(bends, on, np.tile(rise[goes_on], (2, 1)))
+    bends *= (lengths**2 / np.maximum(counts, 1))[:, None]
+    return np.asarray((1.0 - share) * begin + share * end - share * (1.0 - share) * bends)
 
 
 def assembled(points: Array, nodes: IntArray, equation: Equation) -> tuple[Any, Array]:
@@ -167,16 +190,13 @@ def assembled(points: Array, nodes: IntArray, equation: Equation) -> tuple[Any, 
     return matrix, right
 
 
-def _rule(count: int) -> list[tuple[Array, Array, Array, float]]:
+def _rule(count: int) -> Iterator[tuple[Array, Array, Array, float]]:
     """Shape functions, their derivatives along s and t, and the weight, at the points of a Gauss rule."""
-    at, share = np.polynomial.legendre.leggauss(count)
-    found = []
-    for s, p in zip(0.5 * (at + 1.0), 0.5 * share, strict=True):
-        for t, q in zip(0.5 * (at + 1.0), 0.5 * share, strict=True):
-            (one, d_one), (other, d_other) = _quadratics(s), _quadratics(t)
-            parts = ([a[i] * b[j] for i, j in NODES] for a, b in ((one, other), (d_one, other), (one, d_other)))
-            found.append((*(np.array(part) for part in parts), float(p * q)))
-    return found  # type: ignore[return-value]
+    at, share = gauss(count)
+    s, t = (q.ravel() for q in np.meshgrid(at, at, indexing="ij"))
+    functions, along, across = lagrange_functions(2, s, t)
+    for k, weight in enumerate(np.outer(share, share).ravel().tolist()):
+        yield functions[:, k], along[:, k], across[:, k], weight
 
 
 def _slopes(of_cells: Array, along: Array, across: Array) -> tuple[Array, Array, Array]:

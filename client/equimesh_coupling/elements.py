@@ -34,6 +34,41 @@ WORDS: Mapping[Cells, str] = {"quad": "quadrilaterals", "triangle": "triangles"}
 """The kinds of cells in sentences."""
 
 
+@cache
+def gauss(count: int) -> tuple[Array, Array]:
+    """The Gauss points of the unit interval, and their weights."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (1.0 + points), 0.5 * weights
+
+
+def lagrange_functions(degree: int, s: Array, t: Array) -> tuple[Array, Array, Array]:
+    """The functions of an element at places in the unit square, and their derivatives along s and t.
+
+    The first axis is that of the nodes, in rows along t.
+    """
+    (a, da), (b, db) = _along(degree, s), _along(degree, t)
+    values, along_s, along_t = (
+        np.reshape(p[:, None] * q[None, :], (-1, *s.shape)) for p, q in ((a, b), (da, b), (a, db))
+    )
+    return values, along_s, along_t
+
+
+def _along(degree: int, q: Array) -> tuple[Array, Array]:
+    """The Lagrange polynomials of the Gauss-Lobatto points, and their derivatives, at some points of an interval."""
+    nodes = lobatto(degree)
+    values, slopes = np.empty((2, nodes.size, *q.shape))
+    for k, node in enumerate(nodes):
+        roots = np.delete(nodes, k)
+        parts = [(q - root) / (node - root) for root in roots]
+        values[k] = np.prod(parts, axis=0)
+        slopes[k] = sum(
+            np.prod([part for other, part in enumerate(parts) if other != one] or [np.ones_like(q)], axis=0)
+            / (node - roots[one])
+            for one in range(roots.size)
+        )
+    return values, slopes
+
+
 class PlacedValues(NamedTuple):
     """The ``values`` of a field, shape ``(k,)``, at its own ``places``, shape ``(k, 2)``, in any order."""
 

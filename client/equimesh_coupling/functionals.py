@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from equimesh_coupling.elements import gauss
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array, IntArray, MeshParts
 from equimesh_coupling.recovery import edge_numbers, unique_edges
@@ -83,9 +84,9 @@ def places_in_region(parts: MeshParts, region: Region | None) -> Places:
     In a cell on the border of the region lines end where they leave it. Raises :class:`BadValues` where no cell has a
     part in the region.
     """
-    at, share = np.polynomial.legendre.leggauss(FEW_POINTS)
-    s, t = (q.ravel() for q in np.meshgrid(0.5 * (at + 1.0), 0.5 * (at + 1.0), indexing="ij"))
-    weights, every = np.outer(0.5 * share, 0.5 * share).ravel(), np.arange(len(parts.cells))
+    at, share = gauss(FEW_POINTS)
+    s, t = (q.ravel() for q in np.meshgrid(at, at, indexing="ij"))
+    weights, every = np.outer(share, share).ravel(), np.arange(len(parts.cells))
     if region is None:
         return _in_cells(parts, every, s, t, weights)
     seen = np.linspace(0.0, 1.0, SEEN_POINTS)
@@ -129,8 +130,7 @@ def _in_parts(parts: MeshParts, cells: IntArray, region: Region) -> Places:
         as_low = is_in(line[cut], middle) == leaves[cut]
         low, high = np.where(as_low, middle, low), np.where(as_low, high, middle)
     begin[cut], end[cut] = np.where(enters[cut], low, begin[cut]), np.where(leaves[cut], low, end[cut])
-    gauss: Array = 0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0)
-    s: Array = (begin + gauss[:, None] * (end - begin)).ravel()
+    s: Array = (begin + gauss(2)[0][:, None] * (end - begin)).ravel()
     t: Array = np.tile(along[line], 2)
     cell = np.tile(cells[every[line]], 2)
     return Places(cell, s, t, np.tile(0.5 * (end - begin) / LINES, 2) * _areas(parts, cell, s, t))
@@ -159,8 +159,7 @@ def places_on_side(parts: MeshParts, side: str) -> Places:
     cell_of = np.empty(len(edges), dtype=np.int64)
     cell_of[numbers.ravel()] = np.arange(numbers.size)
     cell, first = np.divmod(cell_of[edge_numbers(wanted, edges)], 4)
-    at, share = np.polynomial.legendre.leggauss(FEW_POINTS)
-    at, share = 0.5 * (at + 1.0), 0.5 * share
+    at, share = gauss(FEW_POINTS)
     lengths = np.hypot(*(parts.points[wanted[:, 1]] - parts.points[wanted[:, 0]]).T)
     corner = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     begin, end = corner[first], corner[(first + 1) % 4]
@@ -190,19 +189,28 @@ def flux_weights(parts: MeshParts, side: str) -> Array:
     linear between the next two nodes there: their weights take it off.
     """
     weights = nodes_of_side(parts, side)
-    others = np.concatenate([parts.sides[side][:0], *(edges for name, edges in parts.sides.items() if name != side)])
+    others, pairs = edges_next_to(parts, side)
     lengths = np.hypot(*(parts.points[others[:, 1]] - parts.points[others[:, 0]]).T)
     around = 0.5 * np.bincount(others.ravel(), np.repeat(lengths, 2), minlength=weights.size)
-    on_side = weights[others] > 0.0
-    taken = np.zeros(weights.size)
-    for edge in np.flatnonzero(on_side.sum(axis=1) == 1):
-        near = int(others[edge][~on_side[edge]][0])
-        following = [k for k in np.flatnonzero((others == near).any(axis=1)) if k != edge]
-        if len(following) != 1 or on_side[following].any():
-            continue  # a side of fewer than three edges
-        (after,), length = following, lengths[edge]
+    for edge, after in pairs:
+        near = np.intersect1d(others[edge], others[after])
+        far, length = np.setdiff1d(others[after], near), lengths[edge]
         slope = min(1.0, length / lengths[after])
-        taken[near] += length / 6.0 * (3.0 + 2.0 * slope) / around[near]
-        far = int(others[after].sum() - near)
-        taken[far] -= length / 3.0 * slope / around[far]
-    return weights - taken
+        weights[near] -= length / 6.0 * (3.0 + 2.0 * slope) / around[near]
+        weights[far] += length / 3.0 * slope / around[far]
+    return weights
+
+
+def edges_next_to(parts: MeshParts, side: str) -> tuple[IntArray, list[tuple[int, int]]]:
+    """The edges of all other sides, and the numbers of the first two of them from each end of the ``side`` on.
+
+    An end is left out where the next side has fewer than three edges.
+    """
+    others = np.concatenate([parts.sides[side][:0], *(edges for name, edges in parts.sides.items() if name != side)])
+    on_side, found = np.isin(others, edges_of_side(parts, side)), []
+    for edge in np.flatnonzero(on_side.sum(axis=1) == 1).tolist():
+        touches = (others == others[edge][~on_side[edge]]).any(axis=1)
+        touches[edge] = False
+        if touches.sum() == 1 and not on_side[touches].any():
+            found.append((edge, int(touches.argmax())))
+    return others, found

@@ -53,9 +53,9 @@ class Goal:
     :meth:`point`, :meth:`integral`, :meth:`over_side` and :meth:`flux` make usual ones. The error of the functional is
     estimated for ``-div(diffusion grad u) + stream . grad u + reaction u = source`` where its ``diffusion`` is given,
     unless the solver returns an estimate of its own. With the ``source``, a number or a function of x and y, it is
-    estimated by a solution of degree 2 on the same mesh, but for a flux and weights of your own: ``fixed`` of the
-    solver then has all nodes with given values, and nothing flows through the rest of the boundary. Without it
-    recovered u and z tell it, but for the value at a point, whose adjoint they do not tell.
+    estimated by a solution of degree 2 on the same mesh, but for weights of your own: ``fixed`` of the solver then has
+    all nodes with given values, and nothing flows through the rest of the boundary. Without it recovered u and z tell
+    it, but for the value at a point, whose adjoint they do not tell.
 
     Raises ``ValueError`` for numbers that no equation has.
     """
@@ -234,19 +234,16 @@ def goal_values(returned: Any, mesh: HasParts, goal: Goal) -> GoalValues:
 def _error(returned: WithAdjoint, u: Array, value: float, mesh: HasParts, goal: Goal) -> float | None:
     """What ``value`` lacks of the functional of a solution of degree 2; ``None`` where its equation is not known."""
     ties = getattr(mesh, "ties", None)  # nodes that are one unknown, of a domain that is closed
-    if (
-        goal.places is None
-        or goal.source is None
-        or goal.diffusion is None
-        or np.size(ties if ties is not None else ())
-    ):
+    is_own = goal.places is None and goal.flux_side is None
+    if is_own or goal.source is None or goal.diffusion is None or np.size(ties if ties is not None else ()):
         return None
     parts = mesh.mesh_parts("quad")
     equation = Equation(diffusion=goal.diffusion, stream=goal.stream, reaction=goal.reaction, source=goal.source)
     is_fixed = ~_free_nodes(returned.fixed, u.size)
     if not (is_fixed.any() or goal.reaction):
         raise BadValues("no node has a given value, so that the equation has many solutions: name them in fixed")
-    return functional_of_degree_2(parts, equation, goal.places(parts), u, is_fixed) - value
+    of = str(goal.flux_side) if goal.places is None else goal.places(parts)
+    return functional_of_degree_2(parts, equation, of, u, is_fixed) - value
 
 
 def _flux(returned: WithAdjoint, matrix: Any, u: Array, parts: MeshParts, side: str) -> float:

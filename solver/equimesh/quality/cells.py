@@ -27,6 +27,7 @@ from equimesh.quality.cell_maps import (
     measure_cells,
     measure_corners,
 )
+from equimesh_coupling.elements import gauss
 from equimesh_coupling.parts import corner_cuts, cuts_at_corners
 
 BLOCK_POINTS = 1 << 12
@@ -47,9 +48,9 @@ class CellPoints(NamedTuple):
     @cache
     def gauss(cls, count: int) -> CellPoints:
         """The tensor-product Gauss rule with ``count`` points per direction; the weights sum to 1."""
-        nodes, weights = np.polynomial.legendre.leggauss(count)
-        s, t = np.meshgrid((1.0 + nodes) / 2.0, (1.0 + nodes) / 2.0, indexing="ij")
-        return cls(s.ravel(), t.ravel(), np.outer(weights, weights).ravel() / 4.0)
+        nodes, weights = gauss(count)
+        s, t = np.meshgrid(nodes, nodes, indexing="ij")
+        return cls(s.ravel(), t.ravel(), np.outer(weights, weights).ravel())
 
     @classmethod
     @cache

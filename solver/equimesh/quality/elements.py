@@ -15,7 +15,7 @@ import numpy as np
 from equimesh.numerics.compiled import inlined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import CellPoints
-from equimesh_coupling.elements import lobatto
+from equimesh_coupling.elements import lagrange_functions, lobatto
 
 CellKind: TypeAlias = Literal["quad", "triangle"]
 TRIANGLE_RULE = (
@@ -206,10 +206,7 @@ def _corners_first(degree: int) -> IntArray:
 def lagrange(cells: CellKind, degree: int, s: Array, t: Array) -> tuple[Array, Array, Array]:
     """The functions of the basis at some points, and their derivatives along s and t; the first axis for the nodes."""
     if cells == "quad":
-        (a, da), (b, db) = _along(degree, s), _along(degree, t)
-        pairs = ((a, b), (da, b), (a, db))
-        order = _corners_first(degree)
-        one, two, three = (np.reshape(p[:, None] * q[None, :], (-1, *s.shape))[order] for p, q in pairs)
+        one, two, three = (part[_corners_first(degree)] for part in lagrange_functions(degree, s, t))
         return one, two, three
     corners = shapes_at(cells, s, t)
     slopes = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
@@ -229,19 +226,3 @@ def lagrange(cells: CellKind, degree: int, s: Array, t: Array) -> tuple[Array, A
 def _raised(numbers: Array, like: Array) -> Array:
     """``numbers`` along the first axis, before the axes of ``like``."""
     return np.reshape(numbers, (-1, *(1 for _ in like.shape)))
-
-
-def _along(degree: int, q: Array) -> tuple[Array, Array]:
-    """The Lagrange polynomials of the Gauss-Lobatto points, and their derivatives, at some points of an interval."""
-    nodes = lobatto(degree)
-    values, slopes = np.empty((2, nodes.size, *q.shape))
-    for k, node in enumerate(nodes):
-        roots = np.delete(nodes, k)
-        parts = [(q - root) / (node - root) for root in roots]
-        values[k] = np.prod(parts, axis=0)
-        slopes[k] = sum(
-            np.prod([part for other, part in enumerate(parts) if other != one] or [np.ones_like(q)], axis=0)
-            / (node - roots[one])
-            for one in range(roots.size)
-        )
-    return values, slopes
