@@ -31,6 +31,7 @@ import skfem
 from skfem.helpers import dot, grad
 
 import equimesh as em
+from equimesh.testing.geometries import disc, l_shape
 
 POINT = (0.75, 0.75)
 POINT_VALUE = 0.03344723
@@ -128,7 +129,7 @@ class Problem:
         basis = skfem.Basis(of, skfem.ElementQuad1(), intorder=4)
         matrix, load, fixed = equation.assembled(basis, equation.parameter(mesh))
         u = skfem.solve(*skfem.condense(matrix, load, D=fixed))
-        return em.WithAdjoint(u, matrix=matrix, fixed=fixed)
+        return em.WithAdjoint(u, matrix=matrix, fixed=fixed, load=load)
 
 
 def in_disc(centre: tuple[float, float]) -> Any:
@@ -136,7 +137,13 @@ def in_disc(centre: tuple[float, float]) -> Any:
     return lambda x, y: np.hypot(x - centre[0], y - centre[1]) < 0.5
 
 
+def in_corner(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A rectangle of the L."""
+    return (x < -0.5) & (y < -0.25)
+
+
 POISSON = Equation()
+L_SHAPE = l_shape(900)
 DISCHARGE = Equation(diffusion=SPREAD, stream=1.0, fixed=("left",))
 BASIN = em.Rectangle(x=(0.0, 50.0), y=(0.0, 10.0))
 PROBLEMS = {
@@ -154,6 +161,10 @@ PROBLEMS = {
         )
         for name, (centre, value) in DISCS.items()
     },
+    "corner mean": Problem(POISSON, em.Goal.integral(in_corner, diffusion=1.0, source=1.0), 0.0200405654, L_SHAPE),
+    "corner point": Problem(POISSON, em.Goal.point(0.3, 0.6, diffusion=1.0, source=1.0), 0.112905261, L_SHAPE),
+    "corner flux": Problem(POISSON, em.Goal.flux("reentrant", diffusion=1.0, source=1.0), -0.87437, L_SHAPE),
+    "round": Problem(POISSON, em.Goal.point(0.2, 0.3, diffusion=1.0, source=1.0), 0.25 * (1.0 - 0.13), disc(900)),
 }
 
 NAMES = [*PROBLEMS, "lift"]

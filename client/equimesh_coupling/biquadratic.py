@@ -147,7 +147,8 @@ def steep_corners(parts: MeshParts, edges: IntArray, given: npt.NDArray[np.bool_
 def on_sides(points: Array, edges: IntArray, share: Array, q: Array) -> Array:
     """``q`` of the nodes, shape ``(n, k)``, at a ``share`` of each of the ``edges`` of sides.
 
-    It lies on parabolas through three nodes, where the side goes straight on.
+    It lies on parabolas through three nodes, where the side goes straight on: their second derivative is the mean of
+    those at both nodes of an edge, and on the last edge goes on as it changes before.
     """
     begin, end = q[edges[:, 0]], q[edges[:, 1]]
     steps = points[edges[:, 1]] - points[edges[:, 0]]
@@ -159,12 +160,15 @@ def on_sides(points: Array, edges: IntArray, share: Array, q: Array) -> Array:
     sign = 1.0 - 2.0 * is_end
     turn = -(sign.prod(axis=0) * (steps[both[0]] * steps[both[1]]).sum(axis=1)) / lengths[both].prod(axis=0)
     rise = ((sign / lengths[both])[..., None] * (end - begin)[both]).sum(axis=0) / lengths[both].sum(axis=0)[:, None]
-    goes_on = turn > LEAST_COSINE
-    on = both[:, goes_on].ravel()
-    bends, counts = np.zeros_like(begin), np.bincount(on, minlength=len(edges))
-    np.add.at(bends, on, np.tile(rise[goes_on], (2, 1)))
-    bends *= (lengths**2 / np.maximum(counts, 1))[:, None]
-    return np.asarray((1.0 - share) * begin + share * end - share * (1.0 - share) * bends)
+    both, rise = both[:, turn > LEAST_COSINE], rise[turn > LEAST_COSINE]
+    bends, counts = np.zeros_like(begin), np.bincount(both.ravel(), minlength=len(edges))
+    np.add.at(bends, both.ravel(), np.tile(rise, (2, 1)))
+    bends /= np.maximum(counts, 1)[:, None]
+    last, before = np.concatenate([both, both[::-1]], axis=1)
+    last, before = (one[(counts[last] == 1) & (counts[before] == 2)] for one in (last, before))
+    further = np.minimum(1.0, lengths[last] / lengths[before])[:, None]
+    bends[last] += further * (bends[last] - bends[before])
+    return np.asarray((1.0 - share) * begin + share * end - share * (1.0 - share) * lengths[:, None] ** 2 * bends)
 
 
 def assembled(points: Array, nodes: IntArray, equation: Equation) -> tuple[Any, Array]:

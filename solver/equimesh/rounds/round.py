@@ -52,6 +52,8 @@ class CoarseSolve(LeastErrorSolve):
 
 WHOLE = "whole"
 """The name of the descent from the initial mesh of the domain."""
+REST_CELLS = 1e-9
+"""Moves that are nothing but rounding: a service answers with the initial mesh of blocks to the last digit."""
 
 
 def descents(
@@ -76,7 +78,7 @@ def descents(
         tried.append((trial.lifted_error(reached), monitor, reached))
     _, monitor, reached = min(tried, key=lambda one: one[0])
     solve = LeastErrorSolve(monitor=monitor, domain=domain, threads=threads)
-    is_first = before.distance(domain.mesh) == 0.0
+    is_first = moved_cells(domain.mesh, before) < REST_CELLS
     starts: list[tuple[str, Mesh | None, DescentEnd | None]] = [(WHOLE, None, reached)]
     if not is_first:
         starts.append((PARTS, before, None))
