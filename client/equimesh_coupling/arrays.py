@@ -33,12 +33,13 @@ def real(values: Any, what: str) -> Array:
     raise BadValues(f"{what} has complex numbers: give real ones, such as their absolute values")
 
 
-def finite(values: Array, what: str) -> Array:
+DIVERGED = "so the solver diverged: look at its messages and its boundary conditions"
+"""What is wrong with a solution that is not finite."""
+
+
+def finite(values: Array, what: str, remedy: str = DIVERGED) -> Array:
     """The ``values`` themselves. Raises :class:`BadValues`, about ``what``, where some are nan or infinite."""
     bad = int(np.count_nonzero(~np.isfinite(values)))
     if bad:
-        raise BadValues(
-            f"{what} has {bad} of {values.size} values that are nan or infinite, so the solver diverged: "
-            "look at its messages and its boundary conditions"
-        )
+        raise BadValues(f"{what} has {bad} of {values.size} values that are nan or infinite, {remedy}")
     return values

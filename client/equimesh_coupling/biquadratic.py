@@ -53,7 +53,7 @@ class Equation:
     def source_at(self, x: Array, y: Array) -> Array:
         """The right side at points. Raises :class:`BadValues` for numbers of another shape."""
         found = self.source(x, y) if callable(self.source) else self.source
-        values = finite(real(found, "the source"), "the source")
+        values = finite(real(found, "the source"), "the source", "where every point needs a number")
         if values.shape not in ((), x.shape):
             raise BadValues(f"the source has answered with the shape {values.shape} for points of shape {x.shape}")
         return np.broadcast_to(values, x.shape)
@@ -70,7 +70,7 @@ def functional_of_degree_2(
     solver = library("scipy.sparse.linalg", install="pip install scipy", package="scipy")
     edges, numbers = unique_edges(parts.cells)
     outer = np.flatnonzero(np.bincount(numbers.ravel(), minlength=len(edges)) == 1)
-    is_given = is_fixed[edges[outer]].all(axis=1)
+    is_given = np.asarray(is_fixed[edges[outer]].all(axis=1))
     given, count, share = outer[is_given], len(parts.points), np.full((len(edges), 1), 0.5)
     corners = steep_corners(parts, edges[outer], is_given)
     if isinstance(of, Places) and of.cells.size == 1:  # a point

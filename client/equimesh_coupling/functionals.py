@@ -140,6 +140,8 @@ def _is_in(region: Region, x: Array, y: Array) -> npt.NDArray[np.bool_]:
     found = np.asarray(region(x, y))
     if found.shape != x.shape:
         raise BadValues(f"the region has answered with the shape {found.shape} for points of shape {x.shape}")
+    if found.dtype.kind not in "biu":
+        raise BadValues(f"the region has answered with {found.dtype}: return whether points are in it, such as x > 0.5")
     return found.astype(bool)
 
 
@@ -169,7 +171,7 @@ def places_on_side(parts: MeshParts, side: str) -> Places:
 
 def edges_of_side(parts: MeshParts, side: str) -> IntArray:
     """The edges of a side, shape ``(k, 2)``; raises :class:`BadValues` for a name that the mesh has not."""
-    if side not in parts.sides:
+    if not isinstance(side, str) or side not in parts.sides:
         names = ", ".join(map(repr, parts.sides))
         raise BadValues(f"the mesh has no side {side!r:.40}: its sides are {names}")
     return parts.sides[side]

@@ -77,8 +77,11 @@ class Goal:
                 "weights is no function: give one from a mesh to the weights of its nodes, or Goal.point(x, y)"
             )
         numbers = (*self.stream, self.reaction, *(() if self.diffusion is None else (self.diffusion,)))
-        if not all(is_number(one) and math.isfinite(one) for one in numbers) or len(self.stream) != 2:
-            raise ValueError("diffusion, stream and reaction are those of the equation: a number, a pair, and a number")
+        is_known = all(is_number(one) and math.isfinite(one) for one in numbers) and len(self.stream) == 2
+        if not is_known or (self.diffusion is not None and self.diffusion <= 0.0):
+            raise ValueError(
+                "diffusion, stream and reaction are those of the equation: a positive number, a pair, and a number"
+            )
         if self.source is not None and not (callable(self.source) or is_number(self.source)):
             raise ValueError("source is the right side of the equation: a number, or a function of x and y")
         if self.source is not None and self.diffusion is None:
@@ -87,6 +90,8 @@ class Goal:
     @classmethod
     def point(cls, x: float, y: float, **equation: Any) -> Goal:
         """The value at a point."""
+        if not all(is_number(one) and math.isfinite(one) for one in (x, y)):
+            raise ValueError(f"the point is ({x!s:.20}, {y!s:.20}): give two finite numbers")
         return cls._of(lambda parts: place_of_point(parts, x, y), equation)
 
     @classmethod
@@ -124,7 +129,7 @@ class Goal:
     def on(self, mesh: HasParts) -> Array:
         """The weights of the nodes of ``mesh``, in their order. Raises :class:`BadValues` for another number."""
         what = "the functional"
-        weights = finite(real(self.weights(mesh), what), what).ravel()
+        weights = finite(real(self.weights(mesh), what), what, "where each node needs a number").ravel()
         count = len(mesh.mesh_parts().points)
         if weights.size != count:
             raise BadValues(f"{what} has {weights.size} weights, and the mesh has {count} nodes: return one for each")
@@ -207,10 +212,7 @@ def goal_values(returned: Any, mesh: HasParts, goal: Goal) -> GoalValues:
         raise BadValues(CONSTANT)
     matrix = None if returned.matrix is None else _matrix(returned.matrix, weights.size)
     if returned.z is not None:
-        try:
-            z = node_values(returned.z, mesh)
-        except BadValues as error:
-            raise BadValues(f"the adjoint does not belong to this mesh: {error}") from error
+        z = node_values(returned.z, mesh, "the adjoint")
     elif matrix is None:
         raise BadValues(NEEDS_ADJOINT)
     else:

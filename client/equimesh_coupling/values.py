@@ -102,8 +102,8 @@ def _placed(returned: Any) -> Callable[[Any, HasParts], PlacedValues | None] | N
     return skfem.placed_values if _is_pair_of("skfem", returned) else _adaptor(PLACES, returned)
 
 
-def node_values(returned: Any, mesh: HasParts) -> Array:
-    """The values at the nodes of ``mesh``, shape ``(n_xi, n_eta)``, from what a solver ``returned``.
+def node_values(returned: Any, mesh: HasParts, what: str = "the solution") -> Array:
+    """The values at the nodes of ``mesh``, shape ``(n_xi, n_eta)``, from what a solver ``returned`` as ``what``.
 
     It takes an array with one value for each node, of shape ``(n_xi, n_eta)`` or flat in the order of the nodes; a
     field of FEniCSx, FiPy, MFEM, NGSolve, PyVista or SfePy; ``(basis, vector)`` of scikit-fem; ``(plex, vector)`` of
@@ -113,7 +113,6 @@ def node_values(returned: Any, mesh: HasParts) -> Array:
     array with one value for each cell.
     """
     parts = mesh.mesh_parts()
-    what = "the solution"
     if isinstance(returned, CellAverages):
         return nodes_from_cells(returned, mesh)
     if isinstance(returned, ErrorIndicator):
@@ -128,12 +127,12 @@ def node_values(returned: Any, mesh: HasParts) -> Array:
         return finite(values.reshape(parts.node_shape), what)
     if values.size in cell_counts(parts):
         raise BadValues(
-            f"the solution has {values.size} values, one for each cell, and needs one for each of the "
+            f"{what} has {values.size} values, one for each cell, and needs one for each of the "
             f"{len(parts.points)} nodes: wrap averages over cells in CellAverages(values), an error indicator in "
             "ErrorIndicator(values)"
         )
     raise BadValues(
-        f"the solution has the shape {values.shape}, and needs one value for each of the {len(parts.points)} nodes: "
+        f"{what} has the shape {values.shape}, and needs one value for each of the {len(parts.points)} nodes: "
         f"return an array of shape {parts.node_shape}, or flat in the order of the nodes"
     )
 

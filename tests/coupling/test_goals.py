@@ -79,7 +79,7 @@ def test_a_flux_is_what_is_left_of_the_equations_on_its_side() -> None:
     [
         (U, POINT, "return WithAdjoint"),
         (em.WithAdjoint(U), POINT, "return WithAdjoint"),
-        (em.WithAdjoint(U, U[:-1]), POINT, "the adjoint does not belong to this mesh"),
+        (em.WithAdjoint(U, U[:-1]), POINT, "the adjoint has the shape"),
         (em.WithAdjoint(U[:-1], U), POINT, "the solution has the shape"),
         (em.WithAdjoint(U, 0.0 * U), POINT, "the functional is constant"),
         (em.WithAdjoint(U, U), em.Goal(lambda mesh: 0.0 * mesh.x), "the functional is constant"),
@@ -98,6 +98,9 @@ def test_a_flux_is_what_is_left_of_the_equations_on_its_side() -> None:
         (em.WithAdjoint(U, U), em.Goal.over_side("north"), "no side 'north'"),
         (em.WithAdjoint(U, U), em.Goal.integral(is_in_gap), "no cell of the mesh has a part"),
         (em.WithAdjoint(U, U), em.Goal.integral(lambda x, y: True), "answered with the shape"),  # noqa: ARG005
+        (em.WithAdjoint(U, U), em.Goal.integral(lambda x, y: x * y), "answered with float64: return whether"),
+        (em.WithAdjoint(U, U), em.Goal.over_side(["left"]), "no side"),  # type: ignore[arg-type]
+        (em.WithAdjoint(U, U), em.Goal(lambda mesh: mesh.x * math.nan), "infinite, where each node needs a number"),
         (em.WithAdjoint(U, U), em.Goal.point(0.3, 0.4, diffusion=1.0, source=1.0), "name them in fixed"),
         (
             em.WithAdjoint(U, U, fixed=SIDE),
@@ -115,6 +118,7 @@ def test_what_cannot_be_used_is_a_sentence(returned: Any, goal: em.Goal, words: 
     "equation",
     [
         {"diffusion": math.nan},
+        {"diffusion": -1.0},
         {"stream": (1.0, 2.0, 3.0)},
         {"reaction": "1"},
         {"diffusion": 1.0, "source": "1"},
@@ -126,11 +130,13 @@ def test_an_equation_without_numbers_is_refused(equation: dict[str, Any]) -> Non
         em.Goal.point(0.1, 0.2, **equation)
 
 
-def test_weights_that_are_no_function_are_refused() -> None:
+def test_what_makes_no_functional_is_refused() -> None:
     with pytest.raises(ValueError, match="from a mesh to the weights"):
         em.Goal(1.0)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="give a function, such as lambda x, y"):
         em.Goal.integral("x > 0.5")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="give two finite numbers"):
+        em.Goal.point(math.nan, 0.5)
 
 
 PRODUCTS = ErrorProducts(bound=8.0, diffusion=1.0, stream_x=0.1, stream_y=0.01, reaction=0.001)
