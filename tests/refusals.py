@@ -59,6 +59,7 @@ AIMED = {"monitor": {"u": "tanh(9*(x - y))"}}
 AT = [k / 4 for k in range(5)]
 NODAL: dict[str, Any] = {"nodal": {"x": [[at] * 5 for at in AT], "y": [AT] * 5, "values": [AT] * 5}}
 BENT: dict[str, Any] = {"nodal": {**NODAL["nodal"], "y": [[at**2 for at in AT]] * 5}}
+ZERO: dict[str, Any] = {"nodal": {**NODAL["nodal"], "values": [[0] * 5] * 5}}
 LEAST: dict[str, Any] = {"kind": "least_error", "u": {"expression": "tanh(9*(y - x))"}}
 
 
@@ -233,6 +234,11 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
             {**monitor("nodal_solution", u=NODAL, adjoint=BENT), "grid": {"n_xi": 5, "n_eta": 5}},
             "/monitor/adjoint",
             "the adjoint belongs to another mesh than u",
+        ),
+        "adjoint of a constant": (
+            {**monitor("nodal_solution", u=NODAL, adjoint=ZERO), "grid": {"n_xi": 5, "n_eta": 5}},
+            "/monitor/adjoint",
+            "the functional is constant",
         ),
         "adjoint of degree 2": (
             monitor("nodal_solution", u=NODAL, adjoint=NODAL, degree=2),

@@ -24,7 +24,7 @@ from equimesh.monitors.metrics import NORMS, Curvature
 from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
 from equimesh.numerics.types import Array
 from equimesh_coupling.elements import MAX_DEGREE, element_shape
-from equimesh_coupling.goals import NO_DUAL_DEGREE
+from equimesh_coupling.goals import CONSTANT, NO_DUAL_DEGREE
 from equimesh_schema.document import is_number, is_whole
 
 CELLS = ("quad", "triangle")
@@ -350,6 +350,8 @@ class NodalSolution:
             raise InputError(NOT_DUAL, field="adjoint")
         if self.adjoint.mesh.distance(nodes) > 0.0:
             raise InputError(NOT_DUAL, field="adjoint")
+        if not self.adjoint.values.any():
+            raise InputError(CONSTANT, field="adjoint")
 
     def __eq__(self, other: object) -> bool:
         """Whether another monitor is the same request: equal values at equal nodes, in the same norm."""

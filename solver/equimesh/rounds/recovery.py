@@ -38,7 +38,7 @@ from equimesh.quality.elements import CellKind, basis, nodes_of, quadrilateral, 
 from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
 from equimesh_coupling.display import draw_on, picture
 from equimesh_coupling.elements import lobatto
-from equimesh_coupling.goals import NO_DUAL_DEGREE
+from equimesh_coupling.goals import CONSTANT, NO_DUAL_DEGREE
 from equimesh_coupling.parts import cuts_at_corners
 from equimesh_schema import ErrorProducts
 from equimesh_schema.notebook import html_of
@@ -358,7 +358,8 @@ class ErrorEstimate:
         root of the sum over the cells of the products of both errors, and its norm the root of the product of both.
 
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
-        :class:`~equimesh.errors.InputError` for a folded mesh, one of another domain, and an adjoint of degree 2.
+        :class:`~equimesh.errors.InputError` for a folded mesh, one of another domain, and an adjoint that is zero or of
+        degree 2.
         """
         recovery = Recovery.of(mesh, values, domain, degree, cells if adjoint is None else "quad")
         plain = recovery.estimate("l2", threads, of_solver=False)
@@ -368,6 +369,8 @@ class ErrorEstimate:
             if degree != 1:
                 raise InputError(NO_DUAL_DEGREE, field="degree")
             dual = Recovery.of(mesh, adjoint, domain)
+            if not dual.values.any():
+                raise InputError(CONSTANT, field="adjoint")
             is_exact = is_exact or not dual.estimate("l2", threads) > dual.rounding
             size = math.sqrt(size * dual.gradient_norm())
             products = error_products(recovery, dual)

@@ -212,5 +212,7 @@ def test_a_round_with_an_adjoint_lowers_the_products() -> None:
     assert found.products is not None
     assert found.products.bound == pytest.approx(found.estimate_h1**2)
     assert found.products.diffusion == pytest.approx(found.products.bound, rel=0.1)
+    with pytest.raises(em.InputError, match="the functional is constant"):
+        em.adapt_round(mesh, u, adjoint=0.0 * u)
     with pytest.raises(em.InputError, match="degree 1 alone"):
         em.adapt_round(mesh, np.zeros((33, 33)), degree=2, adjoint=u)
