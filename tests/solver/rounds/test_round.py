@@ -14,7 +14,7 @@ from equimesh.errors import InputError, SamplesError
 from equimesh.fields.on_domain import OnDomain
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.starts import mesh_of, rectilinear
-from equimesh.meshes.second_order import lattice_of
+from equimesh.meshes.second_order import lattice_of, require_degree
 from equimesh.quality.measures import measure_errors
 from equimesh.rounds import recovery
 from equimesh.rounds.candidates import LINE_FLOORS, LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
@@ -207,6 +207,23 @@ STEEP_FRONT, LAYERS = em.Expression("tanh(20*(x + y/2 - 0.75))"), em.Expression(
 
 def search(u: em.Field, n: int, m: int, norm: str = "l2") -> Search:
     return Search(u=u, domain=UNIT_SQUARE, before=em.Mesh.uniform(em.Grid(n_xi=n, n_eta=m)), norm=norm)
+
+
+@pytest.mark.parametrize(("u", "degree", "squared"), [("x + 2*y", 1, 5.0), ("x**2 + x*y", 2, 3.0)])
+@pytest.mark.parametrize("blocks", [False, True])
+def test_the_norm_of_the_gradient_on_triangles_is_exact(u: str, degree: int, squared: float, blocks: bool) -> None:
+    domain = em.Blocks.rectangle(cells=(4, 4)) if blocks else UNIT_SQUARE
+    mesh = domain.mesh if isinstance(domain, em.Blocks) else smooth_mesh(5)
+    nodes = mesh if degree == 1 else lattice_of(mesh, degree, "triangle")
+    values = em.Expression(u).evaluate(nodes.x, nodes.y)[0]
+    known = Recovery.of(mesh, values, domain, require_degree(degree), "triangle")
+    assert known.gradient_norm() == pytest.approx(np.sqrt(squared))
+
+
+def test_candidates_are_measured_on_the_triangles_of_the_cut() -> None:
+    mesh, rule = uniform(9, 9), Rule(norm="h1", cells="triangle", degree=2)
+    search = Search(u=FRONT, domain=UNIT_SQUARE, before=mesh, norm="h1", degree=2, cells="triangle")
+    assert search.error_on(mesh) == measured(FRONT, UNIT_SQUARE, mesh, rule)
 
 
 def test_the_best_of_the_candidates_have_their_measured_errors() -> None:
