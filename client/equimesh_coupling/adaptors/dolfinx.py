@@ -9,7 +9,7 @@ import numpy as np
 
 from equimesh_coupling.elements import PlacedValues, is_known
 from equimesh_coupling.errors import BadValues, library
-from equimesh_coupling.parts import Array, HasParts, IntArray, MeshParts
+from equimesh_coupling.parts import Array, Cells, HasParts, IntArray, MeshParts
 
 OLDEST: Final = "0.5"
 INSTALL: Final = "apt-get install python3-dolfinx, or conda install -c conda-forge fenics-dolfinx"
@@ -66,15 +66,15 @@ def _distributed(io: Any, mesh: Any, edges: IntArray, tags: Any) -> tuple[Any, A
 
 
 def placed_values(function: Any, _: HasParts) -> PlacedValues | None:
-    """The values at the degrees of freedom of a scalar Lagrange function of order 2 to 4; else ``None``."""
+    """The values at the degrees of freedom of a scalar Lagrange function of order 2 to 4, on triangles 2; or None."""
     space = function.function_space
     element, values = space.ufl_element(), np.asarray(function.x.array)
     degree = element.degree() if callable(element.degree) else element.degree
     places = np.asarray(space.tabulate_dof_coordinates())[:, :2]
-    is_of_quads = space.mesh.topology.cell_name() == "quadrilateral"
-    if not is_known(degree) or len(places) != len(values) or not is_of_quads:
+    kind: Cells = "quad" if space.mesh.topology.cell_name() == "quadrilateral" else "triangle"
+    if not is_known(degree, kind) or len(places) != len(values):
         return None
-    return PlacedValues(places, values, degree)
+    return PlacedValues(places, values, degree, kind)
 
 
 def nodal_values(function: Any, mesh: HasParts) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from equimesh_coupling.elements import PlacedValues, is_known
 from equimesh_coupling.errors import BadValues, library
-from equimesh_coupling.parts import Array, HasParts, MeshParts
+from equimesh_coupling.parts import Array, Cells, HasParts, MeshParts
 
 OLDEST: Final = "4.7"
 INSTALL: Final = f"pip install 'mfem>={OLDEST}'"
@@ -36,17 +36,18 @@ def mesh_of(parts: MeshParts) -> Any:
 
 
 def placed_values(field: Any, _: HasParts) -> PlacedValues | None:
-    """The values at the nodes of a scalar H1 ``GridFunction`` of order 2 to 4 on quadrilaterals; else ``None``."""
+    """The values at the nodes of a scalar H1 ``GridFunction`` of order 2 to 4, on triangles 2; else ``None``."""
     mfem = library("mfem.ser", package="mfem", at_least=OLDEST, install=INSTALL)
     space = field.FESpace()
     collection, mesh = space.FEColl(), space.GetMesh()
     degree, is_scalar = collection.GetOrder(), collection.Name().startswith("H1") and space.GetVDim() == 1
-    if not (is_scalar and is_known(degree)) or mesh.GetElementType(0) != mfem.Element.QUADRILATERAL:
+    kind: Cells = "quad" if mesh.GetElementType(0) == mfem.Element.QUADRILATERAL else "triangle"
+    if not (is_scalar and is_known(degree, kind)):
         return None
     vectors = mfem.FiniteElementSpace(mesh, collection, 2, mfem.Ordering.byNODES)
     nodes = mfem.GridFunction(vectors)  # which does not keep its space
     mesh.GetNodes(nodes)
-    return PlacedValues(np.array(nodes.GetDataArray()).reshape(2, -1).T, np.array(field.GetDataArray()), degree)
+    return PlacedValues(np.array(nodes.GetDataArray()).reshape(2, -1).T, np.array(field.GetDataArray()), degree, kind)
 
 
 def nodal_values(field: Any, mesh: HasParts) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from equimesh_coupling.elements import PlacedValues, element_points, is_known
 from equimesh_coupling.errors import BadValues, library
-from equimesh_coupling.parts import Array, HasParts, MeshParts
+from equimesh_coupling.parts import Array, Cells, HasParts, MeshParts
 
 OLDEST: Final = "6.2.2302"
 INSTALL: Final = f"pip install 'ngsolve>={OLDEST}'"
@@ -35,16 +35,17 @@ def mesh_of(parts: MeshParts) -> Any:
 
 
 def placed_values(field: Any, mesh: HasParts) -> PlacedValues | None:
-    """The values at the nodes of elements of a scalar function on ``H1`` of order 2 to 4; else ``None``.
+    """The values at the nodes of elements of a scalar function on ``H1`` of order 2 to 4, on triangles 2, or ``None``.
 
     Its degrees of freedom are no values at nodes, so that it is evaluated there.
     """
     space = field.space
     degree, is_scalar = space.globalorder, space.type.startswith("h1") and field.dim == 1
-    if not (is_scalar and is_known(degree)) or mesh.mesh_parts().is_triangular:
+    kind: Cells = "quad" if space.mesh.ne == len(mesh.mesh_parts("quad").cells) else "triangle"
+    if not (is_scalar and is_known(degree, kind)):
         return None
-    points = element_points(mesh, degree)
-    return PlacedValues(points, np.asarray(field(space.mesh(*points.T))).ravel(), degree)
+    points = element_points(mesh, degree, kind)
+    return PlacedValues(points, np.asarray(field(space.mesh(*points.T))).ravel(), degree, kind)
 
 
 def nodal_values(field: Any, mesh: HasParts) -> Array:

@@ -34,13 +34,14 @@ def mesh_of(parts: MeshParts) -> Any:
 
 
 def placed_values(variable: Any, _: HasParts) -> PlacedValues | None:
-    """The values at the nodes of a scalar variable of order 2 on quadrilaterals; ``None`` for another space."""
+    """The values at the nodes of a scalar variable of order 2; ``None`` for another space."""
     field = variable.field
     basis = getattr(field, "poly_space_basis", None) or getattr(field, "poly_space_base", "lagrange")
     is_quadratic = field.approx_order == 2 and variable.n_components == 1 and basis == "lagrange"
-    if not is_quadratic or field.gel.name != "2_4":
+    if not is_quadratic:
         return None
-    return PlacedValues(np.asarray(field.get_coor())[:, :2], np.array(variable(), dtype=np.float64))
+    places, values = np.asarray(field.get_coor())[:, :2], np.array(variable(), dtype=np.float64)
+    return PlacedValues(places, values, cells="quad" if field.gel.name == "2_4" else "triangle")
 
 
 def nodal_values(variable: Any, mesh: HasParts) -> Array:

@@ -109,17 +109,19 @@ def test_values_come_back_in_our_order(parts: MeshParts) -> None:
 
 
 @pytest.mark.parametrize("old", [False, True])
-def test_values_of_order_2_come_with_their_places(quads: MeshParts, old: bool) -> None:
-    points = element_points(quads, 2)
+def test_values_of_order_2_come_with_their_places(parts: MeshParts, old: bool) -> None:
+    kind, points = "quadrilateral", element_points(parts, 2)
+    if parts.is_triangular:
+        kind, points = "triangle", element_points(parts, 2, "triangle")
     order = np.random.default_rng(2).permutation(len(points))
     element = SimpleNamespace(degree=(lambda: 2) if old else 2)
     space = SimpleNamespace(
         ufl_element=lambda: element,
         tabulate_dof_coordinates=lambda: np.pad(points[order], ((0, 0), (0, 1))),
-        mesh=SimpleNamespace(topology=SimpleNamespace(cell_name=lambda: "quadrilateral")),
+        mesh=SimpleNamespace(topology=SimpleNamespace(cell_name=lambda: kind)),
     )
-    found = placed_values(SimpleNamespace(function_space=space, x=SimpleNamespace(array=points[order, 0])), quads)
+    found = placed_values(SimpleNamespace(function_space=space, x=SimpleNamespace(array=points[order, 0])), parts)
     assert found is not None
-    assert np.array_equal(at_elements(found, quads).ravel(), points[:, 0])
-    element.degree = 1
-    assert placed_values(SimpleNamespace(function_space=space, x=SimpleNamespace(array=points[:, 0])), quads) is None
+    assert np.array_equal(at_elements(found, parts).ravel(), points[:, 0])
+    element.degree = 3 if parts.is_triangular else 1
+    assert placed_values(SimpleNamespace(function_space=space, x=SimpleNamespace(array=points[:, 0])), parts) is None

@@ -109,10 +109,12 @@ def main(name: str, folder: Path) -> None:
         field = consumer.linear(hand_over(small))
         found["carried"] = bool(np.allclose(node_values(field, small).ravel(), small.points @ [1.0, 2.0]))
     if hasattr(consumer, "quadratic"):
-        values, degree = element_values(consumer.quadratic(hand_over(small)), small)
-        x, y = element_points(small, 2).T
-        is_carried = degree == 2 and np.allclose(values.ravel(), x * x + 2.0 * y)
-        found["carried"] = bool(is_carried and found.get("carried", True))
+        for cells in getattr(consumer, "CELLS", ("quad", "triangle")):
+            cut = small.mesh_parts(cells)
+            values, *element = element_values(consumer.quadratic(hand_over(cut)), cut)
+            x, y = element_points(cut, 2, cells).T
+            is_carried = element == [2, cells] and np.allclose(values.ravel(), x * x + 2.0 * y)
+            found["carried"] = bool(is_carried and found.get("carried", True))
     found["refused"] = refused(consumer.strangers(small), small) if adaptor else []
     code = folder / f"{name}.py"  # of the page about this consumer
     if code.exists():
