@@ -67,16 +67,16 @@ class CheckedSpec:
 
     @cached_property
     def monitor_digest(self) -> str:
-        """Equal for specs of the same monitor on the same domain; ids of samples are hashes of their content.
+        """Equal for specs of the same monitor on the same domain and cells; ids of samples are hashes of their content.
 
-        A target is checked with its monitor, on the boundary and the cells of the spec. So is on blocks what they
+        A target is checked with its monitor, on the boundary of the spec. So is on blocks what they
         refuse, or take with settings of their own.
         """
-        parts = [self.canonical["monitor"], self.canonical["domain"]]
+        parts = [self.canonical[name] for name in ("monitor", "domain", "cells")]
         if self.has_blocks:
             parts += [self.canonical[name] for name in ("grid", "boundary", "parts", "schwarz")]
         if self.spec.target is not None:
-            parts += [self.canonical[name] for name in ("target", "boundary", "cells")]
+            parts += [self.canonical[name] for name in ("target", "boundary")]
         return _digest(parts)
 
     @cached_property

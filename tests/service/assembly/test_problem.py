@@ -242,3 +242,13 @@ def test_keys_that_came_later_leave_the_points_of_earlier_meshes() -> None:
     earlier = replace(checked, canonical={**checked.canonical, "schwarz": settings})
     assert checked.points_digest == earlier.points_digest
     assert read_spec(small(schwarz={"local_steps": 4})).points_digest != checked.points_digest
+
+
+@pytest.mark.parametrize(("kind", "measured"), [("arc_length", False), ("least_error", True), ("nodal_solution", True)])
+def test_points_depend_on_the_cells_where_errors_are_measured_on_them(kind: str, measured: bool) -> None:
+    corners = [[0.0, 0.0], [1.0, 1.0]]
+    nodal = {"nodal": {"x": corners, "y": [[0.0, 1.0], [0.0, 1.0]], "values": corners}}
+    u = nodal if kind == "nodal_solution" else "x*y"
+    quad, triangle = (read_spec(small(monitor={"kind": kind, "u": u}, cells=cells)) for cells in ("quad", "triangle"))
+    assert (quad.points_digest != triangle.points_digest) is measured
+    assert quad.monitor_digest != triangle.monitor_digest
