@@ -17,7 +17,7 @@ import numpy.typing as npt
 from equimesh_coupling.arrays import finite, real
 from equimesh_coupling.elements import element_numbers, gauss, lagrange_functions
 from equimesh_coupling.errors import BadValues, library
-from equimesh_coupling.functionals import Places, edges_next_to, edges_of_side
+from equimesh_coupling.functionals import Places, answer, edges_next_to, edges_of_side
 from equimesh_coupling.parts import Array, IntArray, MeshParts
 from equimesh_coupling.recovery import edge_numbers, unique_edges
 
@@ -52,7 +52,7 @@ class Equation:
 
     def source_at(self, x: Array, y: Array) -> Array:
         """The right side at points. Raises :class:`BadValues` for numbers of another shape."""
-        found = self.source(x, y) if callable(self.source) else self.source
+        found = answer(self.source, x, y, "the source") if callable(self.source) else self.source
         values = finite(real(found, "the source"), "the source", "where every point needs a number")
         if values.shape not in ((), x.shape):
             raise BadValues(f"the source has answered with the shape {values.shape} for points of shape {x.shape}")

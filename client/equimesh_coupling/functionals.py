@@ -137,12 +137,23 @@ def _in_parts(parts: MeshParts, cells: IntArray, region: Region) -> Places:
 
 
 def _is_in(region: Region, x: Array, y: Array) -> npt.NDArray[np.bool_]:
-    found = np.asarray(region(x, y))
-    if found.shape != x.shape:
-        raise BadValues(f"the region has answered with the shape {found.shape} for points of shape {x.shape}")
-    if found.dtype.kind not in "biu":
-        raise BadValues(f"the region has answered with {found.dtype}: return whether points are in it, such as x > 0.5")
+    found = answer(region, x, y, "the region")
+    if found.shape != x.shape or found.dtype.kind not in "biu":
+        raise BadValues(
+            f"the region has answered with the shape {found.shape} of {found.dtype} for points of shape {x.shape}:"
+            " return whether each point is in it, such as x > 0.5"
+        )
     return found.astype(bool)
+
+
+def answer(function: Callable[[Array, Array], npt.ArrayLike], x: Array, y: Array, what: str) -> npt.NDArray[Any]:
+    """What a ``function`` of points returns; raises :class:`BadValues`, about ``what``, where it takes no arrays."""
+    try:
+        return np.asarray(function(x, y))
+    except (TypeError, ValueError) as error:
+        raise BadValues(
+            f"{what} takes no arrays of x and y ({error!s:.80}): use functions of numpy, and & in place of and"
+        ) from error
 
 
 def _areas(parts: MeshParts, cells: IntArray, s: Array, t: Array) -> Array:

@@ -98,7 +98,8 @@ def test_a_flux_is_what_is_left_of_the_equations_on_its_side() -> None:
         (em.WithAdjoint(U, U), em.Goal.over_side("north"), "no side 'north'"),
         (em.WithAdjoint(U, U), em.Goal.integral(is_in_gap), "no cell of the mesh has a part"),
         (em.WithAdjoint(U, U), em.Goal.integral(lambda x, y: True), "answered with the shape"),  # noqa: ARG005
-        (em.WithAdjoint(U, U), em.Goal.integral(lambda x, y: x * y), "answered with float64: return whether"),
+        (em.WithAdjoint(U, U), em.Goal.integral(lambda x, y: x * y), "of float64 for points"),
+        (em.WithAdjoint(U, U), em.Goal.integral(lambda x, y: x > 0.5 and y > 0.5), "use functions of numpy"),
         (em.WithAdjoint(U, U), em.Goal.over_side(["left"]), "no side"),  # type: ignore[arg-type]
         (em.WithAdjoint(U, U), em.Goal(lambda mesh: mesh.x * math.nan), "infinite, where each node needs a number"),
         (em.WithAdjoint(U, U), em.Goal.point(0.3, 0.4, diffusion=1.0, source=1.0), "name them in fixed"),
