@@ -209,10 +209,7 @@ class Service:
 
     def discard(self, sha256: str) -> None:
         """Remove a file that no row names any more; if that fails, the next sweep removes it."""
-        try:
-            self.files.remove(sha256)
-        except OSError as error:
-            _log.warning("file %s was not removed, the next sweep will try again: %s", sha256, type(error).__name__)
+        self.files.discard(sha256)
 
     def close(self) -> None:
         """Stop the work and close all parts; running meshes go back into the queue."""
@@ -285,6 +282,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         _rules(settings),
         wakeups.announce,
         metrics,
+        files.discard,
     )
     metrics.add_snapshots(lambda: _take_snapshot(store, engine))
     dispatcher.start(alone=lock is not None)

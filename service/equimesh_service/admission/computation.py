@@ -6,6 +6,7 @@ import json
 import logging
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
@@ -21,6 +22,7 @@ from equimesh.specs.spec import BuiltSpec
 from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.formats import check_format
+from equimesh_service.admission.steps import StepAdmission, max_bytes, read_arrays, read_json
 from equimesh_service.admission.tasks import AdmittedSpec, Computation, ComputationResult, Request
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.bodies import MAX_SHORT_BYTES, ShortSpec
@@ -32,13 +34,15 @@ from equimesh_service.errors import (
     KeyTakenError,
     QuotaError,
     SamplesGoneError,
+    StepTakenError,
     TimeLimitError,
 )
-from equimesh_service.files.port import StoredFile
+from equimesh_service.files.port import StoredFile, publish_nothing
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.problems.storage import storage_faults
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec
+from equimesh_service.store.blobs import BlobFiles
 from equimesh_service.store.rows import (
     FAILED,
     Ending,
@@ -49,12 +53,13 @@ from equimesh_service.store.rows import (
     Outcome,
     SamplesRow,
 )
+from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 from equimesh_service.telemetry.stopwatch import Stopwatch
-from equimesh_service.wire.body import take_apart
+from equimesh_service.wire.body import NPZ, take_apart
 from equimesh_service.worker.drawing import Frames, document_of_solution, draw_solution
 from equimesh_service.worker.job import DRAWING, attempt, log_context_of
-from equimesh_service.worker.solve import Attempt, Work, solve_work
+from equimesh_service.worker.solve import Attempt, Work, build_work, solve_work
 from equimesh_service.worker.summary import problem_of
 
 if TYPE_CHECKING:
@@ -137,7 +142,7 @@ def answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
 
     :class:`~equimesh_service.store.rows.NoMesh` has the reason of a refusal. It has the admitted spec where an earlier
     mesh may be the answer, where a cluster computes the mesh in parts, and where there may be no room for it: the
-    service knows which meshes are still in flight.
+    service knows which meshes are still in flight. It has neither where the service is to check a step.
     """
     claim = request.claim
     with log_context.enter(log_context_of(claim)), attempt(claim):
@@ -148,7 +153,7 @@ def answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
             return None
         except KeyTakenError as error:
             return NoMesh(earlier=error.mesh_id)
-        except (KeyReusedError, QuotaError, SamplesGoneError) as error:
+        except (KeyReusedError, QuotaError, SamplesGoneError, StepTakenError) as error:
             return NoMesh(error=error)
         except Problem:
             raise
@@ -160,29 +165,20 @@ def answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
 def _answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
     began, stopwatch = time.perf_counter(), Stopwatch()
     store, files = request.storage.store(), request.storage.files()
+    begin, claim = _begin_mesh if request.place is None else _begin_step, request.claim
     try:
-        admitted = admit(request.content_type, request.body, request.caller, Admission(request.settings, store, files))
-        if request.format is not None:
-            check_format(request.format, admitted.spec)
+        begun = begin(request, store, files)
     except Problem as problem:
         if problem.name == "unavailable":
             raise
         return NoMesh(error=problem)
+    if isinstance(begun, NoMesh):
+        return begun
     stopwatch.lap("check")
-    claim, caller, spec = request.claim, request.caller, admitted.problem
-    new = admitted.new_mesh(claim, request.format)
-    may_reuse = request.reuse and request.settings.reuse and store.meshes.has_equal(new)
-    if may_reuse or admitted.is_in_parts or store.meshes.has_key(caller.key_id, request.key):
-        return NoMesh(admitted=replace(admitted, built=None))
-    if request.quota is not None and not store.quotas.fits(caller.key_id, new.points, request.quota):
-        return NoMesh(admitted=replace(admitted, built=None))
+    work, entry, uploads = begun
     _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
-    entry = NewEntry(
-        new=new, samples=admitted.upload, key=request.key, fingerprint=admitted.fingerprint(request.format)
-    )
-    at_work = Attempt(store, claim, entry, request.lease, request.quota, began)
+    at_work = Attempt(store, claim, entry, request.lease, request.quota, files, began)
     at_work.enter_if_late()
-    work = Work(mesh_input=MeshInput(spec=new.spec, samples=admitted.samples, format=request.format), spec=spec)
     threads = request.settings.worker_threads
     try:
         end = solve_work(work, at_work, files, stopwatch, threads=threads, hands_over=True)
@@ -190,7 +186,61 @@ def _answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:
         if problem.name == "unavailable":
             raise
         end = _failed(problem, at_work, time.perf_counter() - began)
-    return _with_uploads(end, admitted.uploads)
+    return _with_uploads(end, uploads)
+
+
+def _begin_mesh(request: Request, store: Store, files: BlobFiles) -> tuple[Work, NewEntry, int] | NoMesh:
+    """The work of a request for a mesh, and its files that came with it; raises its problems."""
+    admitted = admit(request.content_type, request.body, request.caller, Admission(request.settings, store, files))
+    if request.format is not None:
+        check_format(request.format, admitted.spec)
+    caller, new = request.caller, admitted.new_mesh(request.claim, request.format)
+    may_reuse = request.reuse and request.settings.reuse and store.meshes.has_equal(new)
+    if may_reuse or admitted.is_in_parts or store.meshes.has_key(caller.key_id, request.key):
+        return NoMesh(admitted=replace(admitted, built=None))
+    if request.quota is not None and not store.quotas.fits(caller.key_id, new.points, request.quota):
+        return NoMesh(admitted=replace(admitted, built=None))
+    fingerprint = admitted.fingerprint(request.format)
+    entry = NewEntry(new=new, samples=admitted.upload, key=request.key, fingerprint=fingerprint)
+    mesh_input = MeshInput(spec=new.spec, samples=admitted.samples, format=request.format)
+    return Work(mesh_input=mesh_input, spec=admitted.problem), entry, admitted.uploads
+
+
+def _begin_step(request: Request, store: Store, files: BlobFiles) -> tuple[Work, NewEntry, int] | NoMesh:
+    """The work of a step that follows the mesh at its place; of others the service finds out what they follow.
+
+    Raises its problems.
+    """
+    place, caller, admission = request.place, request.caller, Admission(request.settings, store, files)
+    assert place is not None
+    if request.content_type == NPZ:
+        move = read_arrays(request.body, max_bytes(request.settings, place.points))
+    else:
+        move = read_json(request.body)
+    if move.step != place.number:
+        return NoMesh()
+    with ExitStack() as stack:
+        made = StepAdmission(admission, store, files).prepare(move, place.mesh_id, caller, stack)
+    if request.format is not None:
+        check_format(request.format, made.admitted.spec)
+    new = replace(made.admitted.new_mesh(request.claim, request.format), fingerprint=None)
+    fits = request.quota is None or store.quotas.fits(caller.key_id, new.points, request.quota)
+    if not fits or not made.files <= made.contents.keys():
+        return NoMesh()
+    functions = [(row, publish_nothing) for row, _ in made.functions]
+    step = replace(
+        made.new_step(place, caller.key_id), publish=publish_nothing, functions=functions, contents=made.contents
+    )
+    mesh_input = MeshInput(
+        spec=new.spec,
+        samples=made.admitted.samples,
+        format=request.format,
+        start=made.start,
+        fields=None if made.fields is None else made.fields.sha256,
+        settings=made.settings,
+    )
+    work = build_work(mesh_input, replace(files, not_stored=made.contents))
+    return work, NewEntry(new=new, key=request.key, fingerprint=place.fingerprint, step=step), 0
 
 
 def admit(content_type: str, body: bytes, caller: Caller, admission: Admission) -> AdmittedSpec:

@@ -16,7 +16,7 @@ from starlette.concurrency import run_in_threadpool
 
 from equimesh_service.admission.callers import Caller, Quotas, quota_problem
 from equimesh_service.admission.formats import check_format
-from equimesh_service.admission.tasks import ANSWER, AdmittedSpec, PackedProblems, Request
+from equimesh_service.admission.tasks import ANSWER, AdmittedSpec, PackedProblems, Request, StepPlace
 from equimesh_service.dispatch.dispatcher import Dispatcher
 from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.errors import EngineError, KeyReusedError, QuotaError, SamplesGoneError, StepTakenError
@@ -102,13 +102,27 @@ class Intake:
         stopwatch.lap("check")
         return await self._accept_admitted(admitted, body.caller, request)
 
+    async def take_step(self, body: Body, request: MeshRequest, place: StepPlace) -> AcceptedMesh | None:
+        """Let a worker check and compute a step of a request that waits; None where the service has to check it.
+
+        Raises the problems of a step that is refused.
+        """
+        longest, caller = min(request.seconds, MAX_LINE_SECONDS), body.caller
+        if not request.seconds > 0 or not await self.dispatcher.line.obtain(caller.key_id, caller.share, longest):
+            return None
+        stopwatch.lap("line")
+        accepted = await self._compute(body, request, place)
+        if accepted is not None:
+            log_context.current().mesh_id = accepted.mesh_id
+        return accepted
+
     async def _accept_admitted(self, admitted: AdmittedSpec, caller: Caller, request: MeshRequest) -> AcceptedMesh:
         self.metrics.count_uploads(admitted.uploads)
         if admitted.is_in_parts:
             await self.quotas.check_bytes(caller, admitted.expected_bytes)
         return await self.accept(admitted, caller, request)
 
-    async def _compute(self, body: Body, request: MeshRequest) -> AcceptedMesh | None:
+    async def _compute(self, body: Body, request: MeshRequest, place: StepPlace | None = None) -> AcceptedMesh | None:
         """Give a request to the reserved worker; None when no worker has it, and the store does not know it."""
         caller = body.caller
         claim = _new_claim(caller)
@@ -124,6 +138,7 @@ class Intake:
             reuse=request.reuse,
             quota=self._quota(caller.key_id) if caller.key_id else None,
             lease=self.dispatcher.lease,
+            place=place,
         )
         try:
             with tracing.span("enqueue"):
@@ -161,13 +176,18 @@ class Intake:
         """The limits of a key, with the meshes that workers of this service have and the store may not."""
         return self.quotas.mesh_quota(self.dispatcher.in_flight(key_id))
 
-    async def _conclude(self, end: NoMesh, caller: Caller, request: MeshRequest) -> AcceptedMesh:
-        """The mesh of a request of which its worker has made none; raises the problem of a refusal."""
+    async def _conclude(self, end: NoMesh, caller: Caller, request: MeshRequest) -> AcceptedMesh | None:
+        """The mesh of a request of which its worker has made none; raises the problem of a refusal.
+
+        None for a step that the service has to check.
+        """
         if end.error is not None:
             with refusals():
                 raise end.error
         if end.earlier:
             return AcceptedMesh(end.earlier)
+        if end.admitted is None:
+            return None
         return await self._accept_admitted(end.admitted, caller, request)
 
     async def _is_stored(self, mesh_id: str) -> bool:

@@ -28,7 +28,7 @@ from equimesh_schema.sequences import (
 from equimesh_schema.sources import ExpressionSource
 from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.tasks import AdmittedSpec
+from equimesh_service.admission.tasks import AdmittedSpec, StepPlace
 from equimesh_service.assembly.bodies import (
     MAX_SHORT_BYTES,
     Array,
@@ -48,7 +48,7 @@ from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.monitors import completed, functions_of, with_functions, with_u
 from equimesh_service.spec.strict import validate
 from equimesh_service.store.blobs import MAX_ROW_BYTES, BlobFiles, insert_blob
-from equimesh_service.store.rows import NODAL, Artifact, SamplesRow
+from equimesh_service.store.rows import NODAL, Artifact, NewStep, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.worker.recent import MESHES
 
@@ -320,6 +320,7 @@ class PreparedStep:
 
     ``start`` is the file of the mesh that it follows. ``settings`` are for the worker: those of the move, and the
     record of the mesh ``before``. ``publish`` gives the file of the fields its name, as those of the ``functions``.
+    ``contents`` are the bytes of those files by their SHA-256; large ones are on disk.
     """
 
     admitted: AdmittedSpec
@@ -328,6 +329,27 @@ class PreparedStep:
     fields: Artifact | None = None
     publish: Publish = publish_nothing
     functions: Sequence[tuple[SamplesRow, Publish]] = ()
+    contents: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def files(self) -> set[str]:
+        """The SHA-256 of all files that are not stored yet."""
+        return {row.sha256 for row, _ in self.functions} | (set() if self.fields is None else {self.fields.sha256})
+
+    def new_step(self, place: StepPlace, key_id: str) -> NewStep:
+        """The step after that of ``place``, to be inserted."""
+        return NewStep(
+            sequence_id=place.sequence_id,
+            number=place.number + 1,
+            keep=place.keep,
+            fingerprint=place.fingerprint,
+            key_id=key_id,
+            start=self.start,
+            fields=self.fields,
+            settings=self.settings,
+            publish=self.publish,
+            functions=self.functions,
+        )
 
 
 @dataclass(frozen=True)
@@ -337,6 +359,7 @@ class StepAdmission:
     admission: Admission
     store: Store
     files: BlobFiles
+    contents: dict[str, bytes] = field(default_factory=dict)
 
     def prepare(self, move: Move, mesh_id: str, caller: Caller, stack: ExitStack) -> PreparedStep:
         """The spec of the mesh after ``mesh_id``; raises 409 and 422 problems. Files last until ``stack`` closes."""
@@ -347,7 +370,9 @@ class StepAdmission:
         checked = move.check(mesh)
         admitted, functions = self._admitted(spec, mesh, move, checked, (caller, stack))
         settings = {**self.store.sequences.settings_of(mesh_id), **move.motion, "before": self._before(mesh_id, spec)}
-        prepared = PreparedStep(admitted=admitted, start=start.sha256, settings=settings, functions=functions)
+        prepared = PreparedStep(
+            admitted=admitted, start=start.sha256, settings=settings, functions=functions, contents=self.contents
+        )
         if not checked.fields:
             return prepared
         file, publish = self._seal(field_arrays(checked.fields), stack)
@@ -358,6 +383,7 @@ class StepAdmission:
         if sum(np.asarray(values).nbytes for values in arrays.values()) < MAX_ROW_BYTES - _NPZ_BYTES:
             content = npz_bytes(arrays)
             small = StoredFile(sha256(content).hexdigest(), len(content))
+            self.contents[small.sha256] = content
             return small, lambda _: insert_blob(self.files.database, small.sha256, content)
         path = stack.enter_context(self.files.unfinished(".npz"))
         np.savez(path, **arrays)

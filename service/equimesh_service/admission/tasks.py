@@ -27,6 +27,8 @@ COMPUTE = NamedFunction("equimesh_service.admission.computation:compute")
 """From a :class:`Computation` to a :class:`ComputationResult`."""
 ANSWER = NamedFunction("equimesh_service.admission.computation:answer")
 """From a :class:`Request` to the end of its mesh."""
+MAX_STEP_POINTS = 20_000
+"""The most points of a mesh whose steps go to workers as they came."""
 MAX_PACKED_BYTES = 128 * 2**20
 """The most bytes of all problems that wait for a worker in one process."""
 # Bytes of a point in the files of a mesh in parts: x, y, z, u, its number and its sides; corners, end, type and part of
@@ -120,12 +122,27 @@ class ComputationResult:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StepPlace:
+    """The step of a sequence that a new one follows, its mesh, and the points of that.
+
+    ``keep`` is the number of meshes that are kept, and ``fingerprint`` is equal for equal requests.
+    """
+
+    sequence_id: str
+    number: int
+    mesh_id: str
+    points: int
+    keep: int
+    fingerprint: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Request:
     """The task of a worker: a request for a mesh that is kept, as it came, and the ``claim`` of the mesh to be.
 
     ``format`` is that of the requested file. With ``reuse`` a finished mesh of the same spec may answer it. ``key`` is
     its idempotency key, ``quota`` has the limits of its API key. A mesh that is not finished soon is entered into the
-    store under the ``lease``.
+    store under the ``lease``. The ``place`` makes it a step of a sequence.
     """
 
     content_type: str
@@ -139,6 +156,7 @@ class Request:
     reuse: bool
     quota: Quota | None
     lease: Lease
+    place: StepPlace | None = None
 
 
 class PackedProblems:

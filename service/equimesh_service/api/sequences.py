@@ -3,6 +3,7 @@
 import json
 import secrets
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
@@ -15,7 +16,8 @@ from starlette.responses import Response
 
 from equimesh_schema.sequences import ANSWER
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, refusals
+from equimesh_service.admission.intake import AcceptedMesh, Body, MeshRequest, refusals
+from equimesh_service.admission.tasks import MAX_STEP_POINTS, StepPlace
 from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_mesh
 from equimesh_service.api.meshes import Waiting
 from equimesh_service.api.resources import SequenceList, SequenceResource, sequence_resource
@@ -32,6 +34,7 @@ from equimesh_service.api.routing import (
 )
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
+from equimesh_service.store.blobs import MAX_ROW_BYTES
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Ending, MeshRow, NewStep, SequenceRow
 from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire import body as bodies
@@ -81,6 +84,8 @@ _STEP_BODY = {
         },
     },
 }
+# The most bytes of a step in JSON that goes to a worker as it came. A side worker shortens a longer one first.
+_MAX_TEXT_BYTES = 256 * 1024
 # The most points of a mesh whose velocity is in JSON answers.
 _MAX_VELOCITY_POINTS = 10_000
 _TEXT = {"type": "string"}
@@ -220,28 +225,32 @@ async def step(
                     return await _answer(waiting, request, service, caller, AcceptedMesh(again))
             await service.quotas.check_bytes(caller, len(data))
             mesh = await service.mesh(sequence.mesh_id, caller)
+            at = StepPlace(
+                sequence_id=id,
+                number=sequence.number,
+                mesh_id=mesh.id,
+                points=mesh.n_xi * mesh.n_eta,
+                keep=sequence.keep,
+                fingerprint=fingerprint,
+            )
+            mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key)
+            if mesh.status == SUCCEEDED and _is_short(kind, data, at.points):
+                with service.quotas.count_wait(caller, waiting.seconds):
+                    body = Body(content_type=kind, content=data, caller=caller)
+                    taken = await service.intake.take_step(body, mesh_request, at)
+                    if taken is not None:
+                        del body, data
+                        return await _answer(waiting, request, service, caller, taken, (id, at.number + 1))
             move, made = await service.check(_check_step, service, (kind, data), (sequence, mesh), caller, stack)
             del data  # a mesh that is waited for needs it no more
         if made is None:
             start = await _start(service, caller, sequence.id, move.step)
             made = await service.check(_prepare_step, service, move, start, caller, stack)
         stopwatch.lap("check")
-        new = NewStep(
-            sequence_id=id,
-            number=move.step + 1,
-            keep=sequence.keep,
-            fingerprint=fingerprint,
-            key_id=caller.key_id,
-            start=made.start,
-            fields=made.fields,
-            settings=made.settings,
-            publish=made.publish,
-            functions=made.functions,
-            discard=service.discard,
-        )
+        step = made.new_step(replace(at, number=move.step), caller.key_id)
+        new = replace(step, discard=service.discard)
         with service.quotas.count_wait(caller, waiting.seconds):
-            mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=new)
-            accepted = await service.intake.accept(made.admitted, caller, mesh_request)
+            accepted = await service.intake.accept(made.admitted, caller, replace(mesh_request, step=new))
             return await _answer(waiting, request, service, caller, accepted, (id, new.number))
 
 
@@ -327,6 +336,11 @@ async def _read_body(request: Request, service: Service, place: bodies.BodyPlace
         shown = repr(kind[:80]) if kind else "no Content-Type"
         raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {bodies.NPZ}, not {shown}.")
     return kind, await bodies.read_body(request, service.settings.max_body, place)
+
+
+def _is_short(kind: str, data: bytes, points: int) -> bool:
+    """Whether a step goes to a worker as it came: its text is read at once, and all its files become rows."""
+    return points <= MAX_STEP_POINTS and len(data) <= (MAX_ROW_BYTES if kind == bodies.NPZ else _MAX_TEXT_BYTES)
 
 
 def _find_repeated(service: Service, caller: Caller, key: str | None, head: str, data: bytes) -> tuple[str, str | None]:

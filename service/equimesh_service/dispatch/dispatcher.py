@@ -18,6 +18,7 @@ from equimesh_service.errors import (
     MemoryLimitError,
     SamplesGoneError,
     SchedulerLostError,
+    StepTakenError,
     TimeLimitError,
     WorkerLostError,
 )
@@ -32,6 +33,7 @@ from equimesh_service.store.rows import (
     MeshInput,
     NoMesh,
     Outcome,
+    keep_file,
 )
 from equimesh_service.store.store import Store
 from equimesh_service.store.writer import Writer, store_finished
@@ -72,7 +74,7 @@ class Dispatcher:
     ``run`` gives the function and the arguments that a worker calls for a claim. A worker returns a
     :class:`FinishedMesh`, which a :class:`~equimesh_service.store.writer.Writer` stores. It stores a mesh with large
     files itself, and on a cluster every mesh that came from the queue. ``notify`` is called with the id of every mesh
-    whose status may have changed.
+    whose status may have changed, and ``discard`` with each file that no row names any more.
 
     A mesh whose request waits can skip the queue: reserve a worker in the :attr:`line`, put the mesh into the store as
     claimed by :attr:`lease`, and :meth:`begin` it, or release the worker. A request is begun before its mesh is in the
@@ -88,8 +90,10 @@ class Dispatcher:
         rules: Rules,
         notify: Callable[[str], None],
         metrics: Metrics | None = None,
+        discard: Callable[[str], None] = keep_file,
     ) -> None:
         self._owner = owner
+        self._discard = discard
         self._store = store
         self._engine = engine
         self._run = run
@@ -290,7 +294,7 @@ class Dispatcher:
     def _write(self, claim: Claim, finished: FinishedMesh, ended: Future[Any]) -> None:
         """Put a finished mesh into the store, with others that wait for it."""
         try:
-            stored = self._writer.commit(partial(store_finished, self._store, claim, finished))
+            stored = self._writer.commit(partial(store_finished, self._store, claim, finished, self._discard))
         except EngineError as error:  # the service stops, and the mesh is back in the queue
             ended.set_exception(error)
             return
@@ -309,7 +313,7 @@ class Dispatcher:
             if mesh_id == claim.mesh_id:
                 self._metrics.count_end(ending)
             ended.set_result(ending if mesh_id == claim.mesh_id else mesh_id and NoMesh(earlier=mesh_id))
-        elif isinstance(error, KeyReusedError | SamplesGoneError):
+        elif isinstance(error, KeyReusedError | SamplesGoneError | StepTakenError):
             ended.set_result(NoMesh(error=error))
         else:
             ended.set_exception(storage_problem(error) or error)

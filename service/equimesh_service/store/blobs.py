@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Iterator, Sequence
+import logging
+from collections.abc import AsyncGenerator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, aclosing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,6 +17,7 @@ from equimesh_service.files.port import Files, ListedFile, Removed, StoredFile, 
 from equimesh_service.store.database import Database, insert_new
 from equimesh_service.store.schema import blobs
 
+_log = logging.getLogger(__name__)
 # Files of up to so many bytes are rows.
 MAX_ROW_BYTES = 1024 * 1024
 # Rows that are listed by one query.
@@ -45,11 +47,13 @@ class BlobFiles:
     """Files up to 1 MiB in rows, others in ``larger``; see :class:`~equimesh_service.files.port.Files`.
 
     A row is written and removed in the transaction that it is called in, so it needs no sync of its own: what names
-    the file and the file itself are committed together. Files of earlier releases are read where they are.
+    the file and the file itself are committed together. Files of earlier releases are read where they are. Small files
+    that are ``not_stored`` yet, by their SHA-256, are read as if they were.
     """
 
     database: Database
     larger: Files
+    not_stored: Mapping[str, bytes] = field(default_factory=dict)
 
     def prepare(self, *, alone: bool) -> None:
         """Make the storage of larger files ready."""
@@ -82,6 +86,8 @@ class BlobFiles:
 
     def require(self, sha256: str) -> None:
         """Raise :class:`FileNotFoundError` where a file is not there any more."""
+        if sha256 in self.not_stored:
+            return
         with self.database.read() as connection:
             size = connection.execute(_MEASURE, {"file": sha256}).scalar()
         if size is None:
@@ -129,6 +135,13 @@ class BlobFiles:
         if not removed:
             self.larger.remove(sha256)
 
+    def discard(self, sha256: str) -> None:
+        """Remove a file that no row names any more; if that fails, the next sweep removes it."""
+        try:
+            self.remove(sha256)
+        except OSError as error:
+            _log.warning("file %s was not removed, the next sweep will try again: %s", sha256, type(error).__name__)
+
     def listing(self) -> Iterator[ListedFile]:
         """All files of both storages."""
         now, rows = self.database.clock(), self._rows_after("")
@@ -148,6 +161,8 @@ class BlobFiles:
 
     def _read(self, sha256: str) -> bytes | None:
         key_of(sha256)  # refuses what is no SHA-256
+        if sha256 in self.not_stored:
+            return self.not_stored[sha256]
         with self.database.read() as connection:
             content = connection.execute(_READ, {"file": sha256}).scalar()
         return None if content is None else bytes(content)

@@ -201,6 +201,7 @@ class Database:
             with outer.begin_nested():
                 yield outer
             return
+        calls = list[Callable[[], None]]()
         with (
             self._turns,
             self._engine.connect().execution_options(writes=True, synced=durable) as connection,
@@ -210,11 +211,26 @@ class Database:
                 connection.execute(text("SET LOCAL synchronous_commit TO off"))
             if self._server_clock is not None:
                 self._server_clock.follow(connection)
-            self._outer.connection = connection
+            self._outer.connection, self._outer.calls = connection, calls
             try:
                 yield connection
             finally:
                 self._outer.connection = None
+        for call in calls:
+            try:
+                call()
+            except Exception as error:
+                _log.warning("what follows a commit has failed, and is done later: %s", type(error).__name__)
+
+    def when_committed(self, call: Callable[[], None]) -> None:
+        """Call a function when the writing transaction of this thread is committed; now, where there is none.
+
+        It may fail, since the transaction cannot be undone any more: then it is logged.
+        """
+        if self._writing is None:
+            call()
+        else:
+            self._outer.calls.append(call)
 
     @property
     def _writing(self) -> Connection | None:

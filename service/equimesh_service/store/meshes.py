@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from sqlalchemy import Connection, Row, bindparam, delete, insert, select, tuple_, update
@@ -272,25 +273,35 @@ class MeshesStore:
     ) -> str:
         """Insert a mesh that was finished after ``seconds`` of work, with its samples and files, and return its id.
 
-        For a repeated key, return the id of the earlier mesh. Raises :class:`KeyReusedError` and
-        :class:`~equimesh_service.errors.SamplesGoneError` as :meth:`add`.
+        For a repeated key, return the id of the earlier mesh. As a step it replaces meshes that are no longer kept.
+        Raises :class:`KeyReusedError`, :class:`~equimesh_service.errors.SamplesGoneError` and :class:`StepTakenError`
+        as :meth:`add`.
         """
-        new, sent, now = entry.new, entry.samples, self._clock()
+        new, sent, step, now = entry.new, entry.samples, entry.step, self._clock()
         files = [file.sha256 for file in outcome.files]
+        held: set[str] = set()
 
         def put(connection: Connection) -> bool:
+            leaving = [] if step is None else take_turn(connection, step, now)
+            if step is not None:
+                insert_functions(connection, new, step, now)
             # The mesh first, then samples and files, as in all transactions: so no two wait for each other.
             insert_finished(connection, new, outcome, now, seconds)
             lock(connection, files if sent is None else [sent.row.sha256, *files])
             if sent is not None:
                 insert_samples(connection, sent.row, publish_samples, key_id=new.key_id, now=now)
             use_samples(connection, new, now)
+            if step is not None:
+                held.update(delete_meshes(connection, leaving, now).files)
+                insert_step(connection, new, step)
             insert_artifacts(connection, new.id, outcome.files)
             outcome.publish(removal_lookup(connection))
             return True
 
         added = self._once(new, entry.key, entry.fingerprint, put)
         assert added is not None
+        if step is not None and added == new.id:
+            self._database.when_committed(partial(remove_unused, self._database, held, step.discard))
         return added
 
     def has_key(self, key_id: str, key: str | None) -> bool:

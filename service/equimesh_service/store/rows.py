@@ -25,7 +25,7 @@ NODAL = "n-"
 Position = tuple[int] | tuple[float, str]
 
 
-def _keep(_: str) -> None:
+def keep_file(_: str) -> None:
     """Remove nothing."""
 
 
@@ -155,13 +155,15 @@ class NewSamples:
 class NewEntry:
     """All that enters the store with a new mesh: its row, the samples that came with its request, and its key.
 
-    ``key`` is the idempotency key of the request and ``fingerprint`` its fingerprint. The samples are a small file.
+    ``key`` is the idempotency key of the request and ``fingerprint`` its fingerprint. The samples are a small file. The
+    ``step`` makes the mesh one of a sequence.
     """
 
     new: NewMesh
     samples: NewSamples | None = None
     key: str | None = None
     fingerprint: str = ""
+    step: "NewStep | None" = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,7 +242,8 @@ class NewStep:
 
     ``fingerprint`` is equal for equal requests. ``settings`` are JSON for the worker. ``publish`` publishes the
     file of the ``fields``, and ``discard`` removes a file that no row names any more. ``functions`` at the nodes are
-    stored with the step as samples, each with what publishes its file.
+    stored with the step as samples, each with what publishes its file. On the way from a worker these functions publish
+    nothing, and ``contents`` are the bytes of all files by their SHA-256.
     """
 
     sequence_id: str
@@ -253,7 +256,8 @@ class NewStep:
     settings: Mapping[str, Any] | None = None
     publish: Publish = publish_nothing
     functions: Sequence[tuple[SamplesRow, Publish]] = ()
-    discard: Callable[[str], None] = _keep
+    contents: Mapping[str, bytes] = field(default_factory=dict)
+    discard: Callable[[str], None] = keep_file
 
 
 @dataclass(frozen=True, kw_only=True)

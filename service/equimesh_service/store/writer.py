@@ -16,7 +16,7 @@ from equimesh_service.errors import EngineError
 from equimesh_service.files.port import Publish, Removed
 from equimesh_service.store.blobs import insert_blob
 from equimesh_service.store.database import Database
-from equimesh_service.store.rows import Claim, FinishedMesh
+from equimesh_service.store.rows import Claim, FinishedMesh, NewStep, keep_file
 from equimesh_service.store.store import Store
 
 Result = TypeVar("Result")
@@ -116,15 +116,28 @@ class Writer:
             tell()
 
 
-def store_finished(store: Store, claim: Claim, finished: FinishedMesh) -> str | None:
+def with_contents(step: NewStep, store: Store, discard: Callable[[str], None]) -> NewStep:
+    """A step that came from a worker, whose files are published from their bytes."""
+    files = step.contents
+    fields = {} if step.fields is None else {step.fields.sha256: files[step.fields.sha256]}
+    functions = [(row, _inserting(store, {row.sha256: files[row.sha256]})) for row, _ in step.functions]
+    return replace(step, publish=_inserting(store, fields), functions=functions, discard=discard)
+
+
+def store_finished(
+    store: Store, claim: Claim, finished: FinishedMesh, discard: Callable[[str], None] = keep_file
+) -> str | None:
     """Put a finished mesh into the store with the bytes of its files, as one change.
 
     Returns its id, None when the claim is no longer valid, and for a new mesh as
-    :meth:`~equimesh_service.store.meshes.MeshesStore.add_finished`.
+    :meth:`~equimesh_service.store.meshes.MeshesStore.add_finished`. ``discard`` is called with the files of meshes that
+    a step replaces, which no row names any more.
     """
     entry, outcome = finished.entry, replace(finished.outcome, publish=_inserting(store, finished.contents))
     if entry is None:
         return claim.mesh_id if store.queue.finish(claim, outcome) else None
+    if entry.step is not None:
+        entry = replace(entry, step=with_contents(entry.step, store, discard))
     sent = {} if entry.samples is None else {entry.samples.row.sha256: entry.samples.archive}
     return store.meshes.add_finished(entry, outcome, seconds=finished.seconds, publish_samples=_inserting(store, sent))
 

@@ -45,9 +45,11 @@ from equimesh_service.store.rows import (
     Lease,
     MeshInput,
     NewEntry,
+    NewStep,
     Outcome,
 )
 from equimesh_service.store.store import Store
+from equimesh_service.store.writer import with_contents
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.worker.in_parts import solve_in_parts
@@ -324,6 +326,7 @@ class Attempt:
     entry: NewEntry | None = None
     lease: Lease | None = None
     quota: Quota | None = None
+    files: BlobFiles | None = None
     began: float = float("-inf")  # by `time.perf_counter`
 
     def enter_if_late(self) -> None:
@@ -343,7 +346,12 @@ class Attempt:
         if entry.samples is not None:
             self.store.samples.keep(entry.samples, new.key_id)
         mesh_id = self.store.meshes.add(
-            new, key=entry.key, fingerprint=entry.fingerprint, quota=self.quota, lease=self.lease
+            new,
+            key=entry.key,
+            fingerprint=entry.fingerprint,
+            quota=self.quota,
+            lease=self.lease,
+            step=self._step_of(entry),
         )
         if mesh_id != new.id:
             raise KeyTakenError(mesh_id)
@@ -362,10 +370,17 @@ class Attempt:
         if sent is not None:
             self.store.samples.keep(sent, self.entry.new.key_id)
         # Nothing was promised for a new mesh before, so its only commit waits for the disk.
-        mesh_id = self.store.meshes.add_finished(replace(self.entry, samples=None), outcome, seconds=seconds)
+        entry = replace(self.entry, samples=None, step=self._step_of(self.entry))
+        mesh_id = self.store.meshes.add_finished(entry, outcome, seconds=seconds)
         if mesh_id != self.claim.mesh_id:
             raise KeyTakenError(mesh_id)
         return True
+
+    def _step_of(self, entry: NewEntry) -> NewStep | None:
+        """The step of a mesh, whose files are published from their bytes."""
+        if entry.step is None or self.files is None:
+            return None
+        return with_contents(entry.step, self.store, self.files.discard)
 
 
 def _solve(job: Job) -> FinishedMesh | Ending | None:
@@ -441,8 +456,13 @@ def _build(job: Job, store: Store, files: BlobFiles) -> Work:
     mesh_input = job.mesh_input or store.meshes.get_input(job.claim.mesh_id)
     if mesh_input is None:
         raise AttemptLostError
-    if job.packed is not None:
-        spec: BuiltSpec = pickle.loads(job.packed)
+    return build_work(mesh_input, files, job.packed)
+
+
+def build_work(mesh_input: MeshInput, files: BlobFiles, packed: bytes | None = None) -> Work:
+    """The problem of a mesh, and the start of a step; ``packed`` is the problem where it was built before."""
+    if packed is not None:
+        spec: BuiltSpec = pickle.loads(packed)
     else:
         with ExitStack() as samples:
             find = samples_of(mesh_input, files, samples)

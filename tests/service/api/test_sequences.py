@@ -127,6 +127,27 @@ def test_of_two_steps_at_once_one_is_taken(http: httpx.Client) -> None:
     assert http.post(sequence["links"]["steps"], json={"step": 7, "u": {"expression": "x"}}).status_code == 409
 
 
+def test_a_step_that_waits_is_checked_by_its_worker(http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence, mesh = begin(http)
+    x, steps = mesh["x"], sequence["links"]["steps"]
+
+    checked, check = list[str](), sequences._check_step
+
+    def note(service: Any, body: tuple[str, bytes], *more: Any) -> Any:
+        checked.append(body[0])
+        return check(service, body, *more)
+
+    monkeypatch.setattr(sequences, "_check_step", note)
+    for number, p in enumerate((x, np.dstack([x, x]))):
+        answer = http.post(f"{steps}?format=npz", content=packed(step=number, u=x, p=p), headers=NPZ)
+        assert (answer.status_code, answer.headers["equimesh-step"]) == (201, str(number + 1)), answer.text
+    made = http.post(steps, json={"step": 2, "u": {"nodes": x.tolist()}}, headers=WAIT)
+    assert made.json()["step"] == 3
+    refused = http.post(steps, content=packed(step=3, u=x.T, p=x), headers=NPZ)
+    assert refused.json()["errors"][0]["pointer"] == "/u/nodes"
+    assert len(checked) < 4, "on a busy machine there may be no free worker, but not each time"
+
+
 def test_a_repeated_step_is_the_same_step(http: httpx.Client) -> None:
     sequence, mesh = begin(http)
     headers = {**NPZ, "Idempotency-Key": f"step of {sequence['id']}"}

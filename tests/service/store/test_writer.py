@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -17,11 +17,12 @@ import pytest
 from sqlalchemy import Connection, event, text
 from sqlalchemy.exc import SQLAlchemyError
 
-from equimesh_service.errors import EngineError, KeyReusedError, QuotaError
-from equimesh_service.files.port import Removed
+from equimesh_service.errors import EngineError, KeyReusedError, QuotaError, StepTakenError
+from equimesh_service.files.port import Removed, publish_nothing
 from equimesh_service.problems.storage import storage_problem
 from equimesh_service.store import keys
 from equimesh_service.store import writer as module
+from equimesh_service.store.blobs import BlobFiles
 from equimesh_service.store.keys import Quota
 from equimesh_service.store.rows import (
     Artifact,
@@ -32,6 +33,7 @@ from equimesh_service.store.rows import (
     NewEntry,
     NewMesh,
     NewSamples,
+    NewStep,
     Outcome,
     SamplesRow,
 )
@@ -136,6 +138,65 @@ def test_where_the_group_fails_each_is_made_alone(store: Store, writer: Writer) 
     assert (a.result(), c.result()) == ("a", "c")
     assert isinstance(b.exception(), SQLAlchemyError)
     assert sorted(row.id for row in store.meshes.page()) == ["a", "c"]
+
+
+def step_of(number: int, name: str, value: bytes) -> NewEntry:
+    """The mesh of a step that a worker has finished, with u at nodes and a field, whose files have these bytes."""
+    files = {f"{kind}{number}" * 32: value for kind in "ab"}
+    (u, fields), row = files, {"kind": "nodal"}
+    nodal = SamplesRow(f"n-{number}", u, len(value), row, 0.0)
+    step = NewStep(
+        sequence_id="q-1",
+        number=number,
+        keep=2,
+        fingerprint="",
+        start="0" * 64,
+        fields=Artifact("fields", fields, len(value)),
+        functions=[(nodal, publish_nothing)],
+        contents=files,
+    )
+    return NewEntry(new=NewMesh(id=name, spec=SPEC, samples=(nodal.id,)), step=step)
+
+
+def test_of_two_steps_that_workers_have_finished_one_is_taken(store: Store, writer: Writer) -> None:
+    removed: list[str] = []
+
+    def finished(made: NewEntry) -> Callable[[], str | None]:
+        ready = replace(FINISHED, entry=made, outcome=Outcome(result={}))
+        return lambda: store_finished(store, Claim(made.new.id, 1), ready, removed.append)
+
+    store.meshes.add_finished(step_of(0, "m-0", b"zero"), Outcome(result={}), seconds=1.0)
+    with pytest.raises(StepTakenError):
+        finished(step_of(2, "m-9", b"two"))()  # there is no step 1
+    one, other = together(writer, [finished(step_of(1, name, b"one")) for name in ("m-1", "m-2")])
+    assert (one.result(), type(other.exception())) == ("m-1", StepTakenError)
+    assert store.meshes.get("m-2") is None
+    assert store.samples.get("n-1") is not None
+    files = BlobFiles(store.database, SimpleNamespace())  # type: ignore[arg-type]
+    with files.opened("a1" * 32) as stream:
+        assert stream.read() == b"one"
+    assert removed == []
+    (last,) = together(writer, [finished(step_of(2, "m-3", b"two"))])
+    assert last.result() == "m-3"
+    assert store.meshes.get("m-0") is None, "two are kept"
+    assert set(removed) == {"a0" * 32, "b0" * 32}
+
+
+def test_what_follows_a_commit_waits_for_it_and_cannot_undo_it(store: Store) -> None:
+    called: list[bool] = []
+
+    def call() -> None:
+        called.append(store.meshes.get("m-0") is not None)
+        raise OSError
+
+    with suppress(ZeroDivisionError), store.database.write():
+        store.database.when_committed(call)
+        raise ZeroDivisionError
+    with store.database.write():
+        store.database.when_committed(call)
+        store.meshes.add_finished(entry("m-0"), Outcome(result={}), seconds=1.0)
+        assert called == []
+    assert called == [True]
 
 
 def test_a_mesh_of_the_queue_ends_once(store: Store, writer: Writer) -> None:

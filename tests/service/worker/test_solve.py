@@ -145,11 +145,11 @@ def test_what_is_known_of_the_mesh_before(tmp_path: Path) -> None:
     from equimesh_service.worker.solve import _earlier
 
     class Folder:
-        def local(self, name: str) -> Any:
+        def opened(self, name: str) -> Any:
             return (tmp_path / name).open("rb")
 
         def require(self, name: str) -> None:
-            self.local(name).close()
+            self.opened(name).close()
 
     spec = build({"monitor": {"kind": "least_error", "norm": "h1", "u": "x"}, "grid": GRID})
     files: Any = Folder()
