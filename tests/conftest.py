@@ -52,15 +52,6 @@ def pytest_configure(config: pytest.Config) -> None:
             _compile_once(config.args)
 
 
-# What the first mesh of blocks needs, which is compiled next to the rest.
-FIRST_BLOCKS = """
-import equimesh as em
-from equimesh.warm_up import warm_up_blocks
-
-warm_up_blocks(em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9)), em.Expression("tanh(8*(x + y/2 - 0.75))"))
-"""
-
-
 # Fails where a loop is not kept yet.
 ALL_KEPT = """
 import equimesh.warm_up
@@ -72,13 +63,14 @@ raise SystemExit(compiled < of)
 
 
 def _compile_once(paths: list[str]) -> None:
-    """Compile the kernels in two processes, of which the second one then compiles tests: each process would do it.
+    """Compile the kernels in two processes, which meet in the middle; the second one then compiles tests.
 
     What is compiled already, as after a run before, is left out.
     """
     warm_up = [sys.executable, "-c", "from equimesh.warm_up import warm_up; warm_up()"]
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:cacheprovider", *paths]
-    second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$@"', sys.executable, FIRST_BLOCKS]
+    backwards = "from equimesh.warm_up import warm_up_rare; warm_up_rare(backwards=True)"
+    second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$@"', sys.executable, backwards]
     second += ["true"] if _are_compiled() else collect
     if subprocess.run([sys.executable, "-c", ALL_KEPT]).returncode == 0:
         warm_up, second = ["true"], second[5:]

@@ -8,8 +8,9 @@ import argparse
 import os
 import pickle
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
@@ -36,6 +37,14 @@ Cases: TypeAlias = tuple[tuple[equimesh.Monitor, int, equimesh.Domain, equimesh.
 def warm_up() -> None:
     """Do everything once that is slow or takes permanent memory the first time: all kernels are compiled."""
     warm_up_basics()
+    warm_up_rare()
+
+
+def warm_up_rare(*, backwards: bool = False) -> None:
+    """The part for all problems that are not the most frequent ones.
+
+    Of two processes that compile, one does it ``backwards``: it compiles what the other one comes to last.
+    """
     u = _formula()
     ring = equimesh.AnnulusSector()
     plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
@@ -57,10 +66,23 @@ def warm_up() -> None:
         (equimesh.Weight(rho=weight.rho, map="gradient"), 33, equimesh.Rectangle(), None),
         (equimesh.LeastError(u=u, norm="h1"), 9, ring, None),
     )
-    data = _solve_and_measure(cases)
-    for degree in (1, 3):
-        lattice = lattice_of(nodes, degree)
-        adapt_round(nodes, u.evaluate(lattice.x, lattice.y)[0], degree=require_degree(degree))
+    parts: list[Callable[[], object]] = [
+        *(partial(_solve_and_measure, (case,)) for case in cases),
+        *(partial(_round_of_degree, nodes, u, degree) for degree in (1, 3)),
+        partial(_measure_and_transfer, nodes, plain, weight),
+        partial(_warm_up_blocks, nodes, u),
+        partial(_write, cases[:1]),
+    ]
+    for part in reversed(parts) if backwards else parts:
+        part()
+
+
+def _round_of_degree(nodes: equimesh.Mesh, u: equimesh.Field, degree: int) -> None:
+    lattice = lattice_of(nodes, degree)
+    adapt_round(nodes, u.evaluate(lattice.x, lattice.y)[0], degree=require_degree(degree))
+
+
+def _measure_and_transfer(nodes: equimesh.Mesh, plain: equimesh.Monitor, weight: equimesh.Weight) -> None:
     fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
     equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
     blocks = Mesh(points=nodes.points, cells=nodes.cells, sides=nodes.sides)
@@ -68,9 +90,11 @@ def warm_up() -> None:
     carried = equimesh.MeshValues(np.round(nodes.x + nodes.y), transfer="conservative")
     averages = equimesh.MeshValues(nodes.x[1:, 1:], transfer="conservative", location="cells")
     equimesh.transfer(nodes, {"u": carried, "v": averages}, equimesh.Mesh(nodes.x**2, nodes.y))
-    warm_up_blocks(nodes, u)
+
+
+def _write(cases: Cases) -> None:
     with TemporaryDirectory() as folder:
-        write_mesh(Path(folder) / "mesh.vtu", data)
+        write_mesh(Path(folder) / "mesh.vtu", _solve_and_measure(cases))
 
 
 def warm_up_basics() -> None:
@@ -112,7 +136,7 @@ def _solve_and_measure(cases: Cases) -> equimesh.MeshData:
     return data
 
 
-def warm_up_blocks(nodes: equimesh.Mesh, u: equimesh.Field) -> None:
+def _warm_up_blocks(nodes: equimesh.Mesh, u: equimesh.Field) -> None:
     """Solve on a mesh in blocks, mend a fold, and carry fields between meshes that are no grids."""
     domain = equimesh.Blocks.of_mesh(nodes.points, nodes.cells, nodes.sides)
     for least in _least_errors(u):
