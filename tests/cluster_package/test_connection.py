@@ -172,8 +172,8 @@ def test_a_scheduler_that_is_lost_meanwhile_is_said() -> None:
     options = {"dashboard_address": ":0", "processes": False, "threads_per_worker": 1, "memory_limit": 0}
     with (
         LocalCluster(n_workers=1, **options) as cluster,
-        Client(cluster, set_as_default=False, timeout=1) as one,
-        Client(cluster, set_as_default=False, timeout=1) as other,
+        Client(cluster, set_as_default=False, timeout=10) as one,
+        Client(cluster, set_as_default=False, timeout=10) as other,
     ):
         (a,) = one.nthreads()
         with (
