@@ -379,6 +379,9 @@ class Objective:
             known = element, rule.basis, nodal, NodalValues(*inside)
             if of_slopes:
                 return lagrange.slope_errors(nodes, elements, *known, Values(*at), sums)
+            if rule.cells == "quad" and rule.degree == 2:
+                of_cells = nodes, span, element, rule.basis.value
+                return lagrange.biquadratic_value_errors(*of_cells, *known[2:], NodalValues(*at), sums)
             return lagrange.value_errors(nodes, elements, *known, NodalValues(*at), sums)
         if of_slopes:
             return kernels.slope_errors(nodes, elements, element, nodal, Values(*at), sums)

@@ -231,6 +231,24 @@ def test_degree_1_is_that_of_the_loops_for_degree_1(norm: Norm, cells: CellKind)
     assert general == pytest.approx(plain, rel=1e-11, abs=1e-13)
 
 
+@pytest.mark.parametrize("first", [0, 3])
+def test_biquadratic_cells_are_those_of_the_loop_for_all_degrees(first: int) -> None:
+    mesh, rule = bent(GRID, 1), Rule(degree=2)
+    corners = em.Mesh(*mesh.reshape(2, *GRID.shape)).cells
+    nodes, elements, element = Nodes(*mesh, corners.reshape(-1)), rule.elements(len(corners))[first:], rule.element
+    inner, points = (np.empty((2, len(shapes), len(elements))) for shapes in (rule.inner_places, element.shape))
+    kernels.place_points(nodes, elements, rule.inner_places, 0, *inner.reshape(2, -1))
+    kernels.place_points(nodes, elements, element.shape, 0, *points.reshape(2, -1))
+    nodal, inside, at = (NodalValues(*RING.evaluate(*where, order=1)) for where in (mesh, inner, points))
+    expected, found = np.zeros((2, GRID.points, SUMS))
+    total, check = lagrange.value_errors(nodes, elements, element, rule.basis, nodal, inside, at, expected)
+    span, functions = (first, len(corners)), rule.basis.value
+    of_cells = lagrange.biquadratic_value_errors(nodes, span, element, functions, nodal, inside, at, found)
+    assert of_cells == pytest.approx((total, check), rel=1e-12)
+    assert np.abs(expected).max() > 1e-6
+    assert found == pytest.approx(expected, rel=1e-10, abs=1e-14)
+
+
 @pytest.mark.parametrize("degree", [2, 3, 4])
 @pytest.mark.parametrize("norm", ["l2", "h1"])
 def test_polynomials_of_the_degree_have_no_error_on_any_mesh(norm: Norm, degree: int) -> None:
