@@ -34,7 +34,7 @@ from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.goals import NEEDS_GOAL, Goal, GoalValues, WithAdjoint, check_goal, goal_values
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_values
-from equimesh_coupling.values import ElementValues, element_values, node_values
+from equimesh_coupling.values import element_values, node_values
 from equimesh_schema.document import is_whole
 
 # The next mesh of blocks for a code with unknowns in its cells, from averages over them.
@@ -119,9 +119,10 @@ class Rounds:
         """The mesh with arrays of its own."""
         return mesh.moved(mesh.points.copy())
 
-    def known(self, mesh: Mesh, returned: ElementValues, dual: GoalValues | None = None) -> RoundAndNextMesh:
-        """The record of values at the nodes of elements, and the way to the next mesh."""
-        values, degree, cells = returned
+    def known(
+        self, mesh: Mesh, values: Array, degree: int = 1, cells: CellKind = "quad", dual: GoalValues | None = None
+    ) -> RoundAndNextMesh:
+        """The record of values at the nodes of elements of a ``degree`` on ``cells``, and the way to the next mesh."""
         adjoint = None if dual is None else dual.z
         known = ErrorEstimate.of(mesh, values, self.domain, self.threads, require_degree(degree, cells), adjoint, cells)
 
@@ -139,7 +140,7 @@ class Rounds:
         """As :meth:`known`, of values that were recovered from averages over the cells; on blocks cells stay even."""
         domain = self.domain
         if not isinstance(domain, Blocks):
-            return self.known(mesh, ElementValues(values, 1, self.cells or "quad"))
+            return self.known(mesh, values, cells=self.cells or "quad")
         known = ErrorEstimate.of(mesh, values, domain, self.threads)
 
         def following() -> tuple[Any, float, str]:
@@ -315,14 +316,14 @@ def _looked_at(returned: Any, mesh: Mesh, by: Rounds) -> RoundAndNextMesh:
     """The record of what a solver returned, and the way to the next mesh."""
     if by.goal is not None:
         dual = goal_values(returned, mesh, by.goal)
-        return by.known(mesh, ElementValues(dual.u, 1), dual)
+        return by.known(mesh, dual.u, dual=dual)
     if isinstance(returned, WithAdjoint):
         raise BadValues(NEEDS_GOAL)
     if isinstance(returned, ErrorIndicator):
         return by.indicated(mesh, cell_values(returned, mesh))
     if isinstance(returned, CellAverages):
         return by.averaged(mesh, node_values(returned, mesh))
-    return by.known(mesh, element_values(returned, mesh, by.degree, by.cells))
+    return by.known(mesh, *element_values(returned, mesh, by.degree, by.cells))
 
 
 def _grid(n: Any) -> Grid:
