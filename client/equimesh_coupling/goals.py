@@ -190,7 +190,7 @@ def check_goal(goal: object, tolerance: object, degree: object, points: object =
     if cells == "triangle":
         raise ValueError("cells = 'triangle': with a goal errors are those on quadrilaterals; leave cells out")
     if points is not None:
-        raise ValueError("points finds the grid for a norm of the error: give n with a goal")
+        raise ValueError("points finds the mesh for a norm of the error: give n with a goal, on blocks neither")
     if tolerance is not None and not (is_number(tolerance) and 0.0 < tolerance < math.inf):
         raise ValueError(f"tolerance = {str(tolerance)[:20]}: give a positive number")
 

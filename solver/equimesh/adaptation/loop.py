@@ -27,7 +27,7 @@ from equimesh.numerics.types import Array
 from equimesh.quality.elements import CellKind
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, moved_cells, on_domain
 from equimesh.rounds.round import next_mesh
-from equimesh.rounds.shape import ShapeSearch, require_budget
+from equimesh.rounds.shape import ShapeSearch, counts_within, require_budget, with_counts
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
@@ -87,12 +87,12 @@ EVEN = "even cells"
 
 @dataclass(frozen=True, kw_only=True)
 class Rounds:
-    """Meshes of a ``domain``, with the points of ``grid``, which is ``None`` on blocks."""
+    """Meshes of a ``domain``, first with the points of ``grid``, which is ``None`` on blocks."""
 
     domain: Domain | Blocks
     grid: Grid | None = None
     shape: ShapeSearch | None = None
-    """The search for the shape of the grid; ``None`` where that is given."""
+    """The search for the counts of cells; ``None`` where they are given."""
     norm: Norm
     degree: int | None = None
     """The degree of the elements, 1 to 4; ``None``: that of the space of a field, 1 for arrays."""
@@ -127,8 +127,8 @@ class Rounds:
         known = ErrorEstimate.of(mesh, values, self.domain, self.threads, require_degree(degree, cells), adjoint, cells)
 
         def following() -> tuple[Mesh, float, str]:
-            grid = None if self.shape is None else self.shape.grid(known, self.norm, self.threads)
-            found = next_mesh(known, self.measured_norm, self.threads, grid)
+            of = None if self.shape is None else self.shape.next(known, self.norm, self.threads)
+            found = next_mesh(known, self.measured_norm, self.threads, of)
             return on_domain(found.reference, self.domain), found.moved_cells, found.chosen
 
         record = record_of(known, mesh, values)
@@ -186,8 +186,11 @@ MAX_ROUNDS = 100
 """The most rounds that can be requested."""
 POINTS_OR_N = "give either n, points a direction, or points, those of the whole grid, whose shape is then found"
 """Why both or none of the two numbers of points are refused."""
-OWN_POINTS = "a domain in blocks has a number of points of its own, by its counts of cells: leave n and points out"
-"""Why a number of points is refused."""
+NO_DIRECTIONS = (
+    "a domain in blocks has no two directions of points: leave n out for its own counts of cells, or give points, those"
+    " of the whole mesh"
+)
+"""Why a number of points a direction is refused."""
 
 
 class AdaptArguments(TypedDict, total=False):
@@ -217,7 +220,7 @@ def adapt(
     solve: Callable[[Mesh], Any],
     n: None = None,
     *,
-    domain: Blocks,
+    domain: Domain | Blocks = UNIT_SQUARE,
     **options: Unpack[AdaptArguments],
 ) -> Adaptation[Mesh]: ...
 def adapt(
@@ -237,10 +240,11 @@ def adapt(
 ) -> Adaptation[Mesh]:
     """The mesh of ``n`` points a direction, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.
 
-    ``points`` in place of ``n`` is the number of points of the whole grid, at most. How many lie along xi and along eta
-    is then found by the measured error on coarse grids, once the solution is resolved: the shape of the grid can change
-    from round to round. A domain in blocks has a number of points of its own: leave both out there. The first mesh is
-    its initial one.
+    ``points`` in place of ``n`` is the number of points of the whole mesh, at most. How many lie along xi and along
+    eta, on blocks along every class of opposite edges, is then found by the measured error on coarse meshes, once the
+    solution is resolved: the shape of the mesh can change from round to round. A domain in blocks has counts of its
+    own: without ``points`` these stay, and the first mesh is its initial one. ``n`` is refused there. With averages
+    over the cells the counts of blocks are those of the domain, in proportion.
 
     ``solve(mesh)`` solves on an :class:`~equimesh.meshes.mesh.Mesh`, or a
     :class:`~equimesh.meshes.mesh.Mesh` of blocks, which has the methods ``to_skfem()``,
@@ -262,25 +266,23 @@ def adapt(
     first solve raises. Later the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the
     exception. Raises :class:`~equimesh.errors.InputError` for arguments that cannot be used.
     """
-    of: Any = {"domain": domain, "norm": norm, "degree": degree, "cells": cells, "goal": goal}
-    if isinstance(domain, Blocks):
-        for name, value in (("n", n), ("points", points)):
-            if value is not None:
-                raise InputError(f"{name} = {str(value)[:40]!r}: {OWN_POINTS}", field=name)
-        _check(solve, rounds, norm, degree, cells)
-        _check_goal(goal, tolerance, degree, points, cells)
-        _check_observer(observe)
-        return _loop(solve, Rounds(threads=thread_count(threads), **of), rounds, tolerance, observe)
+    is_blocks = isinstance(domain, Blocks)
+    if is_blocks and n is not None:
+        raise InputError(f"n = {str(n)[:40]!r}: {NO_DIRECTIONS}", field="n")
     if points is not None and n is not None:
         raise InputError(POINTS_OR_N, field="points")
-    shape = None if points is None else ShapeSearch(points=require_budget(points))
-    given, threads = None if shape else _grid(n), thread_count(threads)
+    given, threads = None if is_blocks or points is not None else _grid(n), thread_count(threads)
     _check(solve, rounds, norm, degree, cells)
     _check_goal(goal, tolerance, degree, points, cells)
     _check_domain(domain)
     _check_observer(observe)
-    grid = shape.first(domain) if shape else given
-    return _loop(solve, Rounds(grid=grid, shape=shape, threads=threads, **of), rounds, tolerance, observe)
+    of, shape = domain if is_blocks else given, None
+    if points is not None:
+        of = with_counts(domain, counts_within(require_budget(points, domain), domain))
+        shape = ShapeSearch(points=points, domain=of if isinstance(of, Blocks) else domain)
+    first: Any = {"domain": of} if isinstance(of, Blocks) else {"domain": domain, "grid": of}
+    by = Rounds(**first, shape=shape, norm=norm, degree=degree, cells=cells, goal=goal, threads=threads)
+    return _loop(solve, by, rounds, tolerance, observe)
 
 
 def _loop(
@@ -359,7 +361,8 @@ def _check_goal(goal: object, tolerance: object, degree: int | None, points: int
 
 def _check_domain(domain: object) -> None:
     """Refuse what is no domain."""
-    if not (callable(getattr(domain, "map", None)) and callable(getattr(domain, "jacobian", None))):
+    is_blocks = isinstance(domain, Blocks)
+    if not is_blocks and not (callable(getattr(domain, "map", None)) and callable(getattr(domain, "jacobian", None))):
         raise InputError(
             f"domain = {str(domain)[:40]!r} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
             field="domain",

@@ -19,7 +19,7 @@ from equimesh.blocks.curves import BoundaryCurve, Line
 from equimesh.blocks.description import Description
 from equimesh.blocks.fixed_rectangle import between_fixed_lines, fixed_rectangle
 from equimesh.blocks.initial import block_points, edge_lines, resampled
-from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
+from equimesh.blocks.layout import BOTTOM, LEFT, RISES_WITH_BLOCK_ON_LEFT, Layout
 from equimesh.blocks.recovery.boundary import Corner, with_places
 from equimesh.blocks.recovery.recovered import RecoveredBlocks, recover
 from equimesh.blocks.sides import fixed_edges, side_edges, sides_of
@@ -39,6 +39,12 @@ BOX_PLACES = 9
 # Places of each closer search, and the number of these searches.
 ZOOM_PLACES = 33
 ZOOMS = 6
+
+OTHER_CELLS = (
+    "the mesh has other cells than the domain: give values on a mesh of this domain, such as domain.mesh or the mesh of"
+    " a solution"
+)
+"""The reason why a mesh of another domain in blocks is refused."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -323,9 +329,51 @@ class Blocks:
         if self._document is not None:
             document = self.description()
             return Blocks.of(document | {"refine": document.get("refine", 1) * factor})
-        layout = self.layout.coarser(1.0 / factor)
+        return self._resampled(self.layout.coarser(1.0 / factor), "take a factor nearer to 1")
+
+    def with_counts(self, counts: IntArray) -> Blocks:
+        """The same domain with other numbers of cells, one for each class of edges, shape ``(c,)``.
+
+        Edges that are opposite in a block, or joined, are a class; ``layout.classes`` has the class of every edge, and
+        ``layout.counts`` the numbers of cells now. The mesh is built as by :meth:`refined`. Raises
+        :class:`~equimesh.errors.InputError` for counts that are not whole positive numbers, one for each class, and
+        where the mesh folds.
+        """
+        given, now = np.asarray(counts), self.layout.counts
+        if given.shape != now.shape or given.dtype.kind not in "iu" or (given < 1).any():
+            raise InputError(
+                f"counts = {str(counts)[:40]}: {len(now)} whole positive numbers are needed, one for each class of"
+                " opposite edges, as layout.counts has them",
+                field="counts",
+            )
+        if np.array_equal(given, now):
+            return self
+        layout = self.layout.with_counts(given)
+        if self._document is None:
+            return self._resampled(layout, "take other counts")
+        document = self.description()
+        sides = layout.edge_counts[layout.block_edges[:, [BOTTOM, LEFT]]].tolist()
+        blocks = [{**block, "cells": cells} for block, cells in zip(document["blocks"], sides, strict=True)]
+        edges = [{key: value for key, value in edge.items() if key != "cells"} for edge in document.get("edges", ())]
+        return Blocks.of({**document, "blocks": blocks, "edges": edges, "refine": 1})
+
+    def with_counts_of(self, mesh: Mesh) -> Blocks:
+        """The same domain with the numbers of cells of a ``mesh`` of it, as rounds with a budget of points find them.
+
+        Raises :class:`~equimesh.errors.InputError` for a mesh of other blocks, and where the initial mesh folds.
+        """
+        if np.array_equal(mesh.cells, self.mesh.cells):
+            return self
+        counts = self.layout.counts_of([block.shape for block in mesh.blocks])
+        found = None if counts is None else self.with_counts(counts)
+        if found is None or not np.array_equal(mesh.cells, found.mesh.cells):
+            raise InputError(OTHER_CELLS, field="mesh")
+        return found
+
+    def _resampled(self, layout: Layout, remedy: str) -> Blocks:
+        """The domain with the counts of a ``layout``; its nodes stand between those of the mesh."""
         mesh, on_curves = resampled(self.mesh, self.layout, self.curves, self.boundary_edges, layout)
-        check_not_folded(mesh, ("domain",) * layout.block_count, "take a factor nearer to 1")
+        check_not_folded(mesh, ("domain",) * layout.block_count, remedy)
         stays = {
             int(vertex)
             for vertices, nodes in zip(self.layout.edges, self.layout.edge_nodes(self.mesh.blocks), strict=True)

@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from equimesh.errors import InputError
-from equimesh.numerics.types import BoolArray, IntArray
+from equimesh.numerics.types import Array, BoolArray, IntArray
 
 Value = TypeVar("Value", bound=np.generic)
 
@@ -22,6 +22,10 @@ LEFT, RIGHT, BOTTOM, TOP = range(4)
 LINES = (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])
 # Where a side has the block on its left when it is followed with its index rising.
 RISES_WITH_BLOCK_ON_LEFT = (False, True, True, False)
+
+
+# The share of a scale of counts to which it is found.
+HALVED_SHARE = 1e-9
 
 
 def _no_joins() -> IntArray:
@@ -109,6 +113,30 @@ class Layout:
     def with_counts(self, counts: IntArray) -> Layout:
         """The same topology with other numbers of cells, one for each class, shape ``(c,)``."""
         return replace(self, edge_counts=np.asarray(counts, dtype=np.int64)[self.classes])
+
+    def within(self, points: int, proportions: Array, least: IntArray) -> IntArray:
+        """The counts of the classes in these ``proportions``, each at least its ``least`` one, of at most ``points``.
+
+        All have the shape ``(c,)``. The counts are the largest ones, to rounding. The ``least`` ones themselves may
+        have more nodes.
+        """
+
+        def fits(counts: IntArray) -> bool:
+            return self.with_counts(counts).node_count <= points
+
+        def scaled(scale: float) -> IntArray:
+            return np.maximum(np.round(scale * proportions), least).astype(np.int64)
+
+        low, high = 0.0, points / float(proportions.max())
+        while high - low > HALVED_SHARE * high:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if fits(scaled(middle)) else (low, middle)
+        found = scaled(low)
+        for one in np.argsort(found / proportions, kind="stable"):
+            more = found.copy()
+            more[one] += 1
+            found = more if fits(more) else found
+        return found
 
     def coarser(self, factor: float) -> Layout:
         """The same topology with all counts divided by ``factor`` and rounded; at least 1 cell stays."""
@@ -202,6 +230,16 @@ class Layout:
     def vertex_name(self, vertex: int) -> str:
         """The name of a vertex, its number where it has none."""
         return self.vertex_names[vertex] if self.vertex_names else str(vertex)
+
+    def counts_of(self, shapes: Sequence[tuple[int, ...]]) -> IntArray | None:
+        """The counts of the classes for blocks with these numbers of nodes; ``None`` where they do not fit together."""
+        if len(shapes) != self.block_count:
+            return None
+        along_i, along_j = np.array(shapes, dtype=np.int64).T - 1
+        sides = np.stack([along_j, along_j, along_i, along_i], axis=1)
+        found = np.empty_like(self.counts)
+        found[self.classes[self.block_edges]] = sides
+        return found if np.array_equal(found[self.classes[self.block_edges]], sides) else None
 
     def _pairs_of_equal_count(self) -> IntArray:
         """Pairs of edges that are opposite in a block, or joined."""

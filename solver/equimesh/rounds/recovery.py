@@ -48,11 +48,6 @@ TWO_KINDS = (
     " in blocks"
 )
 """The reason why a mesh and a domain of two kinds are refused."""
-OTHER_CELLS = (
-    "the mesh has other cells than the domain: give values on a mesh of this domain, such as domain.mesh or the mesh of"
-    " a solution"
-)
-"""The reason why a mesh of another domain in blocks is refused."""
 MORE_ESTIMATE_POINTS = 2
 """How many Gauss points a direction and cell estimates take more than the degree of the elements."""
 LEFT_SHARES: Mapping[Norm, float] = {"l2": 0.05, "h1": 0.15}
@@ -101,6 +96,8 @@ class Recovery:
     ) -> Recovery:
         """From ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
 
+        A mesh of blocks may have other numbers of cells than the domain, which is then taken with those.
+
         Raises as :func:`~equimesh.fields.on_domain.recover`, on blocks as
         :class:`~equimesh.fields.quad_field.QuadField`; :class:`~equimesh.errors.InputError` for a mesh with other cells
         than the domain, too, and for a mesh and a domain of two kinds.
@@ -109,8 +106,8 @@ class Recovery:
             _check_count(values, mesh, degree, cells)
         if mesh.is_grid == isinstance(domain, Blocks):
             raise InputError(TWO_KINDS, field="mesh")
-        if isinstance(domain, Blocks) and not np.array_equal(mesh.cells, domain.mesh.cells):
-            raise InputError(OTHER_CELLS, field="mesh")
+        if isinstance(domain, Blocks):
+            domain = domain.with_counts_of(mesh)
         found = recover(mesh, values, domain, degree, cells)
         known = found.values
         rounding = ROUNDING_SHARE * float(np.abs(known).max()) * math.sqrt(domain.area)

@@ -78,7 +78,8 @@ def descents(
         tried.append((trial.lifted_error(reached), monitor, reached))
     _, monitor, reached = min(tried, key=lambda one: one[0])
     solve = LeastErrorSolve(monitor=monitor, domain=domain, threads=threads)
-    is_first = moved_cells(domain.mesh, before) < REST_CELLS
+    is_other = not np.array_equal(before.cells, domain.mesh.cells)
+    is_first = is_other or moved_cells(domain.mesh, before) < REST_CELLS
     starts: list[tuple[str, Mesh | None, DescentEnd | None]] = [(WHOLE, None, reached)]
     if not is_first:
         starts.append((PARTS, before, None))
@@ -101,13 +102,13 @@ def _end_of(steps: Generator[object, None, T]) -> T:
             return found
 
 
-def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, grid: Grid | None = None) -> NextMesh:
+def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, of: Grid | Blocks | None = None) -> NextMesh:
     """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly.
 
     On blocks it is the best one in L2 where the values do not resolve the solution: a descent on the error of the
     gradient stays near the mesh of the values there. Candidates are descents from the mesh of the values, on a grid
-    also meshes of straight lines, on blocks descents from the initial mesh of the domain. Another ``grid`` than that of
-    the values changes the number of points; blocks have none.
+    also meshes of straight lines, on blocks descents from the initial mesh of the domain. The mesh is one ``of``
+    another grid, or of blocks with other counts, where that is given.
     """
     before, domain = known.recovery.mesh, known.recovery.domain
     kept = NextMesh(reference=before, chosen=KEPT, norm=norm, candidates={}, gain=1.0, moved_cells=0.0)
@@ -117,8 +118,10 @@ def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, grid: Grid | N
     if isinstance(domain, Blocks):
         norm = norm if known.is_resolved else "l2"
         kept = replace(kept, norm=norm)
-        return _best_of_blocks(known.wanted(norm), domain, norm, threads, of_solver) or kept
-    return _best_of_grid(known.wanted(norm), norm, threads, grid or before.grid, of_solver) or kept
+        blocks = of if isinstance(of, Blocks) else domain
+        return _best_of_blocks(known.wanted(norm), blocks, norm, threads, of_solver) or kept
+    grid = of if isinstance(of, Grid) else before.grid
+    return _best_of_grid(known.wanted(norm), norm, threads, grid, of_solver) or kept
 
 
 def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int, of_solver: bool) -> NextMesh | None:
@@ -140,7 +143,7 @@ def _best_of_blocks(known: Recovery, domain: Blocks, norm: Norm, threads: int, o
         norm=norm,
         candidates=errors,
         gain=error(known.mesh) / least if least > 0.0 else 1.0,
-        moved_cells=moved_cells(known.mesh, mesh),
+        moved_cells=moved_cells(known.mesh if np.array_equal(known.mesh.cells, mesh.cells) else domain.mesh, mesh),
     )
 
 

@@ -15,7 +15,7 @@ from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.monitor import Monitor
-from equimesh.rounds.shape import best_grid, proportions
+from equimesh.rounds.shape import best_counts, proportions, with_counts
 from equimesh.solving.solution import Solution, degree_of
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Announcer, SolveArguments
@@ -222,7 +222,7 @@ class _Search:
             check=False,
             threads=self.options.get("threads"),
         )
-        found = best_grid(u, domain, target.most, target.norm, resolving.reference)
+        found: Any = with_counts(domain, best_counts(u, domain, target.most, target.norm, resolving.reference))
         if found == coarse or not first.solution.status.succeeded:
             return first.solution
         other = self.on(found)

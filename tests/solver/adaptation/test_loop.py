@@ -330,10 +330,25 @@ def test_a_loop_on_blocks_adapts_to_values_and_to_averages() -> None:
 
 
 def test_what_cannot_be_used_on_blocks_is_refused() -> None:
-    with pytest.raises(em.InputError, match="leave n and points out"):
+    with pytest.raises(em.InputError, match=r"leave n out .*, or give points"):
         em.adapt(lambda mesh: mesh.x, 9, domain=DOMAIN)
+    with pytest.raises(em.InputError, match="points = 50: the coarsest mesh of these blocks has 65 points"):
+        em.adapt(lambda mesh: mesh.x, points=50, domain=DOMAIN)
     with pytest.raises(em.InputError, match=r"n = None: give a number of points a direction, .*; points=4000 finds"):
         em.adapt(lambda mesh: mesh.x)
+
+
+BUDGET = {"points": DOMAIN.points}
+
+
+def test_a_loop_finds_the_counts_of_blocks_for_a_number_of_points() -> None:
+    layer, of_mesh = em.Expression("exp(-20*x)"), em.Blocks.of_mesh(DOMAIN.mesh.points, DOMAIN.mesh.cells, {})
+    for domain in (DOMAIN, of_mesh):
+        even, found = (em.adapt(sampled(layer), domain=domain, rounds=2, threads=1, **of) for of in ({}, BUDGET))
+        assert 0.9 * domain.points < len(found.mesh.points) <= domain.points
+        assert found.estimate < 0.6 * even.estimate
+        counts = domain.with_counts_of(found.mesh).layout
+        assert counts.counts.max() > 2 * counts.counts.min()
 
 
 def test_a_loop_finds_the_shape_of_a_grid_for_a_number_of_points() -> None:

@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -204,6 +205,38 @@ def test_opposite_edges_are_one_class_and_change_together() -> None:
     count, blocks = layout.with_counts(2 * layout.counts).numbering()
     assert [b.shape for b in blocks] == [(9, 11), (7, 11), (9, 13)]
     assert count == layout.with_counts(2 * layout.counts).node_count
+
+
+def test_counts_of_a_budget_are_the_largest_in_proportion() -> None:
+    layout, least = layout_of(documents.l_shape()), np.full(4, 2)
+    for points in (60, 500, 4001):
+        counts = layout.within(points, layout.counts.astype(float), least)
+        assert 0.9 * points < layout.with_counts(counts).node_count <= points
+        assert counts == pytest.approx(counts.sum() / layout.counts.sum() * layout.counts, abs=1.0)
+    assert layout.within(5, np.array([1e-9, 1.0, 1.0, 1.0]), least).tolist() == [2, 2, 2, 2]
+
+
+@pytest.mark.parametrize("document", [documents.l_shape(), documents.ring()], ids=["L", "ring"])
+def test_a_domain_takes_other_counts_and_those_of_a_mesh(document: dict[str, Any]) -> None:
+    domain = Blocks.of(document)
+    wanted = domain.layout.counts + 1 + np.arange(len(domain.layout.counts))
+    of_mesh = Blocks.of_mesh(domain.mesh.points, domain.mesh.cells, domain.mesh.sides)
+    for one in (domain, of_mesh):
+        counts = wanted if one is domain else one.layout.counts + 1
+        found = one.with_counts(counts)
+        assert found.layout.counts.tolist() == counts.tolist()
+        assert found.area == pytest.approx(domain.area)
+        assert one.with_counts_of(found.mesh).layout.counts.tolist() == counts.tolist()
+        assert one.with_counts(one.layout.counts) is one.with_counts_of(one.mesh) is one
+    finer = domain.with_counts(2 * domain.layout.counts)
+    assert np.abs(finer.mesh.points - domain.refined(2).mesh.points).max() < 1e-14
+
+
+@pytest.mark.parametrize("counts", [[3], [0, 1, 1, 1], [1.5, 2, 2, 2], "ab"])
+def test_counts_that_are_not_one_for_each_class_are_refused(counts: Any) -> None:
+    with pytest.raises(em.InputError, match="4 whole positive numbers are needed") as refused:
+        Blocks.of(documents.l_shape()).with_counts(counts)
+    assert refused.value.field == "counts"
 
 
 def test_ties_have_one_original_where_joins_meet() -> None:

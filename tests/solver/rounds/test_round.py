@@ -20,7 +20,17 @@ from equimesh.rounds import recovery
 from equimesh.rounds.candidates import LINE_FLOORS, LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
 from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells
 from equimesh.rounds.round import adapt_round
-from equimesh.rounds.shape import FixedPoints, ShapeSearch, best_grid, grid_of, on_grid, ratio_of, require_budget
+from equimesh.rounds.shape import (
+    GRID,
+    FixedPoints,
+    ShapeSearch,
+    best_counts,
+    counts_within,
+    least_counts,
+    on_grid,
+    require_budget,
+    with_counts,
+)
 from solver.fields.bent_meshes import smooth_mesh
 
 FRONT = em.Expression("tanh(20*(x + y/2 - 0.75))")
@@ -356,21 +366,21 @@ def layer(power: float) -> em.Expression:
 @pytest.mark.parametrize(("u", "low", "high"), [("exp(-30*x)", 10.0, 20.0), ("exp(-30*y)", 1 / 20.0, 1 / 10.0)])
 @pytest.mark.parametrize("norm", ["l2", "h1"])
 def test_one_direction_gets_nearly_all_lines_of_a_function_of_it(u: str, low: float, high: float, norm: str) -> None:
-    found = best_grid(em.Expression(u), UNIT_SQUARE, 400, norm, SQUARE)
-    assert low < ratio_of(found) < high
-    assert 300 < found.points <= 400
+    along, across = best_counts(em.Expression(u), UNIT_SQUARE, 400, norm, SQUARE)
+    assert low < along / across < high
+    assert 300 < (along + 1) * (across + 1) <= 400
 
 
 def test_equal_directions_keep_the_grid() -> None:
-    assert best_grid(layer(1.0), UNIT_SQUARE, 289, "l2", SQUARE) == SQUARE.grid
+    assert best_counts(layer(1.0), UNIT_SQUARE, 289, "l2", SQUARE).tolist() == [16, 16]
 
 
 @pytest.mark.parametrize("points", [25, 289, 4000])
 @pytest.mark.parametrize("ratio", [1e-6, 0.3, 1.0, 50.0, 1e6])
 def test_a_grid_has_at_most_its_points(points: int, ratio: float) -> None:
-    grid = grid_of(points, ratio)
-    assert grid.points <= points
-    assert min(grid.shape) >= 5
+    along, across = GRID.within(points, np.array([ratio, 1.0]), least_counts(GRID))
+    assert 0.8 * points < (along + 1) * (across + 1) <= points
+    assert min(along, across) >= 4
 
 
 @pytest.mark.parametrize("points", [24, 0, -5, 100.5, True, "100", None])
@@ -408,12 +418,12 @@ def test_a_mesh_goes_to_another_grid() -> None:
 
 
 def test_a_loop_searches_once_the_solution_is_resolved_and_until_a_shape_is_kept() -> None:
-    search = ShapeSearch(points=289)
-    mesh = em.Mesh.uniform(search.first(UNIT_SQUARE))
+    search = ShapeSearch(points=289, domain=UNIT_SQUARE)
+    mesh = em.Mesh.uniform(with_counts(UNIT_SQUARE, counts_within(289, UNIT_SQUARE)))
     thin, even = (ErrorEstimate.of(mesh, f.evaluate(mesh.x, mesh.y)[0], UNIT_SQUARE) for f in THIN_AND_EVEN)
-    assert search.grid(thin, "l2", 1) == mesh.grid
+    assert search.next(thin, "l2", 1) == mesh.grid
     assert not search.is_settled
-    assert search.grid(even, "l2", 1) == mesh.grid
+    assert search.next(even, "l2", 1) == mesh.grid
     assert search.is_settled
 
 
