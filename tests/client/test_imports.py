@@ -23,7 +23,7 @@ sys.meta_path.insert(0, Blocker())
 
 
 def run(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", BLOCKER + code], capture_output=True, text=True, timeout=60)
+    return subprocess.run([sys.executable, "-c", BLOCKER + code], capture_output=True, text=True, timeout=300)
 
 
 def test_the_blocker_blocks() -> None:

@@ -30,7 +30,7 @@ def give_role(server: Postgres) -> None:
     programs = Path(postgresql_program("psql") or "").parent
     variables = {"PATH": f"{programs}:/usr/bin:/bin", "PGHOST": str(server.folder), "POSTGRES_PASSWORD": PASSWORD}
     script = [ROOT / "deploy/postgres/own-schema.sh"]
-    done = subprocess.run(script, env=variables, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(script, env=variables, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stderr) == (0, "")
 
 

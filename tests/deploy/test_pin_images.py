@@ -14,7 +14,7 @@ def test_images_can_be_pinned_by_digest(tmp_path: Path) -> None:
     docker.write_text('#!/bin/sh\n[ "$1" = pull ] || { for last; do :; done; echo "${last%%:*}@sha256:0123"; }\n')
     docker.chmod(0o755)
     path = os.pathsep.join([str(tmp_path), os.environ["PATH"]])
-    done = subprocess.run([ROOT / "deploy/pin-images"], env={"PATH": path}, capture_output=True, text=True, timeout=20)
+    done = subprocess.run([ROOT / "deploy/pin-images"], env={"PATH": path}, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert sorted(done.stdout.split()) == [
         "GRAFANA_IMAGE=grafana/grafana@sha256:0123",

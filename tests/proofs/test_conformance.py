@@ -84,6 +84,10 @@ def client(connect: Any, url: str) -> Any:
     return connect(url, timeout=30.0)
 
 
+# For tests that take seconds: one of the twins, which share all of their code, shows what they do.
+BLOCKING, ASYNCHRONOUS = (pytest.mark.parametrize("connect", [twin], indirect=True) for twin in ("sync", "async"))
+
+
 def heavy(**more: Any) -> dict[str, Any]:
     """A spec that keeps a worker busy for a while."""
     schwarz = Schwarz(subdomains=(4, 4), overlap=2, tolerance=None, max_iterations=1000).to_json()
@@ -119,6 +123,7 @@ def test_the_papers_mesh(client: Any) -> None:
     assert mesh.progress.fraction == 1.0
 
 
+@BLOCKING
 def test_notebooks_show_meshes_and_sequences(client: Any) -> None:
     figure = pytest.importorskip("matplotlib.figure")
     mesh = client.generate("tanh(9*(x-y))", 9)
@@ -205,6 +210,7 @@ def test_files_in_every_format(client: Any, tmp_path: Path) -> None:
     assert all(np.allclose(here.point_data[name], file.point_data[name]) for name in file.point_data)
 
 
+@BLOCKING
 def test_pictures(client: Any, tmp_path: Path) -> None:
     mesh = client.generate(PAPER, 12, **TABLE_1)
     assert mesh.plot()._repr_svg_().lstrip().startswith("<?xml")
@@ -349,6 +355,7 @@ def test_two_ways_to_say_one_domain(client: Any) -> None:
     assert abs(meshes[0].x - meshes[1].x).max() < 1e-8  # a Coons patch of two arcs and two radii is the sector
 
 
+@BLOCKING
 def test_arrays_and_callables_lie_on_the_box_of_the_domain(client: Any) -> None:
     exact = client.generate(FRONT, 12, domain=BEND, a=0.7)
     x, y = np.meshgrid(np.linspace(0, 2, 97), np.linspace(0, 2, 97), indexing="ij")
@@ -426,6 +433,7 @@ def test_cancel_and_delete(client: Any) -> None:
         done.cancel()
 
 
+@ASYNCHRONOUS
 def test_a_deadline_cancels(client: Any) -> None:
     spec = heavy()
     with pytest.raises(DeadlineExceeded):
@@ -564,6 +572,7 @@ def proxy(url: str) -> Iterator[CuttingProxy]:
     made.close()
 
 
+@ASYNCHRONOUS
 def test_every_event_comes_once_over_a_line_that_breaks(
     connect: Any, client: Any, proxy: CuttingProxy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -583,6 +592,7 @@ def test_every_event_comes_once_over_a_line_that_breaks(
     assert len(proxy.cuts) <= 490  # it did break, at beginnings and in the middle of events
 
 
+@ASYNCHRONOUS
 def test_a_file_over_a_line_that_breaks(connect: Any, client: Any, proxy: CuttingProxy, tmp_path: Path) -> None:
     mesh = client.generate(PAPER, 129, a=0.7)
     whole = mesh.download(tmp_path / "near.vtu").read_bytes()

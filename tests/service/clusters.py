@@ -66,7 +66,7 @@ class ClusterProcesses:
         port = self.health_ports[name] if name else self.health_port
         _, *words = _service(service)["healthcheck"]["test"]
         words = [word.replace(":8787", f":{port}") for word in words]
-        return subprocess.run([sys.executable, *words[1:]], capture_output=True, timeout=60).returncode == 0
+        return subprocess.run([sys.executable, *words[1:]], capture_output=True, timeout=300).returncode == 0
 
     def kill_worker(self, name: str, *, below: bool = True) -> None:
         """Kill a worker, with all processes ``below`` it as the end of a machine does, or alone."""

@@ -162,11 +162,11 @@ def test_key_and_reuse(generate: Any, service: Any, monkeypatch: pytest.MonkeyPa
 
 def test_no_bar_in_a_pipe_and_one_on_a_terminal(service: Any) -> None:
     command = [*COMMAND, "generate", "x", "-n", "5", "--label", "slow", "--url", service.url]
-    piped = subprocess.run(command, capture_output=True, timeout=60, check=True)
+    piped = subprocess.run(command, capture_output=True, timeout=300, check=True)
     assert piped.stderr == b""
     reading, writing = pty.openpty()
     fcntl.ioctl(writing, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 100, 0, 0))
-    subprocess.run(command, stdout=subprocess.DEVNULL, stderr=writing, timeout=60, check=True)
+    subprocess.run(command, stdout=subprocess.DEVNULL, stderr=writing, timeout=300, check=True)
     os.close(writing)
     shown = os.read(reading, 65536).decode()
     os.close(reading)

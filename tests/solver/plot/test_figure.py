@@ -88,7 +88,7 @@ for draw in (plot.draw_mesh, plot.draw_quality, plot.draw_surface):
     draw(data, sys.argv[1])
 assert "matplotlib.pyplot" not in sys.modules
 """
-    subprocess.run([sys.executable, "-c", code, str(tmp_path / "picture.png")], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "picture.png")], check=True, timeout=300)
 
 
 # The lines of a mesh: each edge belongs to one subdomain, or to the overlap, and is drawn once.
