@@ -37,7 +37,7 @@ _LIST = (
 
 def insert_blob(database: Database, sha256: str, content: bytes) -> None:
     """Insert the bytes of a small file, unless they are there; in the transaction that first names it."""
-    with database.write() as connection:
+    with database.join() as connection:
         row = {"sha256": sha256, "size": len(content), "created_at": database.clock(), "content": content}
         insert_new(connection, blobs, row)
 
@@ -130,7 +130,7 @@ class BlobFiles:
     def remove(self, sha256: str) -> None:
         """Remove a file that no row names any more; a copy in the other storage is swept up later."""
         key_of(sha256)  # refuses what is no SHA-256
-        with self.database.write() as connection:
+        with self.database.join() as connection:
             removed = connection.execute(_DELETE, {"file": sha256}).rowcount
         if not removed:
             self.larger.remove(sha256)

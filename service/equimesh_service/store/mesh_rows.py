@@ -39,7 +39,13 @@ def insert_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artif
     lock(connection, (file.sha256 for file in files))
     for file in files:
         connection.execute(_REMOVE, {"mesh": mesh_id, "file": file.name})
-        connection.execute(_INSERT, {"mesh_id": mesh_id, **vars(file)})
+    add_artifacts(connection, mesh_id, files)
+
+
+def add_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artifact]) -> None:
+    """Give a new mesh its files, which are locked."""
+    if files:
+        connection.execute(_INSERT, [{"mesh_id": mesh_id, **vars(file)} for file in files])
 
 
 def note_removals(connection: Connection, files: Iterable[str], now: float) -> None:

@@ -15,6 +15,7 @@ from equimesh_service.files.port import Publish, publish_nothing
 from equimesh_service.store.database import Database, lock
 from equimesh_service.store.keys import Quota, take
 from equimesh_service.store.mesh_rows import (
+    add_artifacts,
     delete_ended,
     delete_meshes,
     insert_artifacts,
@@ -294,7 +295,7 @@ class MeshesStore:
             if step is not None:
                 held.update(delete_meshes(connection, leaving, now).files)
                 insert_step(connection, new, step)
-            insert_artifacts(connection, new.id, outcome.files)
+            add_artifacts(connection, new.id, outcome.files)
             outcome.publish(removal_lookup(connection))
             return True
 
