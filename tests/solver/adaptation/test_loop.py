@@ -18,7 +18,6 @@ from equimesh.quality.measures import measure_errors
 from equimesh.rounds.recovery import ErrorEstimate
 from equimesh.testing import GEOMETRIES
 from equimesh.testing.geometries import l_shape
-from equimesh_coupling.values import ElementValues
 
 FRONT = em.Expression("tanh(30*(x + y/2 - 0.75))")
 SECTOR = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0))
@@ -301,7 +300,7 @@ def test_meshes_for_a_solver_have_arrays_of_their_own() -> None:
 def test_the_record_of_values_on_blocks_has_their_estimates() -> None:
     mesh = DOMAIN.mesh
     values = np.sin(4 * mesh.x)
-    record, following = Rounds(domain=DOMAIN, norm="l2", threads=1).known(mesh, ElementValues(values, 1))
+    record, following = Rounds(domain=DOMAIN, norm="l2", threads=1).known(mesh, values)
     known = ErrorEstimate.of(mesh, values, DOMAIN)
     assert (record.estimate, record.unresolved) == (known.estimate, known.unresolved)
     assert record_of(known, mesh, values).estimate_h1 == record.estimate_h1
