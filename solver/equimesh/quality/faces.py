@@ -179,7 +179,8 @@ def survey_faces(x: Array, y: Array, centres: Array, first: int, to_side: bool) 
     at_x, at_y = centres[0], centres[1]
     rows, columns = at_x.shape
     cosine, skewness = np.empty(2 * columns), np.empty(2 * columns)
-    lowest, total, largest, count = 1.0, 0.0, 0.0, 0.0
+    lowest, total, most = np.ones(2 * columns), np.zeros(2 * columns), np.zeros(2 * columns)  # each of its column
+    largest, count = 0.0, 0.0
     for i in range(first, rows + (1 if to_side else 0)):
         from_x, from_y, found = x[i], y[i], 0
         if i < rows:  # the edges that leave the nodes of the row along xi
@@ -212,10 +213,10 @@ def survey_faces(x: Array, y: Array, centres: Array, first: int, to_side: bool) 
         else:
             largest = max(largest, face_sides(start, end, (at_x[after], at_y[after])))
         for k in range(found):
-            lowest, largest = min(lowest, cosine[k]), max(largest, skewness[k])
-            total += cosine[k]
+            lowest[k], most[k] = min(lowest[k], cosine[k]), max(most[k], skewness[k])
+            total[k] += cosine[k]
         count += found
-    return lowest, total, count, largest
+    return lowest.min(), total.sum(), count, max(largest, most.max())
 
 
 @compiled
