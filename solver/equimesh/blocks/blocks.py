@@ -15,6 +15,7 @@ import numpy as np
 
 from equimesh.blocks.checks import check_connected, check_not_folded, check_not_overlapping
 from equimesh.blocks.counts import plan_of
+from equimesh.blocks.curve_entries import entries, mapping
 from equimesh.blocks.curves import BoundaryCurve, Line
 from equimesh.blocks.description import Description
 from equimesh.blocks.fixed_rectangle import between_fixed_lines, fixed_rectangle
@@ -140,9 +141,7 @@ class Blocks:
         it has.
         """
         with between_fixed_lines():
-            return cls.of(
-                fixed_rectangle(x, y, cells, points if points is None else tuple(points), curves, layers, folder)
-            )
+            return cls.of(fixed_rectangle(x, y, cells, _listed(points), curves, layers, folder))
 
     @classmethod
     def of_mesh(
@@ -171,7 +170,10 @@ class Blocks:
         place, cells that share a part of an edge, several pieces, and sides inside the mesh; the message names the
         place and the remedy.
         """
-        return cls._of(recover(points, cells, sides, corners=corners, corner_angle=corner_angle, names=names))
+        mapping(sides, "sides")
+        mapping({} if names is None else names, "names")
+        listed: Any = entries(_listed(corners), "corners", what="a list of numbers of nodes, or places (x, y)")
+        return cls._of(recover(points, cells, sides, corners=listed, corner_angle=corner_angle, names=names))
 
     @classmethod
     def of_plain(
@@ -381,6 +383,11 @@ class Blocks:
             if self.node_curve[node] == FIXED
         }
         return Blocks.assembled(mesh, layout, curves=self.curves, on_curves=on_curves, corners=stays)
+
+
+def _listed(values: object) -> object:
+    """The values of anything that has some in turn as a tuple; anything else, and a text, as it is."""
+    return tuple(values) if isinstance(values, Iterable) and not isinstance(values, str) else values
 
 
 def _furthest(curve: BoundaryCurve, t: Array, axis: int, sign: float) -> float:

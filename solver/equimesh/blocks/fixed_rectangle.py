@@ -36,6 +36,7 @@ MAX_LAYERS, MAX_POINTS = 200, 1000
 CROSSINGS, CROSSED = 400, 1e-9
 # Places of a curve from which Newton's method begins, and its steps.
 PLACES, NEWTON_STEPS = 257, 8
+WANTED_POINTS = "a list of places (x, y) at which nodes stay; cells tells how many cells there are"
 WANTED_CELLS = "two numbers, those along x and along y, such as (32, 32)"
 REMEDY = "take more cells, or fewer of them"
 # Examples of what is given by name.
@@ -371,7 +372,7 @@ def fixed_rectangle(
     along_x, along_y = (whole(n, f"domain.cells[{k}]", MAX_CELLS) for k, n in enumerate(counts))
     places = [
         point(at, f"domain.points[{k}]")
-        for k, at in enumerate(entries(() if points is None else points, "domain.points"))
+        for k, at in enumerate(entries(() if points is None else points, "domain.points", what=WANTED_POINTS))
     ]
     if len(places) > MAX_POINTS:
         raise InputError(f"{len(places)} points: {MAX_POINTS} are possible; take fewer", field="domain.points")

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Unpack
 
+import numpy as np
+
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.problem import Boundary, Problem
@@ -15,7 +17,7 @@ from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.monitor import Monitor
-from equimesh.rounds.shape import best_counts, proportions, with_counts
+from equimesh.rounds.shape import best_counts, counts_within, proportions, require_budget, with_counts
 from equimesh.solving.solution import Solution, degree_of
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Announcer, SolveArguments
@@ -40,7 +42,7 @@ MAX_CORRECTIONS = 2
 """Solves, at most, after the one on the predicted grid."""
 NO_U = "a target is an error of interpolating u, and this monitor has no u: give it one"
 """The reason why a target is refused for a monitor without u."""
-NO_GRID = "the grid of a target is found on domains with four sides: refine the blocks, and solve a Problem of them"
+NO_GRID = "the grid for an error is found on domains with four sides: give max_points alone, or refine the blocks"
 """The reason why a target is refused on blocks."""
 
 
@@ -98,7 +100,7 @@ def solve_to(
     target: Target,
     *,
     monitor: Monitor,
-    domain: Domain = UNIT_SQUARE,
+    domain: Domain | Blocks = UNIT_SQUARE,
     boundary: Boundary = Boundary.TRACE,
     began: Callable[[Grid], None] | None = None,
     **options: Unpack[SolveArguments],
@@ -109,7 +111,7 @@ def solve_to(
     the spacing in H1. The mesh on the predicted grid is solved and measured. Where its error is too large, or far
     smaller than requested, the grid is corrected, at most twice. ``target`` of the certificate has the numbers. Without
     an error the shape of the grid is found on coarse grids; the mesh is no worse than that on the largest grid in the
-    proportions of the domain.
+    proportions of the domain. So it is on blocks, by their counts; ``began`` is not called.
 
     ``began`` is called with every grid before it is solved. ``options`` are those of
     :func:`~equimesh.solving.solve.solve`; the start is no mesh. Raises what that raises, and
@@ -118,6 +120,8 @@ def solve_to(
     """
     if isinstance(options.get("initial"), Mesh):
         raise InputError("a target chooses the grid, so that there is no mesh to start from", field="initial")
+    if isinstance(domain, Blocks) and target.error is None:
+        return _least_on_blocks(target, monitor, domain, options)
     search = _Search(target, _problem(target, monitor, domain, boundary), began, options, _Work.of(options))
     if target.error is None:
         return search.least()
@@ -279,6 +283,31 @@ class _Search:
             f"The requested error of {target.error:g} was missed: it is {best.error:.3g} after {len(tried)} solves."
         )
         return replace(solution, detours=(*solution.detours, missed))
+
+
+def _least_on_blocks(target: Target, monitor: Monitor, domain: Blocks, options: SolveArguments) -> Solution:
+    """The solution with the least error on so many points: with the counts in proportion, or with those found."""
+    if monitor.u is None:
+        raise InputError(NO_U, field="target")
+    most, work = require_budget(target.most, domain), _Work.of(options)
+    usual = domain.with_counts(counts_within(most, domain))
+
+    def on(blocks: Blocks, part: int) -> tuple[float, Solution]:
+        share = 0.5 if part == 1 else None
+        observe = work.announcer and work.announcer.part(share, 1.0, f"mesh {part} for the target")
+        found = solve(Problem(monitor=monitor, domain=blocks), **{**options, "observe": observe})
+        errors = found.interpolation
+        return math.inf if errors is None else {"l2": errors.l2, "h1": errors.h1}[target.norm], found
+
+    before, first = on(usual, 1)
+    if not first.status.succeeded:
+        return first
+    u: Any = monitor.on(usual).u
+    counts = best_counts(u, usual, most, target.norm, first.mesh)
+    if np.array_equal(counts, usual.layout.counts):
+        return first
+    error, second = on(usual.with_counts(counts), 2)
+    return second if error < before else first
 
 
 def _cells_of(grid: Grid) -> float:

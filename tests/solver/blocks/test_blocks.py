@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -237,6 +238,23 @@ def test_counts_that_are_not_one_for_each_class_are_refused(counts: Any) -> None
     with pytest.raises(em.InputError, match="4 whole positive numbers are needed") as refused:
         Blocks.of(documents.l_shape()).with_counts(counts)
     assert refused.value.field == "counts"
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Blocks.rectangle(points=5), "points is a single number: .* cells tells how many cells there are"),  # type: ignore[arg-type]
+        (lambda: Blocks.of_mesh(*ONE_CELL, {}, corners=5), "corners is a single number: it must be a list of numbers"),  # type: ignore[arg-type]
+        (lambda: Blocks.of_mesh(*ONE_CELL, 5), "sides is a single number"),  # type: ignore[arg-type]
+        (lambda: Blocks.of_mesh(*ONE_CELL, {}, names=5), "names is a single number"),  # type: ignore[arg-type]
+    ],
+)
+def test_a_number_in_place_of_a_list_is_refused(build: Callable[[], Blocks], message: str) -> None:
+    with pytest.raises(em.InputError, match=message):
+        build()
+
+
+ONE_CELL: Any = ([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]])
 
 
 def test_ties_have_one_original_where_joins_meet() -> None:

@@ -287,6 +287,19 @@ def test_the_least_error_on_so_many_points_takes_a_shape_for_it(kind: Any) -> No
     assert solution.interpolation.l2 < 0.3 * square.interpolation.l2
 
 
+def test_a_number_of_points_chooses_the_counts_of_blocks() -> None:
+    domain, monitor = l_shape(300), em.LeastError(u=em.Expression("exp(-20*x)"))
+    solution = em.solve_to(em.Target(max_points=300), monitor=monitor, domain=domain, threads=1)
+    even = em.solve(em.Problem(monitor=monitor, domain=domain), threads=1)
+    assert 250 < len(solution.mesh.points) <= 300
+    assert solution.interpolation.l2 < 0.6 * even.interpolation.l2
+    with pytest.raises(em.InputError, match="coarsest mesh of these blocks has 65 points"):
+        em.solve_to(em.Target(max_points=40), monitor=monitor, domain=domain)
+    with pytest.raises(em.InputError, match="give max_points alone") as refused:
+        em.solve_to(em.Target(error=1e-3), monitor=monitor, domain=domain)
+    assert refused.value.field == "domain"
+
+
 def test_a_target_needs_an_error_or_points() -> None:
     with pytest.raises(em.InputError, match="an error is required, or max_points") as refused:
         em.Target()
