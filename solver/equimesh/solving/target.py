@@ -120,7 +120,7 @@ def solve_to(
     """
     if isinstance(options.get("initial"), Mesh):
         raise InputError("a target chooses the grid, so that there is no mesh to start from", field="initial")
-    if isinstance(domain, Blocks) and target.error is None:
+    if isinstance(domain, Blocks):
         return _least_on_blocks(target, monitor, domain, options)
     search = _Search(target, _problem(target, monitor, domain, boundary), began, options, _Work.of(options))
     if target.error is None:
@@ -289,20 +289,24 @@ def _least_on_blocks(target: Target, monitor: Monitor, domain: Blocks, options: 
     """The solution with the least error on so many points: with the counts in proportion, or with those found."""
     if monitor.u is None:
         raise InputError(NO_U, field="target")
+    if target.error is not None:
+        raise InputError(NO_GRID, field="domain")
     most, work = require_budget(target.most, domain), _Work.of(options)
     usual = domain.with_counts(counts_within(most, domain))
 
     def on(blocks: Blocks, part: int) -> tuple[float, Solution]:
         share = 0.5 if part == 1 else None
         observe = work.announcer and work.announcer.part(share, 1.0, f"mesh {part} for the target")
-        found = solve(Problem(monitor=monitor, domain=blocks), **{**options, "observe": observe})
+        told: SolveArguments = {**options, "observe": observe}
+        found: Any = solve(Problem(monitor=monitor, domain=blocks), **told)
         errors = found.interpolation
         return math.inf if errors is None else {"l2": errors.l2, "h1": errors.h1}[target.norm], found
 
     before, first = on(usual, 1)
     if not first.status.succeeded:
         return first
-    u: Any = monitor.on(usual).u
+    of: Any = usual
+    u: Any = monitor.on(of).u
     counts = best_counts(u, usual, most, target.norm, first.mesh)
     if np.array_equal(counts, usual.layout.counts):
         return first
