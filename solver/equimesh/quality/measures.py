@@ -26,7 +26,6 @@ from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh, MeshRows
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.cell_maps import shapes
 from equimesh.quality.cells import (
     AnyMesh,
     BilinearCells,
@@ -47,7 +46,7 @@ from equimesh.quality.interpolation import (
     require_same_cells,
     sample,
 )
-from equimesh.quality.survey import ROWS, Survey
+from equimesh.quality.survey import ROWS, Survey, survey_cells
 from equimesh.quality.tally import ErrorRule, ErrorTally
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
@@ -339,9 +338,10 @@ def shape_regularity(mesh: Mesh) -> Array:
     """
     with np.errstate(all="ignore"):
         cells = cells_of(mesh)
-        out = np.empty((4, cells.count))
-        shapes(cells.corners(cells.own), cells.valid, out)
-        return np.reshape(out[0], cells.own_shape)
+        known, parts, kept = (cells.area, cells.valid), np.empty((len(ROWS), 4)), np.empty((len(ROWS), cells.count))
+        identity = np.repeat([[1.0], [0.0], [1.0]], cells.count, axis=1)
+        survey_cells(cells.grid_nodes, cells.tables, known, 0, identity, parts, kept, 0)
+        return np.reshape(kept[ROWS.index("q_geo")], cells.own_shape)
 
 
 def _values_of(mesh: Mesh, monitor: Monitor, gauss: int | None, name: str) -> Array:
