@@ -298,8 +298,12 @@ class _Pieces:
         whole = CORNERS[self.kind]
         return np.broadcast_to(whole[:, :, None], (*whole.shape, self.count))
 
+    def _parts_of(self, block: slice) -> Array:
+        """The parts of a block, or one for all of them where they are whole cells."""
+        return CORNERS[self.kind][:, :, None] if self.part is None else self.part[:, :, block]
+
     def _errors(self, u: Field, block: slice) -> _Errors:
-        part, (x, y), values = self._parts()[:, :, block], self.corners[:, :, block], self.values[:, block]
+        part, (x, y), values = self._parts_of(block), self.corners[:, :, block], self.values[:, block]
         element = finer_rule(self.kind, self.degree + 3)
         s, t = element.shape @ part[0], element.shape @ part[1]
         first, second = element.along_s @ part, element.along_t @ part
@@ -316,7 +320,7 @@ class _Pieces:
 
     def _over_rim(self, u: Field, block: slice) -> Pair:
         """The integrals of the error times the outer normal over the rim: those of its gradient over the part."""
-        part, corners = self._parts()[:, :, block], self.corners[:, :, block]
+        part, corners = self._parts_of(block), self.corners[:, :, block]
         nodes, weights = np.polynomial.legendre.leggauss(self.degree + 2)
         along = 0.5 + 0.5 * nodes[:, None, None]
         s, t = (1.0 - along) * part[:, None] + along * np.roll(part, -1, axis=1)[:, None]
