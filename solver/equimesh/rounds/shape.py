@@ -270,10 +270,10 @@ def _best_factor(ladder: list[tuple[float, float]], points: int, order: float) -
         moved = 0.5 * (before - after) / (before - 2.0 * here + after)
         return best * (ladder[k + 1][0] / best) ** moved, best, least
     near = ladder[k - 1] if k > 0 else ladder[1]
+    if math.isinf(near[1]):
+        return best, best, least
     powers = np.array([[one**-order, one**order] for one in (best, near[0])])
-    (along, across), _ = scipy.optimize.nnls(
-        powers / np.array([[least], [min(near[1], MAX_RISE * least)]]) ** 2, np.ones(2)
-    )
+    (along, across), _ = scipy.optimize.nnls(powers / np.array([[least], [near[1]]]) ** 2, np.ones(2))
     most = points / MIN_CELLS**2
     if not along * across > 0.0:
         return (most if along > 0.0 else 1.0 / most), best, least
