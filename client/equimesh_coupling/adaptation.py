@@ -326,6 +326,12 @@ def verdict_on(done: Sequence[AdaptRound[M]], rounds: int, norm: str, tolerance:
     return judge(numbers, rounds, norm, tolerance)
 
 
+def first_resolved(done: Sequence[AdaptRound[M]]) -> AdaptRound[M] | None:
+    """The first round whose mesh resolves the solution: its values tell what equation the solver solves."""
+    resolved = (one for one in done if one.unresolved is not None and one.unresolved <= MAX_UNRESOLVED_SHARE)
+    return next(resolved, None)
+
+
 def require_same_kind(done: Sequence[AdaptRound[M]], *, is_indicator: bool) -> None:
     """Raise :class:`BadValues` where a solver returns an error indicator after values, or values after an indicator.
 

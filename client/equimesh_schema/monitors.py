@@ -28,6 +28,14 @@ ADJOINT = (
     "The adjoint solution of a functional at the same nodes, of degree 1, in the form of u. The next mesh then makes "
     "the error of the functional small. null for the error of u."
 )
+NO_EARLIER = (
+    "a metric is made of u alone: earlier values tell what equation the solver of a nodal_solution solves; leave them"
+    " out"
+)
+EARLIER = (
+    "Values of the same solver on the first of its meshes that resolved u, of degree 1, in the form of u. They tell "
+    "whether its errors at the nodes are those for Poisson's equation. null before there are any."
+)
 NO_U = {"u": "the norm is that of the error of interpolating u: give u, an expression or samples"}
 Norm: TypeAlias = Literal["l2", "h1"]
 ErrorNorm: TypeAlias = Annotated[
@@ -171,13 +179,14 @@ class NodalSolution(MonitorDocument):
     mesh. With triangles for cells it is 1 or 2, and the middles of the diagonals along which cells are cut take the
     place of the centres."""
     adjoint: Annotated[Function | None, LATER, described(ADJOINT)] = None
+    earlier: Annotated[Function | None, LATER, described(EARLIER)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class MetricDocument(MonitorDocument):
     """What all monitors have whose metric is equidistributed."""
 
-    REFUSED: ClassVar = {"degree": NO_DEGREE, "adjoint": NO_ADJOINT}
+    REFUSED: ClassVar = {"degree": NO_DEGREE, "adjoint": NO_ADJOINT, "earlier": NO_EARLIER}
 
 
 @dataclass(frozen=True, kw_only=True)

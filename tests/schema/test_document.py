@@ -245,7 +245,7 @@ def test_the_client_sends_the_monitor_that_was_meant(kind: str) -> None:
 
 
 def test_functions_are_found_by_their_types() -> None:
-    assert FUNCTIONS == ("u", "adjoint", "rho", "m11", "m12", "m22")
+    assert FUNCTIONS == ("u", "adjoint", "earlier", "rho", "m11", "m12", "m22")
     assert functions_of(MONITORS.documents["weight"]) == ("rho", "u")
     needing = {kind for kind, names in REQUIRED_FUNCTIONS.items() if names == ("u",)}
     assert needing == {"auto", "least_error", "nodal_solution", "arc_length", "curvature"}

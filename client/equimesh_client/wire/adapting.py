@@ -20,6 +20,7 @@ from equimesh_coupling.adaptation import (
     AdaptRound,
     GoalRecord,
     ended,
+    first_resolved,
     require_same_kind,
     verdict_on,
     wanted_density,
@@ -91,6 +92,8 @@ class AdaptLoop(Generic[M]):
     """The most points of the whole grid, whose shape is found; None where ``n`` gives it."""
     is_settled: bool = False
     """Whether the shape of the grid has been looked for, and is that of the current mesh."""
+    first_resolved: object = None
+    """The values of the first round that resolved the solution, as samples; None before."""
     last: RoundAnswer | None = None
     """The answer of the round that was added last."""
     done: list[AdaptRound[M]] = field(default_factory=list)
@@ -163,7 +166,8 @@ class AdaptLoop(Generic[M]):
                 return {"nodes": nodes, "values": of} if on_blocks else (x, y, of)
 
             adjoint = None if dual is None else samples(dual.z)
-            monitor = NodalSolution(norm=self.norm, degree=degree, adjoint=adjoint)
+            earlier = self.first_resolved if (self.norm, degree) == ("l2", 1) else None
+            monitor = NodalSolution(norm=self.norm, degree=degree, adjoint=adjoint, earlier=earlier)
             found: Any = {"arrays": arrays, "values": values, "cells": cells, "dual": dual}
             return RoundAnswer(is_indicator=False, monitor=monitor, u=samples(values), **found)
         indicator = cell_values(returned, arrays)
@@ -217,6 +221,8 @@ class AdaptLoop(Generic[M]):
             )
         )
         self.last = answered
+        if self.first_resolved is None and first_resolved(self.done) is not None:
+            self.first_resolved = answered.u
         if known is not None and certificate is not None:
             self.moved_cells, self.start = known.moved_cells, _chosen(certificate)
         elif after is not None:

@@ -12,7 +12,7 @@ export const KINDS = Object.fromEntries(CHOICES.monitors.map(({ name: kind, titl
   const names = (chosen) => chosen.map(({ name }) => name);
   return [kind, {
     title,
-    functions: functions.filter((name) => name !== "u" && name !== "adjoint"),
+    functions: functions.filter((name) => !["u", "adjoint", "earlier"].includes(name)),
     common: names(settings.filter(isCommon)),
     more: names(settings.filter((one) => !isCommon(one))),
   }];

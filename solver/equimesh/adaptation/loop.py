@@ -25,12 +25,20 @@ from equimesh.monitors.tensor import Weight
 from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.quality.elements import CellKind
-from equimesh.rounds.recovery import KEPT, ErrorEstimate, moved_cells, on_domain
+from equimesh.rounds.recovery import KEPT, ErrorEstimate, NodalValues, moved_cells, on_domain
 from equimesh.rounds.round import next_mesh
 from equimesh.rounds.shape import ShapeSearch, counts_within, require_budget, with_counts
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
-from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on, wanted_density
+from equimesh_coupling.adaptation import (
+    Adaptation,
+    AdaptRound,
+    ended,
+    first_resolved,
+    require_same_kind,
+    verdict_on,
+    wanted_density,
+)
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.goals import NEEDS_GOAL, Goal, GoalValues, WithAdjoint, check_goal, goal_values
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_values
@@ -120,11 +128,24 @@ class Rounds:
         return mesh.moved(mesh.points.copy())
 
     def known(
-        self, mesh: Mesh, values: Array, degree: int = 1, cells: CellKind = "quad", dual: GoalValues | None = None
+        self,
+        mesh: Mesh,
+        values: Array,
+        degree: int = 1,
+        cells: CellKind = "quad",
+        *,
+        dual: GoalValues | None = None,
+        first: AdaptRound[Mesh] | None = None,
     ) -> RoundAndNextMesh:
-        """The record of values at the nodes of elements of a ``degree`` on ``cells``, and the way to the next mesh."""
+        """The record of values at the nodes of elements of a ``degree`` on ``cells``, and the way to the next mesh.
+
+        ``first`` is the first round that resolved the solution.
+        """
         adjoint = None if dual is None else dual.z
-        known = ErrorEstimate.of(mesh, values, self.domain, self.threads, require_degree(degree, cells), adjoint, cells)
+        is_compared = first is not None and (self.norm, degree) == ("l2", 1)
+        earlier = NodalValues(first.mesh, first.values) if first is not None and is_compared else None
+        of: Any = (self.domain, self.threads, require_degree(degree, cells), adjoint, earlier, cells)
+        known = ErrorEstimate.of(mesh, values, *of)
 
         def following() -> tuple[Mesh, float, str]:
             of = None if self.shape is None else self.shape.next(known, self.norm, self.threads)
@@ -136,11 +157,11 @@ class Rounds:
             record = replace(record, goal=self.goal.record(dual, known.products), adjoint=dual.z)
         return record, following
 
-    def averaged(self, mesh: Mesh, values: Array) -> RoundAndNextMesh:
+    def averaged(self, mesh: Mesh, values: Array, first: AdaptRound[Mesh] | None) -> RoundAndNextMesh:
         """As :meth:`known`, of values that were recovered from averages over the cells; on blocks cells stay even."""
         domain = self.domain
         if not isinstance(domain, Blocks):
-            return self.known(mesh, values, cells=self.cells or "quad")
+            return self.known(mesh, values, cells=self.cells or "quad", first=first)
         known = ErrorEstimate.of(mesh, values, domain, self.threads)
 
         def following() -> tuple[Any, float, str]:
@@ -301,7 +322,7 @@ def _loop(
             mesh, moved, start = following()
             # The solver gets its own arrays, which it may change.
             returned = solve(by.copied(mesh))
-            record, following = _looked_at(returned, mesh, by)
+            record, following = _looked_at(returned, mesh, by, first_resolved(done))
             require_same_kind(done, is_indicator=isinstance(returned, ErrorIndicator))
         except Exception as failure:
             if not done:
@@ -314,7 +335,7 @@ def _loop(
             return ended(done, rounds, norm, tolerance=tolerance)
 
 
-def _looked_at(returned: Any, mesh: Mesh, by: Rounds) -> RoundAndNextMesh:
+def _looked_at(returned: Any, mesh: Mesh, by: Rounds, first: AdaptRound[Mesh] | None) -> RoundAndNextMesh:
     """The record of what a solver returned, and the way to the next mesh."""
     if by.goal is not None:
         dual = goal_values(returned, mesh, by.goal)
@@ -324,8 +345,8 @@ def _looked_at(returned: Any, mesh: Mesh, by: Rounds) -> RoundAndNextMesh:
     if isinstance(returned, ErrorIndicator):
         return by.indicated(mesh, cell_values(returned, mesh))
     if isinstance(returned, CellAverages):
-        return by.averaged(mesh, node_values(returned, mesh))
-    return by.known(mesh, *element_values(returned, mesh, by.degree, by.cells))
+        return by.averaged(mesh, node_values(returned, mesh), first)
+    return by.known(mesh, *element_values(returned, mesh, by.degree, by.cells), first=first)
 
 
 def _grid(n: Any) -> Grid:

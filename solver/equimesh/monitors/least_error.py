@@ -295,6 +295,8 @@ SIX_NODES = (
     ' element_points(mesh, 2, "triangle")'
 )
 """Where the values of triangles of degree 2 are."""
+NOT_EARLIER = "the earlier values are not those at the nodes of a mesh of the same kind: give them in the form of u"
+"""Why other earlier values are refused."""
 NOT_DUAL = "the adjoint belongs to another mesh than u: give its values at the same nodes, in the same form"
 """Why an adjoint of another mesh is refused."""
 TWO_KINDS = (
@@ -328,6 +330,8 @@ class NodalSolution:
     """The cells of the elements. On triangles of degree 2 the inner value of each quadrilateral is that at the middle
     of the diagonal along which :meth:`~equimesh.meshes.mesh.Mesh.triangles` cuts it. With an ``adjoint`` errors are
     those on quadrilaterals."""
+    earlier: Field | None = None
+    """Values of the same solver on an earlier mesh that resolves u, of degree 1: they tell whose error leads in L2."""
     adjoint: Field | None = None
     """The adjoint solution of a functional, whose error is then made small: values at the same nodes, of degree 1."""
     _nodal: NodalField | QuadField | None = field(default=None, init=False, repr=False, compare=False)
@@ -341,6 +345,7 @@ class NodalSolution:
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose {NORMS[0]!r} or {NORMS[1]!r}", field="norm")
         require_value_degree(self.degree, self.cells)
+        self._check_earlier()
         if self.adjoint is None:
             return
         if self.degree != 1:
@@ -352,6 +357,16 @@ class NodalSolution:
             raise InputError(NOT_DUAL, field="adjoint")
         if not self.adjoint.values.any():
             raise InputError(CONSTANT, field="adjoint")
+
+    def _check_earlier(self) -> None:
+        if self.earlier is None:
+            return
+        if not isinstance(self.earlier, NodalField | QuadField) or self.earlier.mesh.is_grid != self.nodal.mesh.is_grid:
+            raise InputError(NOT_EARLIER, field="earlier")
+        if self.earlier.mesh.is_folded:
+            raise InputError("the mesh of the earlier values is folded: leave them out", field="earlier")
+        if self.degree != 1:
+            raise InputError("earlier values are compared for elements of degree 1: leave them out", field="earlier")
 
     def __eq__(self, other: object) -> bool:
         """Whether another monitor is the same request: equal values at equal nodes, in the same norm."""
@@ -369,7 +384,9 @@ class NodalSolution:
     @property
     def _arrays(self) -> tuple[Array, ...]:
         adjoint = () if self.dual is None else (self.dual,)
-        return self.nodal.mesh.x, self.nodal.mesh.y, self.nodal.values, *adjoint
+        before: Any = self.earlier
+        earlier = () if before is None else (before.mesh.x, before.mesh.y, before.values)
+        return self.nodal.mesh.x, self.nodal.mesh.y, self.nodal.values, *earlier, *adjoint
 
     @property
     def dual(self) -> Array | None:
@@ -466,7 +483,7 @@ class NodalSolution:
         least = LeastError(u=recovered, **settings).on(domain)
         unbound = self
         if self._nodal is not None:
-            unbound = NodalSolution(u=nodal, adjoint=self.adjoint, **settings)
+            unbound = NodalSolution(u=nodal, earlier=self.earlier, adjoint=self.adjoint, **settings)
         return bound_copy(unbound, domain, u=recovered, _nodal=nodal, _least_error=least)
 
     def weakened(self, strength: float) -> Monitor:

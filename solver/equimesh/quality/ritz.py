@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -130,24 +130,59 @@ def ritz_errors(mesh: Mesh, u: Field, *, triangles: bool = False, degree: int = 
             return UNKNOWN
         if degree > 1:
             return _of_degree(cells, u, degree, "triangle" if triangles else "quad")
-        nodes = _elements(mesh, triangles=triangles)
-        points, count = CellPoints.gauss(GAUSS_POINTS), len(mesh.points)
-        corners = np.ascontiguousarray(np.concatenate([mesh.x[nodes], mesh.y[nodes]]))
-        x, y = np.empty((2, points.s.size, nodes.shape[1]))
-        locate(corners, points.s, points.t, x, y)
-        here, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1))
-        nodal = u.evaluate(np.ascontiguousarray(mesh.x), np.ascontiguousarray(mesh.y))[0]
-        numbers = unknowns(mesh.cells, count, mesh.ties)
-        matrices, loads = np.zeros((nodes.shape[1], 4, 4)), np.zeros((nodes.shape[1], 4))
-        assemble(corners, np.ascontiguousarray(nodal[nodes]), (u_x, u_y), quadrilateral(GAUSS_POINTS), matrices, loads)
-        if not (np.isfinite(matrices).all() and np.isfinite(loads).all()):
+        found = _projected(mesh, u, triangles=triangles)
+        if found is None:
             return UNKNOWN
-        added = _solved(numbers[nodes.T], matrices, loads)
-        values = nodal + np.where(numbers < 0, 0.0, added[numbers])
+        points, nodes, (here, u_x, u_y), nodal = CellPoints.gauss(GAUSS_POINTS), found.elements, found.at, found.nodal
+        values = nodal + found.added
         sums, largest = np.zeros((4, nodes.shape[1])), np.zeros(nodes.shape[1])
-        add_errors(corners, np.ascontiguousarray(values[nodes]), here, (u_x, u_y), points, sums, largest, 0)
+        own = np.ascontiguousarray(values[nodes])
+        add_errors(found.corners, own, here, (u_x, u_y), points, sums, largest, 0)
         l2, h1 = (math.sqrt(total) if math.isfinite(total) else math.nan for total in sums[:2].sum(axis=1))
         return RitzErrors(l2=l2, h1=h1, rounding=noise(cells, float(np.abs(nodal).max())))
+
+
+class Projected(NamedTuple):
+    """The Ritz projection of u on elements of degree 1."""
+
+    elements: IntArray
+    """The nodes of every element, shape ``(4, elements)``."""
+    corners: Array
+    """x and then y of them, shape ``(8, elements)``."""
+    at: tuple[Array, Array, Array]
+    """u and its gradient at the points of all elements."""
+    nodal: Array
+    """u at the nodes, shape ``(nodes,)``."""
+    added: Array
+    """What a solver for Poisson's equation adds to it there, 0 on the boundary."""
+
+
+def projection(mesh: Mesh, u: Field, *, triangles: bool = False) -> Pair | None:
+    """u at the nodes of ``mesh``, and what elements of degree 1 for Poisson's equation add to it, ``(nodes,)`` each.
+
+    ``None`` where u or its gradient is not finite. The mesh is not folded.
+    """
+    with np.errstate(all="ignore"):
+        found = _projected(mesh, u, triangles=triangles)
+    return None if found is None else (found.nodal, found.added)
+
+
+def _projected(mesh: Mesh, u: Field, *, triangles: bool = False) -> Projected | None:
+    """The projection on the cells of a ``mesh`` that is not folded; ``None`` where u or its gradient is not finite."""
+    nodes, points = _elements(mesh, triangles=triangles), CellPoints.gauss(GAUSS_POINTS)
+    of_nodes = np.ascontiguousarray(mesh.points.T)
+    corners = np.ascontiguousarray(np.concatenate(of_nodes[:, nodes]))
+    x, y = np.empty((2, points.s.size, nodes.shape[1]))
+    locate(corners, points.s, points.t, x, y)
+    here, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1))
+    nodal = u.evaluate(*of_nodes)[0]
+    numbers = unknowns(mesh.cells, len(mesh.points), mesh.ties)
+    matrices, loads = np.zeros((nodes.shape[1], 4, 4)), np.zeros((nodes.shape[1], 4))
+    assemble(corners, np.ascontiguousarray(nodal[nodes]), (u_x, u_y), quadrilateral(GAUSS_POINTS), matrices, loads)
+    if not (np.isfinite(matrices).all() and np.isfinite(loads).all()):
+        return None
+    added = _solved(numbers[nodes.T], matrices, loads)
+    return Projected(nodes, corners, (here, u_x, u_y), nodal, np.where(numbers < 0, 0.0, added[numbers]))
 
 
 def _elements(mesh: Mesh, *, triangles: bool) -> IntArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ from equimesh.least_error.dual import DualField, objective_of
 from equimesh.least_error.iteration import MORE_SLOPE_POINTS
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
-from equimesh.least_error.projection import ProjectedObjective, is_projected
+from equimesh.least_error.projection import MAX_CELLS, ProjectedObjective, is_projected
 from equimesh.least_error.starts import coordinates_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.second_order import (
@@ -35,6 +35,7 @@ from equimesh.meshes.second_order import (
 from equimesh.numerics.types import Array
 from equimesh.quality.cells import CellPoints, MeshCells, cells_of
 from equimesh.quality.elements import CellKind, basis, nodes_of, quadrilateral, triangle
+from equimesh.quality.ritz import projection
 from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
 from equimesh_coupling.display import draw_on, picture
 from equimesh_coupling.elements import lobatto
@@ -64,6 +65,13 @@ MAX_POLYNOMIAL_SHARES: Mapping[Norm, float] = {"l2": 0.02, "h1": 0.07}
 Above, they leave as much at the nodes as the error is, and nodes stay where they are. On a peak of 17 x 17 points the
 error of degree 3 stayed as it was, and with limited cubics fell by a factor of 40; at a share of 0.002 by 3.9 and 1.8.
 """
+
+
+class NodalValues(NamedTuple):
+    """The values of a solver at the nodes of a mesh, of degree 1."""
+
+    mesh: Mesh
+    values: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -281,6 +289,22 @@ def moved_cells(before: Mesh, after: Mesh) -> float:
     return float(np.sqrt(np.mean(np.sum(moves**2, axis=-1))))
 
 
+def are_of_poisson(earlier: NodalValues, u: Field, unknown: float, cells: CellKind) -> bool:
+    """Whether values of a solver are nearer to those for Poisson's equation, with u as solution, than to u itself.
+
+    Both are compared at the nodes of their mesh, in L2. True where they differ by less than is ``unknown`` of u, and on
+    large meshes, on which the solution is not computed.
+    """
+    mesh, values = earlier
+    found = projection(mesh, u, triangles=cells == "triangle") if len(mesh.cells) <= MAX_CELLS else None
+    if found is None:
+        return True
+    (nodal, added), shares = found, np.repeat(mesh.cell_areas().ravel(), mesh.cells.shape[1]) / mesh.cells.shape[1]
+    weights = np.bincount(mesh.cells.ravel(), shares, len(mesh.points)) * added
+    is_known = float((weights * added).sum()) > unknown**2
+    return not is_known or float((weights * (2.0 * (np.ravel(values) - nodal) - added)).sum()) > 0.0
+
+
 # What tells the error of a functional.
 
 PRODUCT_POINTS = 4
@@ -335,6 +359,8 @@ class ErrorEstimate:
     """Whether the estimate is nothing but rounding."""
     solver_share: float = 1.0
     """``estimate`` over the L2 error of the interpolant. Above 1 the mesh serves interpolation more than a solver."""
+    is_of_poisson: bool = True
+    """Whether earlier values of the solver, if any are given, are like those for Poisson's equation."""
     products: ErrorProducts | None = None
     """What tells the error of a functional, where its adjoint is given."""
 
@@ -347,20 +373,23 @@ class ErrorEstimate:
         threads: int = 1,
         degree: ValueDegree = 1,
         adjoint: npt.ArrayLike | None = None,
+        earlier: NodalValues | None = None,
         cells: CellKind = "quad",
     ) -> ErrorEstimate:
         """From ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
 
         With the values of an ``adjoint`` at the same nodes cells are quadrilaterals, the error of the gradient is the
         root of the sum over the cells of the products of both errors, and its norm the root of the product of both.
+        Where ``earlier`` values are not :func:`are_of_poisson`, the estimate is the error of the interpolant alone.
 
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
         :class:`~equimesh.errors.InputError` for a folded mesh, one of another domain, and an adjoint that is zero or of
         degree 2.
         """
         recovery = Recovery.of(mesh, values, domain, degree, cells if adjoint is None else "quad")
-        plain = recovery.estimate("l2", threads, of_solver=False)
-        estimate, size, products = recovery.of_solver(plain, threads), recovery.gradient_norm(), None
+        plain, size, products = recovery.estimate("l2", threads, of_solver=False), recovery.gradient_norm(), None
+        is_of_poisson = earlier is None or are_of_poisson(earlier, recovery.u, plain, cells)
+        estimate = recovery.of_solver(plain, threads) if is_of_poisson else plain
         is_exact = not estimate > recovery.rounding
         if adjoint is not None:
             if degree != 1:
@@ -380,6 +409,7 @@ class ErrorEstimate:
             unresolved=slopes / size if size > 0.0 else 0.0,
             is_exact=is_exact,
             solver_share=estimate / plain if plain > 0.0 else 1.0,
+            is_of_poisson=is_of_poisson,
             products=products and replace(products, bound=slopes**2),
         )
 
@@ -403,7 +433,8 @@ class ErrorEstimate:
     @property
     def is_for_solver(self) -> bool:
         """Whether the error of a solver leads to the next mesh. Before that the interpolant finds layers faster."""
-        return self.products is None and (self.is_resolved or self.solver_share > MIN_SOLVER_SHARE)
+        is_near = self.is_resolved or self.solver_share > MIN_SOLVER_SHARE
+        return self.is_of_poisson and self.products is None and is_near
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,7 +18,7 @@ from equimesh.meshes.nested import closed_mesh
 from equimesh.meshes.second_order import require_degree
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.quality.measures import measure_errors
-from equimesh.rounds.recovery import KEPT, Round
+from equimesh.rounds.recovery import KEPT, NodalValues, Round
 from equimesh.rounds.round import adapt_round
 from equimesh.solving.orthogonality import Corners
 from equimesh.solving.solution import AnySolution, Solution, degree_of, interpolated_cells, status_unless_folded
@@ -213,9 +213,10 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
         monitor.require_grid(problem.grid)
     domain, degree = problem.domain, require_degree(monitor.degree)
     mesh, values = monitor.mesh_on(domain), monitor.nodal.values
-    found = adapt_round(
-        mesh, values, domain, monitor.norm, threads, degree=degree, adjoint=monitor.dual, cells=monitor.cells
-    )
+    before: Any = monitor.earlier
+    earlier = None if before is None else NodalValues(before.mesh, before.values)
+    of: Any = {"degree": degree, "adjoint": monitor.dual, "earlier": earlier, "cells": monitor.cells}
+    found = adapt_round(mesh, values, domain, monitor.norm, threads, **of)
     return Solution(
         problem=problem,
         mesh=found.mesh,

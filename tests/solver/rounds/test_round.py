@@ -16,9 +16,20 @@ from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.starts import mesh_of, rectilinear
 from equimesh.meshes.second_order import lattice_of, require_degree
 from equimesh.quality.measures import measure_errors
+from equimesh.quality.ritz import projection
 from equimesh.rounds import recovery
 from equimesh.rounds.candidates import LINE_FLOORS, LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
-from equimesh.rounds.recovery import KEPT, ErrorEstimate, NextMesh, Recovery, Round, measured, moved_cells
+from equimesh.rounds.recovery import (
+    KEPT,
+    ErrorEstimate,
+    NextMesh,
+    NodalValues,
+    Recovery,
+    Round,
+    are_of_poisson,
+    measured,
+    moved_cells,
+)
 from equimesh.rounds.round import adapt_round
 from equimesh.rounds.shape import (
     GRID,
@@ -285,6 +296,18 @@ def test_no_error_of_the_values_is_measured_twice(monkeypatch: pytest.MonkeyPatc
         ErrorEstimate.of(uniform(9, 9), values, UNIT_SQUARE, degree=degree)
         assert sorted(called) == [("h1", False), ("l2", False), ("l2", True)]
         called.clear()
+
+
+def test_a_solver_leads_no_more_where_its_earlier_values_are_not_those_for_poisson() -> None:
+    mesh, first, u = uniform(17, 17), uniform(9, 9), em.Expression("tanh(6*(x + y/2 - 0.75))")
+    thin, values = em.Mesh.of_unit_square(first.x**3, first.y), u.evaluate(mesh.x, mesh.y)[0]
+    known = ErrorEstimate.of(mesh, values, UNIT_SQUARE)
+    nodal, added = projection(thin, known.recovery.u)
+    near, far = NodalValues(thin, nodal + 0.6 * added), NodalValues(thin, nodal + 0.4 * added)
+    poisson, other = (ErrorEstimate.of(mesh, values, UNIT_SQUARE, earlier=one) for one in (near, far))
+    assert are_of_poisson(far, known.recovery.u, 1.0, "quad")
+    assert (known.is_for_solver, poisson.is_for_solver, other.is_for_solver) == (True, True, False)
+    assert (poisson.estimate, other.estimate) == (known.estimate, other.recovery.estimate("l2", of_solver=False))
 
 
 def test_fitted_gradients_are_nearer_to_a_smooth_function() -> None:
