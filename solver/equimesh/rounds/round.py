@@ -206,7 +206,7 @@ def adapt_round(
     of an ``adjoint`` at the same nodes, of degree 1, the error is that of its functional: the sum over the cells of the
     products of both errors of the gradient.
 
-    A pure function: equal arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 70 to 120
+    A pure function: equal arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 110 to 140
     microseconds of processor time a point of a rectangle.
 
     Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and

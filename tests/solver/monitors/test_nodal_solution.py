@@ -51,6 +51,20 @@ def test_an_adjoint_belongs_to_the_request() -> None:
         em.NodalSolution(u=NODAL, adjoint=adjoint, degree=2)
 
 
+def test_earlier_values_belong_to_the_request() -> None:
+    moved = em.Mesh(NODES.x**2, NODES.y)
+    one = em.NodalSolution(u=NODAL, earlier=em.NodalField(mesh=moved, values=VALUES))
+    assert one == one.on(em.Rectangle())
+    assert one != em.NodalSolution(u=NODAL)
+    blocks = em.Blocks.rectangle(cells=(4, 4)).mesh
+    for other in (em.Expression("x"), em.QuadField(mesh=blocks, values=np.zeros(len(blocks.points)))):
+        with pytest.raises(em.InputError, match="not those at the nodes of a mesh of the same kind"):
+            em.NodalSolution(u=NODAL, earlier=other)
+    twice = np.zeros((17, 17))
+    with pytest.raises(em.InputError, match="for elements of degree 1"):
+        em.NodalSolution(u=em.NodalField(mesh=lattice_of(NODES, 2), values=twice), degree=2, earlier=NODAL)
+
+
 def test_what_is_refused() -> None:
     with pytest.raises(em.InputError, match="values of a solver at the nodes"):
         em.NodalSolution(u=em.Expression("x"))
