@@ -217,10 +217,7 @@ class Database:
             finally:
                 self._outer.connection = None
         for call in calls:
-            try:
-                call()
-            except Exception as error:
-                _log.warning("what follows a commit has failed, and is done later: %s", type(error).__name__)
+            _follow(call)
 
     @contextmanager
     def join(self) -> Iterator[Connection]:
@@ -238,10 +235,10 @@ class Database:
     def when_committed(self, call: Callable[[], None]) -> None:
         """Call a function when the writing transaction of this thread is committed; now, where there is none.
 
-        It may fail, since the transaction cannot be undone any more: then it is logged.
+        It may fail, since what it follows cannot be undone any more: then it is logged.
         """
         if self._writing is None:
-            call()
+            _follow(call)
         else:
             self._outer.calls.append(call)
 
@@ -252,6 +249,13 @@ class Database:
     def close(self) -> None:
         """Close all connections."""
         self._engine.dispose()
+
+
+def _follow(call: Callable[[], None]) -> None:
+    try:
+        call()
+    except Exception as error:
+        _log.warning("what follows a commit has failed, and is done later: %s", type(error).__name__)
 
 
 def lock(connection: Connection, names: Iterable[str]) -> None:

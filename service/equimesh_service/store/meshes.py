@@ -266,7 +266,7 @@ class MeshesStore:
         added = self._once(new, key, fingerprint, put)
         assert added is not None
         if step is not None and added == new.id:
-            remove_unused(self._database, held, step.discard)
+            self._database.when_committed(partial(remove_unused, self._database, held, step.discard))
         return added
 
     def add_finished(

@@ -197,6 +197,24 @@ def test_what_follows_a_commit_waits_for_it_and_cannot_undo_it(store: Store) -> 
         store.meshes.add_finished(entry("m-0"), Outcome(result={}), seconds=1.0)
         assert called == []
     assert called == [True]
+    store.database.when_committed(call)  # of a transaction that has ended
+    assert called == [True, True]
+
+
+def test_files_that_cannot_be_removed_do_not_refuse_the_step_that_is_stored(store: Store) -> None:
+    def discard(_: str) -> None:
+        raise SQLAlchemyError
+
+    for number in range(4):
+        made = step_of(number, f"m-{number}", b"")
+        assert made.step is not None
+        step = replace(made.step, discard=discard)
+        if number == 3:
+            assert store.meshes.add(made.new, step=step) == "m-3"
+        else:
+            added = store.meshes.add_finished(replace(made, step=step), Outcome(result={}), seconds=1.0)
+            assert added == f"m-{number}"
+    assert [row.id for row in store.meshes.page()] == ["m-3", "m-2"]
 
 
 def test_a_mesh_of_the_queue_ends_once(store: Store, writer: Writer) -> None:
