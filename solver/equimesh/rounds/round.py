@@ -19,7 +19,7 @@ from equimesh.least_error.nest import coarse_level
 from equimesh.least_error.starts import mesh_of
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.second_order import ValueDegree, require_degree
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import NOT_EARLIER, LeastError
 from equimesh.monitors.metrics import NORMS
 from equimesh.numerics.threads import thread_count
 from equimesh.quality.elements import CellKind
@@ -177,6 +177,15 @@ def _best_of_grid(known: Recovery, norm: Norm, threads: int, grid: Grid, of_solv
     )
 
 
+def _are_of_a_mesh(earlier: object, mesh: Mesh) -> bool:
+    """Whether they are finite values at the nodes of a mesh of the same kind that is not folded."""
+    if not isinstance(earlier, NodalValues) or earlier.mesh.is_grid != mesh.is_grid or earlier.mesh.is_folded:
+        return False
+    values = np.asarray(earlier.values)
+    is_real = values.dtype.kind in "biuf" and values.shape == earlier.mesh.node_shape
+    return is_real and bool(np.isfinite(values).all())
+
+
 def adapt_round(
     mesh: Mesh,
     values: npt.ArrayLike,
@@ -211,10 +220,12 @@ def adapt_round(
 
     Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
     :class:`~equimesh.errors.InputError` for a folded mesh, a mesh and a domain of two kinds, another norm, degree or
-    number of threads.
+    number of threads, and earlier values that are not those of a mesh.
     """
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
+    if earlier is not None and not _are_of_a_mesh(earlier, mesh):
+        raise InputError(NOT_EARLIER, field="earlier")
     threads = thread_count(threads)
     known = ErrorEstimate.of(mesh, values, domain, threads, require_degree(degree, cells), adjoint, earlier, cells)
     found = next_mesh(known, norm if adjoint is None else "h1", threads)

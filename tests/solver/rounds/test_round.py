@@ -114,7 +114,11 @@ def test_constant_values_keep_the_mesh(values: float) -> None:
 
 
 def test_bad_arguments_are_refused() -> None:
-    mesh = uniform(9, 9)
+    mesh, blocks = uniform(9, 9), em.Blocks.rectangle(cells=(4, 4)).mesh
+    folded = em.Mesh(mesh.x[::-1].copy(), mesh.y)
+    for other, given in ((mesh, mesh.x[:8]), (mesh, np.nan * mesh.x), (folded, mesh.x), (blocks, blocks.x)):
+        with pytest.raises(InputError, match="the earlier values are not those at the nodes"):
+            adapt_round(mesh, mesh.x, earlier=NodalValues(other, given))
     with pytest.raises(SamplesError, match="values has shape"):
         adapt_round(mesh, np.ones((8, 9)))
     with pytest.raises(InputError, match="choose 'l2' or 'h1'"):
