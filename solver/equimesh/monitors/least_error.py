@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from equimesh.blocks.blocks import Blocks
+from equimesh.blocks.blocks import OTHER_CELLS, Blocks
 from equimesh.domains.domain import Rectangle, map_mesh
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_fields
@@ -425,6 +425,8 @@ class NodalSolution:
         if nodes.is_grid == isinstance(domain, Blocks):
             raise InputError(TWO_KINDS, field="u")
         if self.degree == 1:
+            if isinstance(domain, Blocks) and not np.array_equal(nodes.cells, domain.mesh.cells):
+                raise InputError(OTHER_CELLS, field="u")
             return nodes
         if isinstance(domain, Blocks):
             (count,) = element_shape(domain.mesh, self.degree)

@@ -58,8 +58,11 @@ GRID = Layout(
 """The layout of a grid: one block, whose classes of edges are those along xi and those along eta."""
 
 
-def require_budget(points: object, domain: Domain | Blocks = UNIT_SQUARE) -> int:
-    """The number of ``points`` of a budget; raises :class:`~equimesh.errors.InputError` for one without a mesh."""
+def require_budget(points: object, domain: Domain | Blocks = UNIT_SQUARE, name: str = "points") -> int:
+    """The number of ``points`` of a budget; raises :class:`~equimesh.errors.InputError` for one without a mesh.
+
+    ``name`` is that of the argument.
+    """
     layout = layout_of(domain)
     fewest = layout.with_counts(least_counts(layout)).node_count
     if is_whole(points) and int(str(points)) >= fewest:
@@ -69,7 +72,7 @@ def require_budget(points: object, domain: Domain | Blocks = UNIT_SQUARE) -> int
         coarsest = (
             f"the coarsest mesh of these blocks has {fewest} points, {MIN_CELLS} cells along each edge or its own"
         )
-    raise InputError(f"points = {str(points)[:40]}: {coarsest}; give a whole number of them", field="points")
+    raise InputError(f"{name} = {str(points)[:40]}: {coarsest}; give a whole number of them", field=name)
 
 
 def layout_of(domain: Domain | Blocks) -> Layout:

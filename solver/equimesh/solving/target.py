@@ -291,7 +291,7 @@ def _least_on_blocks(target: Target, monitor: Monitor, domain: Blocks, options: 
         raise InputError(NO_U, field="target")
     if target.error is not None:
         raise InputError(NO_GRID, field="domain")
-    most, work = require_budget(target.most, domain), _Work.of(options)
+    most, work = require_budget(target.most, domain, "max_points"), _Work.of(options)
     usual = domain.with_counts(counts_within(most, domain))
 
     def on(blocks: Blocks, part: int) -> tuple[float, Solution]:

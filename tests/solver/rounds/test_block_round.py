@@ -114,3 +114,7 @@ def test_values_on_another_mesh_are_refused() -> None:
     other = disc(300).mesh
     with pytest.raises(em.InputError, match="other cells than the domain"):
         Recovery.of(other, other.x, TWO_SQUARES)
+    finer = TWO_SQUARES.refined(2).mesh
+    monitor = em.NodalSolution(u=em.QuadField(mesh=finer, values=finer.x))
+    with pytest.raises(em.InputError, match="other cells than the domain"):
+        em.solve(em.Problem(monitor=monitor, domain=TWO_SQUARES))
