@@ -45,6 +45,8 @@ from equimesh_service.store.schema import artifacts, blobs, keys, meshes, metada
 
 # Of a connection to SQLite: whether its file could not be written to when it was opened.
 _READ_ONLY = "read only"
+# How long a transaction of SQLite waits for another one.
+_BUSY_SECONDS = 30.0
 # How old a reading of the database's clock may be.
 _MAX_READING_AGE_SECONDS = 10.0
 # A reading that takes longer is repeated: the time may be of its beginning or of its end.
@@ -148,7 +150,7 @@ class Database:
         self.clock: Callable[[], float] = self._server_clock or time.time
         if address.get_backend_name() == "sqlite":
             self._turns = RLock()
-            arguments: dict[str, Any] = {"timeout": 30.0, "check_same_thread": False}
+            arguments: dict[str, Any] = {"timeout": _BUSY_SECONDS, "check_same_thread": False}
             self._engine = create_engine(
                 address, connect_args=arguments, json_serializer=to_json, pool_size=8, max_overflow=64
             )
@@ -315,9 +317,22 @@ def _prepare_sqlite(connection: Any, record: Any) -> None:
     cursor = connection.cursor()
     file = cursor.execute("PRAGMA database_list").fetchone()[2]
     record.info[_READ_ONLY] = not os.access(file, os.W_OK)
-    cursor.execute("PRAGMA journal_mode=WAL")
+    _write_ahead(cursor)
     cursor.execute("PRAGMA foreign_keys=ON")
     cursor.close()
+
+
+def _write_ahead(cursor: sqlite3.Cursor) -> None:
+    """Turn WAL mode on. SQLite does not wait where another service does so in the same new file."""
+    latest = time.monotonic() + _BUSY_SECONDS
+    while True:
+        try:
+            cursor.execute("PRAGMA journal_mode=WAL")
+            return
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > latest:
+                raise
+        time.sleep(0.01)
 
 
 def _drop_read_only(_connection: Any, record: Any) -> None:
