@@ -46,7 +46,8 @@ def require_degree(degree: object, cells: Literal["quad", "triangle"]) -> None:
             f"degree = {degree!r:.20}: give the degree of the elements, a whole number from 1 to {MAX_DEGREE}",
             field="degree",
         )
-    require_value_degree(degree, cells)
+    if cells != "quad":
+        require_value_degree(degree, cells)
 
 
 def require_measured(monitor: LeastError | Auto) -> None:
