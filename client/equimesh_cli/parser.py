@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -95,6 +96,8 @@ def code_of(error: Exception) -> Exit | None:
 
 
 # What is expected of the values of options, by their types.
+_MEANT = {"--mesh": "--domain-file", "--file": "--samples"}
+"""Options that are looked for under other names."""
 _NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
 # Commands of earlier releases, and what does their work now.
 _MOVED = {"bench": "`python benchmarks/bench.py` in the source of equimesh measures what a mesh costs"}
@@ -135,7 +138,8 @@ class Parser(argparse.ArgumentParser):
 
     def _advice(self, unknown: str) -> str:
         """What an unknown argument may be meant for, after a semicolon; empty where nobody can tell."""
-        nearest = get_close_matches(unknown.partition("=")[0], self._option_string_actions, n=1)
+        word = unknown.partition("=")[0]
+        nearest = get_close_matches(_MEANT.get(word, word), self._option_string_actions, n=1)
         if unknown.startswith("--") and nearest:
             return f"; perhaps {nearest[0]} is meant"
         if all(action.dest != "u" for action in self._actions):
@@ -165,7 +169,9 @@ class Parser(argparse.ArgumentParser):
         except argparse.ArgumentError:
             if action.type not in _NUMBERS:
                 raise
-            raise argparse.ArgumentError(action, f"{arg_string!r} is not {_NUMBERS[action.type]}") from None
+            sides = re.fullmatch(r"(\d+)[x,](\d+)", arg_string) if action.dest == "n_xi" else None
+            advice = f": give --n-xi {sides[1]} --n-eta {sides[2]}" if sides else ""
+            raise argparse.ArgumentError(action, f"{arg_string!r} is not {_NUMBERS[action.type]}{advice}") from None
 
     def error(self, message: str) -> NoReturn:
         """Print the message, and end with the exit code of bad usage."""

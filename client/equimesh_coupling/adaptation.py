@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from inspect import signature
 from typing import Any, Final, Generic, Literal, TypeVar
 
 import numpy as np
@@ -129,6 +130,21 @@ def _gradient(one: RoundNumbers) -> float:
     return (one.estimate_h1 / one.unresolved) ** 2 if one.estimate_h1 and one.unresolved else 0.0
 
 
+def fault_of_solver(solve: object) -> str:
+    """Why ``solve`` cannot be called with a mesh; empty where it can, or where its signature is not known."""
+    if not callable(solve):
+        return f"solve = {solve!r:.40} is no function: give one that takes a mesh and returns the solution on it"
+    try:
+        takes = signature(solve)
+    except (TypeError, ValueError):
+        return ""
+    try:
+        takes.bind(None)
+    except TypeError as error:
+        return f"solve cannot be called as solve(mesh): {error}; give a function of the mesh alone"
+    return ""
+
+
 def judge(history: Sequence[RoundNumbers], rounds: int, norm: str = "l2", tolerance: float | None = None) -> Verdict:
     """The verdict on the rounds so far, of which the first is that of the first mesh; at most ``rounds`` follow it.
 
@@ -183,10 +199,12 @@ def _reason(history: Sequence[RoundNumbers], errors: Sequence[float], rounds: in
 
 
 def _is_resolved(history: Sequence[RoundNumbers], best: int) -> bool:
+    if history[best].estimate == 0.0:  # what is unresolved may be all rounding
+        return True
     if history[best].unresolved is not None:
         return history[best].is_resolved
     if len(history) == 1:
-        return history[0].estimate == 0.0
+        return False
     has_fallen = history[best].estimate <= history[0].estimate / MIN_TOTAL_FALL
     return has_fallen or history[-1].moved_cells <= MAX_REST_CELLS
 

@@ -48,7 +48,10 @@ def sample(u: Callable[[Array, Array], object], n_samples: int = N_SAMPLES, box:
     axes = [np.linspace(*ends, n_samples) for ends in box]
     x, y = np.meshgrid(*axes, indexing="ij")
     try:
-        values = _array("u(x, y)", u(x, y))
+        returned = u(x, y)
+        if returned is None:
+            raise BadValues("u(x, y) is None: it has to return its values")
+        values = _array("u(x, y)", returned)
         values = np.ascontiguousarray(np.broadcast_to(values, x.shape))
     except BadValues:
         raise

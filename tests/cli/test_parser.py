@@ -62,6 +62,8 @@ def test_paragraphs_are_filled_and_lists_are_not(monkeypatch: pytest.MonkeyPatch
         (["solve", "x", "--paramter", "c=3"], "--paramter c=3; perhaps --parameter is meant; see"),
         (["solve", "x", "--monitor", "arclength"], "'arclength' is not known; perhaps arc-length is meant"),
         (["solve", "x", "-n", "nine"], "argument -n/--n-xi: 'nine' is not a whole number; see equimesh solve --help"),
+        (["solve", "x", "-n", "17x9"], "'17x9' is not a whole number: give --n-xi 17 --n-eta 9; see"),
+        (["solve", "x", "--mesh", "a.msh"], "--mesh a.msh; perhaps --domain-file is meant"),
         (["solve", "x", "--t", "late"], "argument --t: 'late' is not a number"),
         (
             ["solve", "x", "-o", "no such/mesh.vtu"],

@@ -217,9 +217,9 @@ def test_a_loop_on_blocks_is_that_of_the_solver(url: str) -> None:
         with pytest.raises(BadValues, match="indicator"):
             client.adapt(lambda _: ErrorIndicator(np.ones(108)), domain=CORNER)
         with pytest.raises(BadArgument, match="leave n and points out"):
-            client.adapt(wave, 17, domain=CORNER)
+            client.adapt(abs, 17, domain=CORNER)
         with pytest.raises(BadArgument, match="n is missing"):
-            client.adapt(wave)
+            client.adapt(abs)
 
 
 def test_values_at_the_nodes_of_other_blocks_are_refused(url: str) -> None:

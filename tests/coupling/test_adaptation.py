@@ -53,6 +53,10 @@ def test_the_verdict_is_that_on_the_numbers() -> None:
     assert verdict_on([record(0, 3.0), record(1, 1.0)], 1, "l2").is_done
 
 
+def test_an_error_of_zero_is_resolved_where_rounding_is_all_of_the_gradient() -> None:
+    assert verdict_on([record(0, 0.0, 0.9)], 5, "l2").resolved
+
+
 def test_the_requested_norm_ranks_the_rounds_and_ends_the_loop() -> None:
     done = [record(0, 3.0, 0.3), record(1, 2.0, 0.05), record(2, 1.0, 0.06), record(3, 0.5, 0.07)]
     assert (ended(done, 5, "l2").best, ended(done, 5, "h1").best) == (3, 1)

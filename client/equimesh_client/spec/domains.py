@@ -76,13 +76,19 @@ class Blocks(domains.Blocks):
         return cls(**given)
 
 
+def _require_document(domain: object) -> DomainDocument:
+    """The domain; raises :class:`BadArgument` for anything else."""
+    if not isinstance(domain, DomainDocument):
+        kinds = "a Rectangle, AnnulusSector, Quadrilateral, Blocks, FixedRectangle or MeshFile"
+        raise BadArgument(f"a domain is {kinds} of equimesh_client, or its JSON; not {domain!r:.80}")
+    return domain
+
+
 def domain_json(domain: object) -> Json:
     """The JSON of a domain; a mapping is such JSON already."""
     if isinstance(domain, Mapping):
         return dict(domain)
-    if not isinstance(domain, DomainDocument):
-        kinds = "a Rectangle, AnnulusSector, Quadrilateral, Blocks, FixedRectangle or MeshFile"
-        raise BadArgument(f"a domain is {kinds}, or its JSON; not {domain!r:.80}")
+    domain = _require_document(domain)
     checked = {name: _json_of(name, kind, domain) for name, kind in types_of(type(domain)).items()}
     return {**domain.to_json(), **{name: value for name, value in checked.items() if value is not None}}
 
@@ -92,7 +98,7 @@ def has_own_points(domain: Domain | Mapping[str, Any] | None) -> bool:
     if isinstance(domain, Mapping):
         made = DOMAINS.documents.get(domain.get("kind", DOMAINS.default))
         return made is not None and made.HAS_BLOCKS
-    return domain is not None and domain.HAS_BLOCKS
+    return domain is not None and _require_document(domain).HAS_BLOCKS
 
 
 def box_around(domain: Domain | Mapping[str, Any]) -> Box | None:

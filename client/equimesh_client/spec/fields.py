@@ -51,6 +51,8 @@ def read_fields(
     A field is an array, a :class:`Field`, a field of another library, or its ``CellAverages``. Raises
     :class:`BadArgument` for values that are no array of numbers, and ``BadValues`` for a field of another mesh.
     """
+    if not isinstance(fields, Mapping | None):
+        raise BadArgument(f'fields = {fields!r:.80}: give them by their names, as {{"pressure": values}}')
     given = {name: _field_of(field, mesh) for name, field in (fields or {}).items()}
     arrays = {name: number_array(name, field.values, mesh) for name, field in given.items()}
     return arrays, {name: field.settings for name, field in given.items() if field.settings}
@@ -70,7 +72,10 @@ def number_array(name: str, values: Any, mesh: HasParts) -> Array:
     if is_field(values) or isinstance(values, CellAverages):
         return node_values(values, mesh)
     try:
-        array = np.asarray(values, dtype=np.float64)
+        array = np.asarray(values)
+        if np.iscomplexobj(array):
+            raise TypeError("it is complex")
+        array = array.astype(np.float64, copy=False)
         parts = mesh.mesh_parts()
         return array.reshape(parts.node_shape) if array.shape == (len(parts.points),) else array
     except (TypeError, ValueError) as error:

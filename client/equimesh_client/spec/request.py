@@ -65,7 +65,7 @@ def _member(monitor: object, read: Read, u: object) -> Json:
         return _of_fields(monitor, read, u)
     raise BadArgument(
         "a monitor is an ArcLength, Curvature, Weight or Tensor, or at the top an Auto, a LeastError, a"
-        f" NodalSolution or an Intersection; not {monitor!r:.80}"
+        f" NodalSolution or an Intersection, of equimesh_client; not {monitor!r:.80}"
     )
 
 

@@ -95,7 +95,7 @@ def source_of(
             raise BadArgument(f"{u!r} looks like the name of a file: give pathlib.Path({u!r})")
         expression: dict[str, Any] = {"expression": u}
         if parameters:
-            expression["parameters"] = {name: float(value) for name, value in parameters.items()}
+            expression["parameters"] = _numbers(parameters)
         if t is not None:
             expression["t"] = float(t)
         return Source(json=expression)
@@ -106,6 +106,14 @@ def source_of(
     if isinstance(u, Path | SampleFile):
         return Source(json={"samples": "upload"}, upload=read_upload(u))
     return _samples(_checked(u, box, n_samples))
+
+
+def _numbers(parameters: object) -> dict[str, float]:
+    """The parameters as numbers; raises :class:`BadArgument` for other things."""
+    try:
+        return {str(name): float(value) for name, value in parameters.items()}  # type: ignore[attr-defined]
+    except (AttributeError, TypeError, ValueError):
+        raise BadArgument(f'parameters = {parameters!r:.80}: give numbers by their names, as {{"c": 3.0}}') from None
 
 
 def needs_box(u: object) -> bool:

@@ -20,6 +20,7 @@ from equimesh_coupling.adaptation import (
     AdaptRound,
     GoalRecord,
     ended,
+    fault_of_solver,
     first_resolved,
     require_same_kind,
     verdict_on,
@@ -103,12 +104,12 @@ class AdaptLoop(Generic[M]):
     """The candidate that became the current mesh."""
 
     def __post_init__(self) -> None:
-        if not callable(self.solve):
-            raise BadArgument("solve is no function: give one that takes a mesh and returns the solution on it")
+        if fault := fault_of_solver(self.solve):
+            raise BadArgument(fault)
         if not is_whole(self.rounds) or not 1 <= self.rounds <= MAX_ROUNDS:
             raise BadArgument(f"rounds = {self.rounds!r}: a whole number between 1 and {MAX_ROUNDS}")
         if self.n is None and self.points is None and not has_own_points(self.domain):
-            raise BadArgument("n is missing: give the number of points a side, which only domains of blocks have")
+            raise BadArgument("n is missing: give the number of points a side, or points, those of the whole grid")
         if (self.n is not None or self.points is not None) and has_own_points(self.domain):
             raise BadArgument(
                 "the blocks of a domain have numbers of cells of their own: leave n and points out, and refine them"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from equimesh_client.errors import (
+    BadArgument,
     Conflict,
     DeadlineExceeded,
     DownloadDamaged,
@@ -172,7 +173,11 @@ def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline
 
 def stored_domain(domain: GivenDomain, settings: Settings, deadline: Deadline) -> Flow[GivenDomain]:
     """The domain; a mesh file of this machine is stored at the service, and named by its id."""
-    if not isinstance(domain, MeshFile) or not isinstance(domain.file, Path):
+    if not isinstance(domain, MeshFile):
+        return domain
+    if not isinstance(domain.file, Path):
+        if Path(domain.file).suffix:  # no id has one
+            raise BadArgument(f"{domain.file!r} looks like the name of a file: give pathlib.Path({domain.file!r})")
         return domain
     reply = yield from request(protocol.upload_mesh(read_mesh_file(domain.file)), settings, deadline)
     return replace(domain, file=str(protocol.json_of(reply)["id"]))

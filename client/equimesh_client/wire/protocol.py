@@ -415,6 +415,8 @@ def _sequence(sequence_id: str) -> str:
 
 
 def _mesh(mesh_id: str, part: str = "") -> str:
+    if not isinstance(mesh_id, str):
+        raise BadArgument(f"the id of a mesh is a text, such as mesh.id; not {mesh_id!r:.80}")
     if not mesh_id:
         raise BadArgument("the id of a mesh is empty")
     return f"/v1/meshes/{quote(mesh_id, safe='')}" + (f"/{part}" if part else "")

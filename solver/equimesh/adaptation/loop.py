@@ -34,6 +34,7 @@ from equimesh_coupling.adaptation import (
     Adaptation,
     AdaptRound,
     ended,
+    fault_of_solver,
     first_resolved,
     require_same_kind,
     verdict_on,
@@ -287,13 +288,13 @@ def adapt(
     first solve raises. Later the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the
     exception. Raises :class:`~equimesh.errors.InputError` for arguments that cannot be used.
     """
+    _check(solve, rounds, norm, degree, cells)
     is_blocks = isinstance(domain, Blocks)
     if is_blocks and n is not None:
         raise InputError(f"n = {str(n)[:40]!r}: {NO_DIRECTIONS}", field="n")
     if points is not None and n is not None:
         raise InputError(POINTS_OR_N, field="points")
     given, threads = None if is_blocks or points is not None else _grid(n), thread_count(threads)
-    _check(solve, rounds, norm, degree, cells)
     _check_goal(goal, tolerance, degree, points, cells)
     _check_domain(domain)
     _check_observer(observe)
@@ -361,10 +362,8 @@ def _grid(n: Any) -> Grid:
 
 def _check(solve: object, rounds: object, norm: object, degree: object, cells: object) -> None:
     """Refuse arguments that cannot be used."""
-    if not callable(solve):
-        raise InputError(
-            "solve is no function: give one that takes a mesh and returns the solution on it", field="solve"
-        )
+    if fault := fault_of_solver(solve):
+        raise InputError(fault, field="solve")
     if not is_whole(rounds) or not 1 <= rounds <= MAX_ROUNDS:
         raise InputError(f"rounds = {rounds!r}: a whole number between 1 and {MAX_ROUNDS}", field="rounds")
     if norm not in NORMS:

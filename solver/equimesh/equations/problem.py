@@ -294,9 +294,9 @@ class Problem(Generic[D]):
         """Refuse what a domain with four sides cannot have."""
         if not isinstance(self.grid, Grid):
             raise InputError(f"grid = {self.grid!r}: give Grid(n_xi=..., n_eta=...)", field="grid")
-        if not callable(getattr(self.monitor, "metric", None)):
+        if isinstance(self.monitor, type) or not callable(getattr(self.monitor, "metric", None)):
             raise InputError(
-                f"monitor = {str(self.monitor)[:40]!r} is no monitor: give one, such as ArcLength(u=...)",
+                f"monitor = {str(self.monitor)[:40]!r} is no monitor: give one, such as Auto(u=...)",
                 field="monitor",
             )
         require_domain(self.domain)

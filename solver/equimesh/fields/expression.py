@@ -168,9 +168,10 @@ def require_field(field: object, name: str) -> Field:
             error.field = name
             raise
     if not callable(getattr(field, "evaluate", None)):
+        what = f"the function {getattr(field, '__name__', '')}" if callable(field) else repr(str(field)[:40])
         raise InputError(
-            f"{name} = {str(field)[:40]!r} is not a function of x and y: write em.Expression('...') for a formula,"
-            " em.GridSamples(...) for values on a grid",
+            f"{name} = {what} cannot be evaluated here: give a formula as a text, or values as"
+            " em.GridSamples(x=..., y=..., values=...) on a grid, em.NodalField(mesh=..., values=...) at nodes",
             field=name,
         )
     return cast(Field, field)

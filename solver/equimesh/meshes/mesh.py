@@ -18,6 +18,7 @@ from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.coupled import Coupled
 from equimesh_coupling.parts import Cells, MeshParts, quads_of
+from equimesh_schema.document import is_whole
 
 # The computational domain: a uniform grid of points on the unit square.
 
@@ -32,7 +33,7 @@ class Grid:
 
     A "12 by 12 mesh" of the paper has 12 points a side, hence 11 x 11 cells.
 
-    Raises :class:`~equimesh.errors.InputError` for fewer than 4 points in a direction.
+    Raises :class:`~equimesh.errors.InputError` for no whole number, or fewer than 4 points in a direction.
     """
 
     n_xi: int
@@ -42,9 +43,12 @@ class Grid:
         if self.n_eta is None:
             object.__setattr__(self, "n_eta", self.n_xi)  # type: ignore[unreachable]
         for name in ("n_xi", "n_eta"):
-            if getattr(self, name) < MIN_POINTS:
+            count = getattr(self, name)
+            if not is_whole(count):
+                raise InputError(f"{name} = {count!r:.40}: give a whole number of points", field=f"grid.{name}")
+            if count < MIN_POINTS:
                 raise InputError(
-                    f"{name} = {getattr(self, name)}: a grid needs at least {MIN_POINTS} points in each direction",
+                    f"{name} = {count}: a grid needs at least {MIN_POINTS} points in each direction",
                     field=f"grid.{name}",
                 )
 

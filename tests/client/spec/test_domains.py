@@ -78,6 +78,7 @@ def test_boxes_agree_with_the_solver() -> None:
         (lambda: domain_json(Rectangle(x=(0, 1, 2))), "x of a domain is a pair"),  # type: ignore[arg-type]
         (lambda: domain_json(AnnulusSector(radii="ab")), "radii of a domain is a pair"),  # type: ignore[arg-type]
         (lambda: domain_json("disk"), "a domain is a Rectangle"),  # type: ignore[arg-type]
+        (lambda: has_own_points(3), "or MeshFile of equimesh_client, or its JSON; not 3"),  # type: ignore[arg-type]
         (lambda: domain_json(Quadrilateral(bottom="t", right=0, top=0, left=0)), "bottom is a pair of formulas"),
         (lambda: domain_json(Quadrilateral(bottom=[[0, math.nan]], right=0, top=0, left=0)), "bottom is a pair"),
         (lambda: read_domain([]), "JSON object"),
@@ -203,6 +204,8 @@ def test_a_mesh_file_comes_with_the_request(connect: Any, service: Any, tmp_path
     assert parts_of(upload)["samples"] == ("cylinder.msh", b"$MeshFormat")
     with pytest.raises(BadArgument, match="No such file"):
         client.generate("x", domain=MeshFile(file=tmp_path / "none.msh"))
+    with pytest.raises(BadArgument, match=r"'a.msh' looks like the name of a file: give pathlib.Path\('a.msh'\)"):
+        client.generate("x", domain=MeshFile(file="a.msh"))
 
 
 def test_a_mesh_file_whose_box_is_needed_is_stored_first(connect: Any, service: Any, tmp_path: Path) -> None:

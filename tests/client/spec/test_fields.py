@@ -56,3 +56,7 @@ def test_only_unusual_settings_are_said() -> None:
 def test_what_is_no_array_of_numbers() -> None:
     with pytest.raises(BadArgument, match="p is not an array of real numbers"):
         read_fields({"p": "text"}, MESH)
+    with pytest.raises(BadArgument, match="p is not an array of real numbers: it is complex"):
+        read_fields({"p": 1j * x}, MESH)
+    with pytest.raises(BadArgument, match="give them by their names"):
+        read_fields([x], MESH)  # type: ignore[arg-type]

@@ -126,6 +126,7 @@ NAN[1, 2] = np.nan
         ((1,), "tuple"),
         ({"x": AXIS}, "keys"),
         (None, "u is an expression"),
+        (lambda *_: None, r"u\(x, y\) is None: it has to return its values"),
         (3.0, "u is an expression"),
         (Path("missing.npz"), "missing.npz"),
         (Path("mesh.doc"), "samples are read from"),
@@ -139,6 +140,8 @@ def test_what_is_refused(u: object, words: str) -> None:
 def test_options_that_do_not_belong() -> None:
     with pytest.raises(BadArgument, match="belong to an expression"):
         source_of(np.ones((3, 3)), t=1.0)
+    with pytest.raises(BadArgument, match=r"parameters = \[3\]: give numbers by their names"):
+        source_of("c*x", parameters=[3])  # type: ignore[arg-type]
     with pytest.raises(BadArgument, match="n_samples"):
         source_of(lambda x, _: x, n_samples=1)
     with pytest.raises(BadArgument, match="not samples"):

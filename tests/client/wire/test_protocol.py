@@ -175,6 +175,8 @@ def test_formats_by_suffix() -> None:
 
 
 def test_an_empty_id_is_no_mesh() -> None:
+    with pytest.raises(BadArgument, match=r"the id of a mesh is a text, such as mesh\.id; not 3"):
+        get_mesh(3)  # type: ignore[arg-type]
     with pytest.raises(BadArgument, match="id of a mesh is empty"):
         get_mesh("")
 

@@ -223,10 +223,19 @@ def test_solutions_and_indicators_are_not_mixed() -> None:
     assert "this solve returned an error indicator, and those before it a solution" in found.reason
 
 
-@pytest.mark.parametrize(("changed", "words"), [({"domain": "annulus"}, "no domain"), ({"observe": 5}, "no function")])
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"domain": "annulus"}, "no domain"),
+        ({"observe": 5}, "no function"),
+        ({"solve": 9, "n": abs}, "solve = 9 is no function: give one that takes a mesh"),
+        ({"solve": lambda: 1}, r"solve cannot be called as solve\(mesh\): too many"),
+        ({"solve": lambda x, y: x * y}, "argument: 'y'; give a function of the mesh alone"),
+    ],
+)
 def test_other_arguments_that_cannot_be_used(changed: dict, words: str) -> None:
     with pytest.raises(em.InputError, match=words):
-        em.adapt(lambda mesh: mesh.x, 9, **changed)
+        em.adapt(**{"solve": lambda mesh: mesh.x, "n": 9, **changed})
 
 
 # The next mesh of blocks from averages over the cells: better, and of cells that suit finite volumes.
