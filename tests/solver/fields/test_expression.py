@@ -148,7 +148,7 @@ def test_every_field_is_one(field: em.Expression) -> None:
 
 @pytest.mark.parametrize("wrong", [3.0, None, np.zeros(3), {"evaluate": 1}])
 def test_anything_else_is_refused_with_what_to_write(wrong: object) -> None:
-    with pytest.raises(em.InputError, match=r"em\.Expression\('\.\.\.'\)") as caught:
+    with pytest.raises(em.InputError, match=r"give a formula as a text, or values as em\.GridSamples") as caught:
         require_field(wrong, "rho")
     assert caught.value.field == "rho"
 
