@@ -22,7 +22,7 @@ import numpy as np
 from convection import PROBLEMS, UNRESOLVED, UNSEEN, Parameter, Problem
 
 import equimesh as em
-from equimesh.rounds.recovery import ErrorEstimate
+from equimesh.rounds.estimate import ErrorEstimate
 from equimesh.rounds.round import next_mesh
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from equimesh.monitors.monitor import Monitor
     from equimesh.monitors.tensor import Intersection, Tensor, Weight
     from equimesh.quality.measures import Quality, measure
-    from equimesh.rounds.recovery import Round
+    from equimesh.rounds.next_mesh import Round
     from equimesh.rounds.round import adapt_round
     from equimesh.schwarz.conditions import (
         Classical,

@@ -25,7 +25,9 @@ from equimesh.monitors.tensor import Weight
 from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.quality.elements import CellKind
-from equimesh.rounds.recovery import KEPT, ErrorEstimate, NodalValues, moved_cells, on_domain
+from equimesh.rounds.estimate import EarlierValues, ErrorEstimate
+from equimesh.rounds.next_mesh import KEPT, moved_cells
+from equimesh.rounds.recovery import on_domain
 from equimesh.rounds.round import next_mesh
 from equimesh.rounds.shape import ShapeSearch, counts_within, require_budget, with_counts
 from equimesh.solving.solution import Solution
@@ -144,9 +146,10 @@ class Rounds:
         """
         adjoint = None if dual is None else dual.z
         is_compared = first is not None and (self.norm, degree) == ("l2", 1)
-        earlier = NodalValues(first.mesh, first.values) if first is not None and is_compared else None
-        of: Any = (self.domain, self.threads, require_degree(degree, cells), adjoint, earlier, cells)
-        known = ErrorEstimate.of(mesh, values, *of)
+        earlier = EarlierValues(first.mesh, first.values) if first is not None and is_compared else None
+        known = ErrorEstimate.of(
+            mesh, values, self.domain, self.threads, require_degree(degree, cells), adjoint, earlier, cells
+        )
 
         def following() -> tuple[Mesh, float, str]:
             of = None if self.shape is None else self.shape.next(known, self.norm, self.threads)

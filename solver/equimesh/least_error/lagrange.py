@@ -230,10 +230,13 @@ def biquadratic_value_errors(
                 y_s = s2 * (corner[6 * m + j] - corner[7 * m + j]) - s0 * (corner[5 * m + j] - corner[4 * m + j])
                 x_t = t2 * (corner[2 * m + j] - corner[m + j]) - t0 * (corner[3 * m + j] - corner[j])
                 y_t = t2 * (corner[6 * m + j] - corner[5 * m + j]) - t0 * (corner[7 * m + j] - corner[4 * m + j])
-                u, u_x, u_y = corner[35 * m + j], corner[36 * m + j], corner[37 * m + j]
-                e = f0 * corner[8 * m + j] + f1 * corner[9 * m + j] + f2 * corner[10 * m + j] + f3 * corner[11 * m + j]
-                e += f4 * corner[12 * m + j] + f5 * corner[13 * m + j] + f6 * corner[14 * m + j]
-                e += f7 * corner[15 * m + j] + f8 * corner[16 * m + j] - u
+                place = POINT_ROW * m + j
+                u, u_x, u_y = corner[place], corner[place + m], corner[place + 2 * m]
+                place = NODE_ROW * m + j
+                e = f0 * corner[place] + f1 * corner[place + m]
+                e = e + f2 * corner[place + 2 * m] + f3 * corner[place + 3 * m]
+                e += f4 * corner[place + 4 * m] + f5 * corner[place + 5 * m] + f6 * corner[place + 6 * m]
+                e += f7 * corner[place + 7 * m] + f8 * corner[place + 8 * m] - u
                 check += u + u_x + u_y
                 area, square = weight * (x_s * y_t - x_t * y_s), weight * e * e
                 total += area * e * e

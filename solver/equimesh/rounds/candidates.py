@@ -24,7 +24,7 @@ from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import interpolated_values
 from equimesh.numerics.types import Array
 from equimesh.quality.elements import CellKind
-from equimesh.rounds.recovery import is_of_solver, measured
+from equimesh.rounds.norms import is_of_solver, measured
 
 STEPS = ((17 * 17, 25), (33 * 33, 30), (129 * 129, 8))
 """Steps of descent, at most, on grids of at most this many points. The mesh before has done much of the work."""

@@ -24,17 +24,10 @@ from equimesh.monitors.metrics import NORMS
 from equimesh.numerics.threads import thread_count
 from equimesh.quality.elements import CellKind
 from equimesh.rounds.candidates import PARTS, SHARP, SMOOTH, Search, rule_of
-from equimesh.rounds.recovery import (
-    KEPT,
-    ErrorEstimate,
-    NextMesh,
-    NodalValues,
-    Recovery,
-    Round,
-    measured,
-    moved_cells,
-    on_domain,
-)
+from equimesh.rounds.estimate import EarlierValues, ErrorEstimate
+from equimesh.rounds.next_mesh import KEPT, NextMesh, Round, moved_cells
+from equimesh.rounds.norms import measured
+from equimesh.rounds.recovery import Recovery, on_domain
 from equimesh.rounds.shape import on_grid
 
 # The candidates for the next mesh of a domain in blocks.
@@ -179,7 +172,7 @@ def _best_of_grid(known: Recovery, norm: Norm, threads: int, grid: Grid, of_solv
 
 def _are_of_a_mesh(earlier: object, mesh: Mesh) -> bool:
     """Whether they are finite values at the nodes of a mesh of the same kind that is not folded."""
-    if not isinstance(earlier, NodalValues) or earlier.mesh.is_grid != mesh.is_grid or earlier.mesh.is_folded:
+    if not isinstance(earlier, EarlierValues) or earlier.mesh.is_grid != mesh.is_grid or earlier.mesh.is_folded:
         return False
     values = np.asarray(earlier.values)
     is_real = values.dtype.kind in "biuf" and values.shape == earlier.mesh.node_shape
@@ -195,7 +188,7 @@ def adapt_round(
     *,
     degree: ValueDegree = 1,
     adjoint: npt.ArrayLike | None = None,
-    earlier: NodalValues | None = None,
+    earlier: EarlierValues | None = None,
     cells: CellKind = "quad",
 ) -> Round:
     """The next mesh for a solution that is known by ``values`` at the nodes of elements of a ``degree`` on ``mesh``.

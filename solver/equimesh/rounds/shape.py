@@ -25,7 +25,7 @@ from equimesh.meshes.unrolled import Unrolled
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import CellPoints, cells_of
-from equimesh.rounds.recovery import ErrorEstimate
+from equimesh.rounds.estimate import ErrorEstimate
 from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
 from equimesh_schema.document import is_whole
 

@@ -9,6 +9,8 @@ from typing import Any
 
 from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.problem import Problem
+from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import Level, coarse_level, last_compared
@@ -18,7 +20,8 @@ from equimesh.meshes.nested import closed_mesh
 from equimesh.meshes.second_order import require_degree
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.quality.measures import measure_errors
-from equimesh.rounds.recovery import KEPT, NodalValues, Round
+from equimesh.rounds.estimate import EarlierValues
+from equimesh.rounds.next_mesh import KEPT, Round
 from equimesh.rounds.round import adapt_round
 from equimesh.solving.orthogonality import Corners
 from equimesh.solving.solution import AnySolution, Solution, degree_of, interpolated_cells, status_unless_folded
@@ -213,10 +216,18 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
         monitor.require_grid(problem.grid)
     domain, degree = problem.domain, require_degree(monitor.degree)
     mesh, values = monitor.mesh_on(domain), monitor.nodal.values
-    before: Any = monitor.earlier
-    earlier = None if before is None else NodalValues(before.mesh, before.values)
-    of: Any = {"degree": degree, "adjoint": monitor.dual, "earlier": earlier, "cells": monitor.cells}
-    found = adapt_round(mesh, values, domain, monitor.norm, threads, **of)
+    before = monitor.earlier
+    found = adapt_round(
+        mesh,
+        values,
+        domain,
+        monitor.norm,
+        threads,
+        degree=degree,
+        adjoint=monitor.dual,
+        earlier=EarlierValues(before.mesh, before.values) if isinstance(before, NodalField | QuadField) else None,
+        cells=monitor.cells,
+    )
     return Solution(
         problem=problem,
         mesh=found.mesh,

@@ -15,7 +15,7 @@ from equimesh.errors import InputError
 from equimesh.quality.cells import BilinearCells
 from equimesh.quality.faces import measure_faces
 from equimesh.quality.measures import measure_errors
-from equimesh.rounds.recovery import ErrorEstimate
+from equimesh.rounds.estimate import ErrorEstimate
 from equimesh.testing import GEOMETRIES
 from equimesh.testing.geometries import l_shape
 

@@ -13,7 +13,7 @@ from skfem.helpers import dot, grad
 import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.least_error.kernels import Rule
-from equimesh.rounds.recovery import measured
+from equimesh.rounds.norms import measured
 from equimesh_coupling import BadValues, element_points
 
 PEAK, RING = "exp(-300*((x-0.5)**2 + (y-0.5)**2))", "atan(30*(hypot(x-0.5, y-0.5) - 0.25))"

@@ -11,7 +11,8 @@ from equimesh.errors import InputError, SamplesError
 from equimesh.fields.patch_field import PatchField
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.meshes.second_order import lattice_of, require_degree
-from equimesh.rounds.recovery import Recovery, measured
+from equimesh.rounds.norms import measured
+from equimesh.rounds.recovery import Recovery
 
 DEGREES = [2, 3, 4]
 POINTS = np.random.default_rng(5).uniform(0.0, 1.0, (2, 40))

@@ -17,7 +17,7 @@ from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.paved import Background, Boundary, background_counts
 from equimesh.least_error.starts import Start, coordinates_of, mesh_of, product, rectilinear, resampled
-from equimesh.rounds.recovery import measured
+from equimesh.rounds.norms import measured
 from equimesh.testing.geometries import disc
 from solver.bent import SECTOR, bent, uniform
 

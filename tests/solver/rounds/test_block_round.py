@@ -8,7 +8,10 @@ import pytest
 import equimesh as em
 from equimesh.least_error.kernels import Rule
 from equimesh.rounds.candidates import PARTS
-from equimesh.rounds.recovery import KEPT, ErrorEstimate, Recovery, measured, moved_cells
+from equimesh.rounds.estimate import ErrorEstimate
+from equimesh.rounds.next_mesh import KEPT, moved_cells
+from equimesh.rounds.norms import measured
+from equimesh.rounds.recovery import Recovery
 from equimesh.rounds.round import WHOLE, next_mesh
 from equimesh.testing.geometries import disc, l_shape
 

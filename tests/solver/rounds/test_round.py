@@ -19,17 +19,10 @@ from equimesh.quality.measures import measure_errors
 from equimesh.quality.ritz import projection
 from equimesh.rounds import recovery
 from equimesh.rounds.candidates import LINE_FLOORS, LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
-from equimesh.rounds.recovery import (
-    KEPT,
-    ErrorEstimate,
-    NextMesh,
-    NodalValues,
-    Recovery,
-    Round,
-    are_of_poisson,
-    measured,
-    moved_cells,
-)
+from equimesh.rounds.estimate import EarlierValues, ErrorEstimate, are_of_poisson
+from equimesh.rounds.next_mesh import KEPT, NextMesh, Round, moved_cells
+from equimesh.rounds.norms import measured
+from equimesh.rounds.recovery import Recovery
 from equimesh.rounds.round import adapt_round
 from equimesh.rounds.shape import (
     GRID,
@@ -118,7 +111,7 @@ def test_bad_arguments_are_refused() -> None:
     folded = em.Mesh(mesh.x[::-1].copy(), mesh.y)
     for other, given in ((mesh, mesh.x[:8]), (mesh, np.nan * mesh.x), (folded, mesh.x), (blocks, blocks.x)):
         with pytest.raises(InputError, match="the earlier values are not those at the nodes"):
-            adapt_round(mesh, mesh.x, earlier=NodalValues(other, given))
+            adapt_round(mesh, mesh.x, earlier=EarlierValues(other, given))
     with pytest.raises(SamplesError, match="values has shape"):
         adapt_round(mesh, np.ones((8, 9)))
     with pytest.raises(InputError, match="choose 'l2' or 'h1'"):
@@ -307,7 +300,7 @@ def test_a_solver_leads_no_more_where_its_earlier_values_are_not_those_for_poiss
     thin, values = em.Mesh.of_unit_square(first.x**3, first.y), u.evaluate(mesh.x, mesh.y)[0]
     known = ErrorEstimate.of(mesh, values, UNIT_SQUARE)
     nodal, added = projection(thin, known.recovery.u)
-    near, far = NodalValues(thin, nodal + 0.6 * added), NodalValues(thin, nodal + 0.4 * added)
+    near, far = EarlierValues(thin, nodal + 0.6 * added), EarlierValues(thin, nodal + 0.4 * added)
     poisson, other = (ErrorEstimate.of(mesh, values, UNIT_SQUARE, earlier=one) for one in (near, far))
     assert are_of_poisson(far, known.recovery.u, 1.0, "quad")
     assert (known.is_for_solver, poisson.is_for_solver, other.is_for_solver) == (True, True, False)

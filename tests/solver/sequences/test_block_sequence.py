@@ -10,7 +10,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.kernels import Rule
-from equimesh.rounds.recovery import measured
+from equimesh.rounds.norms import measured
 from equimesh.testing.geometries import disc, l_shape
 
 DOMAIN = l_shape(500)
