@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from sqlalchemy.exc import DBAPIError, OperationalError
 from equimesh_cli import main
 from equimesh_service import Settings, running
 from equimesh_service.errors import UnusableDatabaseError
+from equimesh_service.store import database
 from equimesh_service.store.store import Store
 from service.databases import Postgres
 
@@ -24,6 +26,27 @@ def test_sqlite_writes_ahead_and_to_disk(tmp_path: Path) -> None:
         assert connection.execute(text("PRAGMA synchronous")).scalar() == 2
         assert connection.execute(text("PRAGMA foreign_keys")).scalar() == 1
     store.close()
+
+
+def test_a_service_waits_while_another_one_prepares_the_same_new_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = sqlite3.connect(tmp_path / "test.sqlite3", isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    waits: list[float] = []
+
+    def wait(seconds: float) -> None:
+        waits.append(seconds)
+        if len(waits) == 3:
+            other.execute("COMMIT")
+
+    monkeypatch.setattr(database.time, "sleep", wait)
+    store = Store(f"sqlite:///{tmp_path / 'test.sqlite3'}")
+    with store.database.read() as connection:
+        assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
+    assert len(waits) == 3
+    store.close()
+    other.close()
 
 
 def test_a_database_that_takes_no_writes_is_noticed_though_it_can_be_read(tmp_path: Path) -> None:
