@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+import equimesh as em
 from service.conftest import small
 from service.requests import CURVED, STEP
 
@@ -71,6 +72,8 @@ def other_step(**more: Any) -> dict[str, Any]:
     return on_step(domain={**STEP, **more})
 
 
+NODES = em.Blocks.of(STEP).mesh.points.tolist()
+ON_STEP = {"block_nodes": {"nodes": NODES, "values": [x * y for x, y in NODES]}}
 UNEVEN = [{**STEP["blocks"][0], "cells": [6, 5]}, *STEP["blocks"][1:]]
 
 # By the part of the document with the mistake.
@@ -389,12 +392,20 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
     },
     "blocks": {
         "grid": (on_step(grid={"n_xi": 9, "n_eta": 9}), "/grid", "leave the grid out"),
-        "target": (on_step(target={"error": 1e-3}), "/target", "refine the blocks"),
         "another schwarz": (on_step(schwarz={"subdomains": [2, 2]}), "/schwarz/subdomains", "this domain has blocks"),
         "schwarz.overlap": (on_step(schwarz={"overlap": 0}), "/schwarz/overlap", "from 1 to 64"),
         "schwarz.max_exchanges": (on_step(schwarz={"max_exchanges": 1001}), "/schwarz/max_exchanges", "at most 1000"),
         "schwarz.groups": (on_step(schwarz={"groups": [["upper"]]}), "/schwarz/groups", "is in no group"),
         "no list of groups": (on_step(schwarz={"groups": ["upper"]}), "/schwarz/groups", "a list of lists"),
+        "few points": (on_step(grid={"points": 30}), "/grid/points", "the coarsest mesh of these blocks has 65 points"),
+        "points and n_xi": (on_step(grid={"points": 99, "n_xi": 9}), "/grid/points", "give one of them"),
+        "points and groups": (on_step(grid={"points": 99}, schwarz={}), "/grid/points", "leave the target out"),
+        "points of a round": (
+            on_step(grid={"points": 99}, monitor={"kind": "nodal_solution", "u": ON_STEP}),
+            "/grid/points",
+            "leave the target out",
+        ),
+        "an error": (on_step(target={"error": 1e-3}), "/target/error", "give max_points alone"),
         "boundary": (on_step(boundary="orthogonal"), "/boundary", "slide"),
         "metric": (on_step(monitor={"kind": "curvature", "u": "x*y"}), "/monitor", "LeastError"),
         "preset": (
@@ -500,6 +511,7 @@ OF_A_SERVICE: dict[str, Refusal] = {
         "10000",
     ),
     "absurd iterations": (schwarz(max_iterations=10**9), "/schwarz/max_iterations", "at most"),
+    "many points for blocks": (on_step(grid={"points": 20001}), "/grid/points", "at most 20000 points: request fewer"),
     "many points of blocks": (other_step(refine=40), "/domain", "at most 20000"),
     "half a character": (
         '{"monitor": {"kind": "arc_length", "u": {"expression": "x"}}, "label": "\\ud800"}',

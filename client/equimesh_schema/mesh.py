@@ -58,7 +58,8 @@ class Grid(Document):
     n_eta: int = 64
     """Points along eta, at least 4."""
     points: Annotated[int | None, LATER] = None
-    """Points of the whole grid, at least 25, in place of n_xi and n_eta: the shape with the least error is found."""
+    """Points of the whole mesh, at least 25, in place of n_xi and n_eta, on blocks of the cells of the domain: the
+    numbers of points or cells with the least error are found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +81,7 @@ class MeshSpec(Document):
     monitor: Monitor
     domain: Annotated[Domain, LATER] = UNIT_SQUARE
     grid: Grid | None = Grid()
-    """Absent: 64 x 64, or the grid that a target needs. Blocks have points of their own: null."""
+    """Absent: 64 x 64, or the grid that a target needs. Blocks have points of their own: null, or `points` alone."""
     target: Annotated[Target | None, LATER] = None
     """The error that the grid is to reach, in place of `grid`."""
     boundary: Annotated[str, BOUNDARIES] = "trace"

@@ -392,7 +392,8 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _public(mesh: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in mesh.items() if key != "spec"} | {"label": mesh["spec"].get("label")}
+    told = {"label": mesh["spec"].get("label"), "grid": mesh["spec"].get("grid"), "points": 16}
+    return {key: value for key, value in mesh.items() if key != "spec"} | told
 
 
 def _json(status: int, value: Any, headers: dict[str, str] | None = None) -> tuple[int, dict[str, str], bytes]:

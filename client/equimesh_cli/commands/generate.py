@@ -85,7 +85,6 @@ def run(options: argparse.Namespace) -> int:
     check_options(options, suffixes=(*MESH_SUFFIXES, *PART_SUFFIXES))
     from equimesh_cli.report import print_report
     from equimesh_client import Client, DeadlineExceeded, MeshFailed
-    from equimesh_client.spec.domains import has_own_points
 
     quiet, picture = options.quiet or None, picture_of(options)
     with Client(options.url, key=options.key) as client:
@@ -105,9 +104,8 @@ def run(options: argparse.Namespace) -> int:
             print(json.dumps({"mesh": mesh.record, **parts, "files": files}, indent=2))
         elif not options.quiet:
             certificate = mesh.certificate
-            aim = None if certificate is None else certificate.target
-            n_xi, n_eta = points_of(options) if aim is None else aim.grid
-            points = mesh.record["points"] if has_own_points(options.domain) else f"{n_xi} x {n_eta}"
+            grid = mesh.record["grid"]
+            points = mesh.record["points"] if grid is None else f"{grid['n_xi']} x {grid['n_eta']}"
             print_report(certificate, points, mesh.record["convergence"]["message"])
             print(mesh.quality)
             if options.subdomains is not None:

@@ -188,13 +188,14 @@ def _check_cells(options: argparse.Namespace) -> None:
 
 
 def _check_points(options: argparse.Namespace) -> None:
-    """Refuse a grid for a domain that has points of its own."""
+    """Refuse a grid for a domain that has points of its own, of which only their number in all can be given."""
     from equimesh_client.spec.domains import has_own_points
 
-    given = (options.n_xi, options.n_eta, options.points, options.target_error)
+    given = (options.n_xi, options.n_eta, options.target_error)
     if any(one is not None for one in given) and has_own_points(options.domain):
         raise CommandError(
-            "the mesh of the domain has points of its own: leave out -n, --n-eta, --points and --target-error"
+            "the mesh of the domain has points of its own: leave out -n, --n-eta and --target-error; --points, those of"
+            " the whole mesh, chooses the cells of its blocks"
         )
 
 

@@ -360,13 +360,14 @@ class Admission:
             raise problem_at("/grid", message)
 
     def _count_nodes(self, checked: CheckedSpec, rows: Mapping[str, SamplesRow]) -> int:
-        """The number of points of a mesh of blocks; raises a 422 problem where there are too many."""
+        """The number of points of a mesh of blocks, at most; raises a 422 problem where there are too many."""
         most = self.settings.max_points
         place, nodes, remedy = count_points(checked, rows)
         if nodes > most:
             message = f"the mesh has {nodes} points; {self._product} has at most {most}: {remedy}{self._way_to_more}"
             raise problem_at(place, message)
-        return nodes
+        target = checked.spec.target
+        return nodes if target is None or target.max_points is None else target.max_points
 
     @property
     def _product(self) -> str:

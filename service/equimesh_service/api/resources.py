@@ -74,6 +74,9 @@ class MeshResource(BaseModel):
     points: int = Field(
         description="The number of its nodes; with a target, before its end, the most that it may have."
     )
+    blocks: list[tuple[int, int]] | None = Field(
+        None, description="Cells along i and j of each block, where the service has chosen them; else null."
+    )
     cells: str
     created_at: datetime
     started_at: datetime | None = Field(description="When a worker began it.")
@@ -243,6 +246,7 @@ def mesh_resource(row: MeshRow, root: str) -> MeshResource:
         label=row.label,
         grid=GridSize(n_xi=n_xi, n_eta=n_eta) if row.has_grid else None,
         points=n_xi * n_eta,
+        blocks=result.get("blocks"),
         cells=row.cells,
         created_at=_moment(row.created_at),
         started_at=None if started is None else _moment(started),

@@ -101,7 +101,8 @@ class SpecLimits:
         """Raise a 422 problem for a target of more points than the service takes, and for more samples."""
         target = spec.canonical["target"]
         if target is not None and (target["max_points"] or 0) > self.max_points:
-            raise problem_at("/target/max_points", f"{self.product} has at most {self.max_points} points")
+            message = f"{self.product} has at most {self.max_points} points: request fewer"
+            raise problem_at("/target/max_points", message)
         for pointer, source in spec.sources.items():
             if isinstance(source, SamplesSource):
                 self.check_number(source.count, f"{pointer}/{source.key}/{source.COUNTED}")

@@ -41,7 +41,7 @@ def build(spec: Spec, find: SamplesOf, field: Callable[[str, Box], Field] | None
 def check(spec: Spec, samples: Mapping[str, Samples]) -> specs.BuiltSpec:
     """The problem of :func:`build`; also raises for a target out of reach. ``samples`` are found by their ids."""
     built = build(spec, samples.__getitem__)
-    if built.target is not None:
+    if built.target is not None and built.target.error is not None:
         problem = built.grid_problem
         with translate_errors():
             require_reachable(built.target, monitor=problem.monitor, domain=problem.domain, boundary=problem.boundary)

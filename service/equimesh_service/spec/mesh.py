@@ -129,7 +129,7 @@ class CheckedSpec:
 def read_spec(document: Any) -> CheckedSpec:
     """The spec in a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
     spec = validate(MeshSpec, document)
-    if spec.grid is not None and spec.grid.points is not None and not spec.domain.HAS_BLOCKS:
+    if spec.grid is not None and spec.grid.points is not None:
         fault = fault_of_points(document)
         if fault is not None:
             raise problem_at("/" + fault[0].replace(".", "/"), fault[1])

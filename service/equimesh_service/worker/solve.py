@@ -520,6 +520,12 @@ def _write(
     if step is not None:
         result["step"] = moves_of(step)
     stopwatch.lap("quality")
-    if work.spec.target is None or solution.problem.grid is None:
-        return result
-    return {**result, "grid": [*solution.problem.grid.shape]}
+    return result if work.spec.target is None else {**result, **_chosen(solution)}
+
+
+def _chosen(solution: AnySolution) -> dict[str, Any]:
+    """The points of the mesh of a target; of blocks in one row, with the cells of each block."""
+    mesh = solution.mesh
+    if mesh.is_grid:
+        return {"grid": [*mesh.grid.shape]}
+    return {"grid": [mesh.x.size, 1], "blocks": [[n - 1 for n in block.shape] for block in mesh.blocks]}

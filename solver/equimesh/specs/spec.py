@@ -16,13 +16,14 @@ from equimesh.blocks.fixed_rectangle import between_fixed_lines, fixed_rectangle
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import UNIT_SQUARE, AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
-from equimesh.equations.problem import OWN_CELLS, SLIDING_NODES, Boundary, Problem, in_blocks
+from equimesh.equations.problem import SLIDING_NODES, Boundary, Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.io.write import CELLS, Cells
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import NO_OTHER_GRID, LeastError, NodalSolution
 from equimesh.monitors.monitor import require_lines
+from equimesh.rounds.shape import require_budget
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.settings import Schwarz
@@ -30,7 +31,7 @@ from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import AnySolution
 from equimesh.solving.solve import NO_DEGREE, NO_ROUNDS, NO_STRAIGHT_LINES, count_subdomains, solve
 from equimesh.solving.status import Initial, SolveArguments
-from equimesh.solving.target import NO_U, Target, solve_to
+from equimesh.solving.target import NO_GRID, NO_U, Target, solve_to
 from equimesh.specs.document import Makers, Reading, mapping, several, text, whole, within
 from equimesh.specs.monitors import FindSamples, build_monitor, no_samples, samples_in
 from equimesh_schema import domains as domains_schema
@@ -204,8 +205,8 @@ def subdomains_of(document: Mapping[str, Any]) -> Decomposition | None:
 
 AUTOMATIC_PARTS: Final = "auto"
 NOT_WITH_BLOCKS: Final[Mapping[str, str]] = {
-    "grid": OWN_CELLS,
-    "target": "the grid of a target is found on domains with four sides: leave it out, and refine the blocks",
+    "grid": "the blocks of the domain have numbers of cells of their own: give points alone, which chooses them, or"
+    " leave the grid out",
     "boundary": SLIDING_NODES,
     "parts": "a mesh of blocks is computed on one machine: leave parts out, or solve in Python with "
     "equimesh_cluster.solve_blocks",
@@ -303,7 +304,12 @@ def build(
     fault = mesh_schema.fault_of_points(mapping(document, ""))
     if fault is not None:
         raise InputError(fault[1], field=fault[0])
-    document = mesh_schema.with_target(document)
+    if (aimed := mesh_schema.with_target(document)) is not document:
+        try:
+            return build(aimed, find_samples, find_mesh, folder)
+        except InputError as error:
+            error.field = "grid.points" if error.field.partition(".")[0] == "target" else error.field
+            raise
     makers: Makers = {**MAKERS, **domain_makers(find_mesh, folder), MeshSpec: dict}
     given = Reading(makers, {MONITORS: _as_given}).record(MeshSpec, document)
     parts = _parts(given)
@@ -328,7 +334,6 @@ def _on_blocks(parts: _Parts, blocks: Blocks, schwarz: Schwarz | None, find_samp
     """The contents of a document whose domain has blocks."""
     given = {
         "grid": parts.grid is not None,
-        "target": parts.target is not None,
         "boundary": parts.boundary is not Boundary.TRACE,
         "parts": parts.options["parts"] is not None,
     }
@@ -339,7 +344,21 @@ def _on_blocks(parts: _Parts, blocks: Blocks, schwarz: Schwarz | None, find_samp
     problem = Problem(monitor=monitor, domain=blocks)
     if schwarz is not None:
         count_subdomains(problem, schwarz)
-    return BuiltSpec(problem=problem, schwarz=schwarz, target=None, **parts.options)
+    if parts.target is not None:
+        _check_budget(parts.target, problem, schwarz)
+    return BuiltSpec(problem=problem, schwarz=schwarz, target=parts.target, **parts.options)
+
+
+def _check_budget(target: Target, problem: Problem[Any], schwarz: Schwarz | None) -> None:
+    """Refuse a target that cannot choose the counts of blocks."""
+    if target.error is not None:
+        raise InputError(NO_GRID, field="target.error")
+    if schwarz is not None:
+        raise InputError("subdomains are groups of blocks whose cells are known: leave the target out", field="target")
+    if isinstance(problem.monitor, NodalSolution):
+        raise InputError(f"{NO_OTHER_GRID}: leave the target out", field="target")
+    with within("target"):
+        require_budget(target.max_points, problem.domain, "max_points")
 
 
 def _check_round(parts: _Parts, monitor: NodalSolution, schwarz: Schwarz | None) -> None:

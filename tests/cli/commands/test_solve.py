@@ -44,6 +44,18 @@ def test_a_folder_is_an_openfoam_case(tmp_path: Path) -> None:
     assert (tmp_path / "constant" / "polyMesh" / "points").read_text().count("\n(") == 2 * 25 + 1
 
 
+def test_points_choose_the_cells_of_blocks(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    corners = {"vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]}}
+    (tmp_path / "b.json").write_text(json.dumps({**corners, "blocks": [{"corners": list("abcd"), "cells": [8, 8]}]}))
+    words = ["tanh(9*y)", "--domain-file", str(tmp_path / "b.json"), "-o", str(tmp_path / "m.npz")]
+    assert main(["solve", *words, "--points", "200"]) == 0
+    shape = np.load(tmp_path / "m.npz")["blocks/block0"].shape
+    assert shape[1] > 2 * shape[0]
+    assert f"{shape[0] * shape[1]} points" in capsys.readouterr().out
+    assert main(["solve", *words, "--points", "200", "-n", "9"]) == 2
+    assert "--points takes the place of -n" in capsys.readouterr().err
+
+
 def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip("scipy")
     mesh, picture = tmp_path / "m.npz", tmp_path / "m.png"

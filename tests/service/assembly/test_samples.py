@@ -221,6 +221,22 @@ def test_the_file_of_a_mesh_comes_with_the_spec(http: httpx.Client, mesh: dict[s
         assert (answer.status_code, message in answer.text.replace('\\"', '"')) == (422, True), answer.text
 
 
+def test_the_cells_of_blocks_are_chosen_for_a_number_of_points(http: httpx.Client) -> None:
+    u = "tanh(30*(y - 0.3))"
+    made = solved(http, {"monitor": {"kind": "least_error", "u": u}, "domain": STEP, "grid": {"points": 300}})
+    target, monitor = em.Target(max_points=300), em.LeastError(u=em.Expression(u))
+    expected = em.solve_to(target, monitor=monitor, domain=em.Blocks.of(STEP))
+    found = arrays(http, made)
+    np.testing.assert_allclose(np.column_stack([found["x"], found["y"]]), expected.mesh.points, rtol=0.0, atol=1e-8)
+    shapes = [found["blocks/block0"].shape, found["blocks/upper"].shape, found["blocks/block2"].shape]
+    assert made["blocks"] == [[i - 1, j - 1] for i, j in shapes]
+    assert made["blocks"][1][0] < 2 * made["blocks"][2][1]  # the front is level
+    assert (made["grid"], made["points"]) == (None, found["x"].size)
+    canonical = http.get(made["links"]["self"] + "/spec").json()
+    assert (canonical["grid"], canonical["target"]["max_points"]) == (None, 300)
+    assert solved(http, canonical)["blocks"] == made["blocks"]
+
+
 def test_the_iteration_between_blocks_is_that_of_the_solver(http: httpx.Client) -> None:
     schwarz = {"groups": [["block0", "upper"], [2]], "overlap": 3}
     spec = {"monitor": LEAST, "domain": STEP, "schwarz": schwarz}

@@ -22,6 +22,7 @@ from equimesh import (
     Grid,
     Initial,
     InputError,
+    LeastError,
     LinearRobin,
     Mode,
     NodalField,
@@ -31,8 +32,10 @@ from equimesh import (
     Quadrilateral,
     Rectangle,
     Schwarz,
+    Target,
     TransmissionCondition,
     solve,
+    solve_to,
 )
 from equimesh.specs import BuiltSpec, build, build_domain, build_schwarz, count_points, load
 from equimesh.specs.spec import NOT_WITH_BLOCKS
@@ -212,7 +215,6 @@ def test_what_goes_with_a_grid_is_refused_on_blocks() -> None:
     }
     for name, value in {
         "grid": {"n_xi": 8},
-        "target": {"error": 1e-3},
         "boundary": "orthogonal",
         "parts": 2,
     }.items():
@@ -222,6 +224,18 @@ def test_what_goes_with_a_grid_is_refused_on_blocks() -> None:
         assert caught.value.message == NOT_WITH_BLOCKS[name]
     with pytest.raises(InputError, match="LeastError"):
         build({**document, "monitor": {"kind": "curvature", "u": "x*y"}})
+
+
+def test_a_budget_of_blocks_is_that_of_a_target() -> None:
+    blocks = {**BLOCKS, "refine": 2}
+    document = {"monitor": {"kind": "least_error", "u": "tanh(9*y)"}, "domain": {"kind": "blocks", **blocks}}
+    found = build({**document, "grid": {"points": 200}}).solve(threads=1)
+    monitor = LeastError(u=Expression("tanh(9*y)"))
+    expected = solve_to(Target(max_points=200), monitor=monitor, domain=Blocks.of(blocks), threads=1)
+    assert np.array_equal(found.mesh.points, expected.mesh.points)
+    (shape,) = (block.shape for block in found.mesh.blocks)
+    assert 150 < shape[0] * shape[1] <= 200
+    assert shape[1] > 2 * shape[0]
 
 
 def test_schwarz_between_blocks() -> None:
