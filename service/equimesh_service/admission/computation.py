@@ -97,13 +97,7 @@ def _compute(task: Computation) -> ComputationResult:
     frames = None
     if task.frames and spec.grid_schwarz is not None:
         frames = Frames(spec.problem.grid.points)
-
-    def observe(event: equimesh.Event) -> None:
-        if time.perf_counter() - began > task.seconds:
-            raise TimeLimitError("the time limit was reached")
-        if frames is not None:
-            frames(event)
-
+    observe = _Limit(until=began + task.seconds, frames=frames)
     solving = time.perf_counter()
     try:
         with translate_errors():
@@ -135,6 +129,25 @@ def _compute(task: Computation) -> ComputationResult:
             uploads=(upload is not None) + (mesh is not None),
         ),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Limit:
+    """Ends a solve at a time of `time.perf_counter`. Without ``frames`` the solver makes no records before."""
+
+    until: float
+    frames: Frames | None
+
+    def is_due(self) -> bool:
+        """Whether the solver is to call this."""
+        return self.frames is not None or time.perf_counter() > self.until
+
+    def __call__(self, event: equimesh.Event) -> None:
+        """Take a record; raises :class:`~equimesh_service.errors.TimeLimitError`."""
+        if time.perf_counter() > self.until:
+            raise TimeLimitError("the time limit was reached")
+        if self.frames is not None:
+            self.frames(event)
 
 
 def answer(request: Request) -> FinishedMesh | Ending | NoMesh | None:

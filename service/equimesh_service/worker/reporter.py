@@ -51,7 +51,7 @@ class Reporter:
 
     def __call__(self, event: Event) -> None:
         """Report an event of the solver."""
-        if not self._is_due():
+        if not self.is_due():
             return
         self._note(event.fraction, event.phase)
         if isinstance(event, Iteration):
@@ -69,7 +69,7 @@ class Reporter:
 
     def part(self, event: Progress) -> None:
         """Report a sweep of a mesh in parts; the coarse grids are solved in one part."""
-        if not self._is_due():
+        if not self.is_due():
             return
         self._note(event.fraction, event.phase)
         grid = [event.grid.n_xi, event.grid.n_eta]
@@ -113,8 +113,9 @@ class Reporter:
     def _stage(self, stage: str, phase: str, share: float) -> None:
         """Report a stage after the solve."""
         self._note(share / _SOLVE_SHARE, phase)
-        if self._has_reported or self._is_due():
+        if self._has_reported or self.is_due():
             self._report(stage, None, None, {})
 
-    def _is_due(self) -> bool:
+    def is_due(self) -> bool:
+        """Whether enough time has passed since the last report; the solver makes no record before."""
         return monotonic() - self._last >= self.interval

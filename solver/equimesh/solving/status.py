@@ -182,6 +182,12 @@ class _ReportedProgress:
     observer: Observer
     fraction: float = 0.0
 
+    @property
+    def is_awaited(self) -> bool:
+        """Whether the observer takes a record now: one with a method ``is_due`` takes few, and copies take long."""
+        is_due = getattr(self.observer, "is_due", None)
+        return is_due is None or is_due()
+
 
 @dataclass(frozen=True)
 class Announcer:
@@ -220,7 +226,10 @@ class Announcer:
         self.announce(event)
 
     def announce(self, event: _E) -> _E:
-        """Call the observer with a record, and return that record. Nothing changes it later, so it can be kept."""
+        """Call the observer with a record, and return that record. Nothing changes it later, so it can be kept.
+
+        Where the observer takes none now, return ``event`` itself.
+        """
         share, phase = self._look(event)
         fraction = None
         if self.begin is not None and self.end is not None:
@@ -229,6 +238,8 @@ class Announcer:
             if share is not None:
                 self.told.fraction = max(self.told.fraction, self.begin + (self.end - self.begin) * share)
                 fraction = self.told.fraction
+        if not self.told.is_awaited:
+            return event
         phase = f"{self.doing}: {phase}" if self.doing else phase
         record = replace(event, fraction=fraction, phase=phase)
         if isinstance(record, Step):

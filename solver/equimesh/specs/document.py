@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
@@ -41,7 +42,7 @@ class Reading:
     def record(self, document: type[Document], given: object, path: str = "") -> Any:
         """The object of a document without its ``kind``."""
         members = document.completed(mapping(given, path))
-        names = {key_of(document, name): name for name in types_of(document) if name != "kind"}
+        names = _names_of(document)
         for key in members:
             if key in document.REFUSED:
                 raise InputError(document.REFUSED[key], field=joined(path, key))
@@ -49,13 +50,12 @@ class Reading:
             if key not in names:
                 message = f"{_name(path)} has no key {key!r}; known are {_known(key, names)}"
                 raise InputError(message, field=joined(path, str(key)))
-        for name in required_of(document):
-            key = key_of(document, name)
-            if key in names and key not in members:
+        for key in _needed_of(document):
+            if key not in members:
                 raise InputError(f"{_name(path)} needs the key '{key}'", field=joined(path, key))
         values = {
-            name: self.value(types_of(document)[name], members[key], joined(path, key))
-            for key, name in names.items()
+            name: self.value(kind, members[key], joined(path, key))
+            for key, (name, kind) in names.items()
             if key in members
         }
         with within(path), _keys_in_place_of_names(document):
@@ -82,31 +82,83 @@ class Reading:
 
     def value(self, kind: Any, given: object, path: str) -> Any:
         """The value of a field of the type ``kind``. What objects of the solver check is taken as it is given."""
-        marks = getattr(kind, "__metadata__", ())
-        if get_origin(kind) is Annotated:
-            (kind, *_) = get_args(kind)
-        mark = next((one for one in marks if isinstance(one, OneOf)), None)
-        if mark is not None:
-            return self.readers[mark](given, path) if mark in self.readers else self.one_of(mark, given, path)
-        if any(isinstance(one, Words) for one in marks):
-            return given
-        if get_origin(kind) in (Union, UnionType):
-            return self._member(get_args(kind), given, path)
-        if get_origin(kind) is list and (item := one_of_item(kind)) is not None:
+        form = _form_of(kind)
+        if form.mark is not None:
+            read = self.readers.get(form.mark)
+            return self.one_of(form.mark, given, path) if read is None else read(given, path)
+        if form.members is not None:
+            other = form.members.other(given)
+            return given if other is None else self.value(other, given, path)
+        if form.item is not None:
+            item = form.item
             return several(lambda one, at: self.one_of(item, one, at), given, path)
-        if isinstance(kind, type) and issubclass(kind, Document):
-            return self.record(kind, given, path)
-        read = PLAIN.get(get_origin(kind) or kind)
-        return given if read is None else read(given, path)
+        if form.document is not None:
+            return self.record(form.document, given, path)
+        return given if form.plain is None else form.plain(given, path)
 
-    def _member(self, kinds: tuple[Any, ...], given: object, path: str) -> Any:
-        """The value of a union: null, a word, or the value of its other type; of several types as it is given."""
-        words = [word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)]
-        others = [kind for kind in kinds if get_origin(kind) is not Literal and kind is not NoneType]
-        if (given is None and NoneType in kinds) or (isinstance(given, str) and given in words):
-            return given
-        only_word = words and others and others[0] is not float
-        return given if len(others) != 1 or only_word else self.value(others[0], given, path)
+
+@dataclass(frozen=True)
+class _Members:
+    """The types of a union: null, words, and others."""
+
+    has_null: bool
+    words: frozenset[Any]
+    others: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, kinds: tuple[Any, ...]) -> "_Members":
+        words = frozenset(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
+        others = tuple(kind for kind in kinds if get_origin(kind) is not Literal and kind is not NoneType)
+        return cls(NoneType in kinds, words, others)
+
+    def other(self, given: object) -> Any:
+        """The type of which a value is to be read; None for null, for a word, and where there are several types."""
+        if (given is None and self.has_null) or (isinstance(given, str) and given in self.words):
+            return None
+        only_word = self.words and self.others and self.others[0] is not float
+        return None if len(self.others) != 1 or only_word else self.others[0]
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How values of a type are read: the first of these that is there says it, else a value is taken as it is."""
+
+    mark: OneOf | None = None
+    members: _Members | None = None
+    item: OneOf | None = None
+    document: type[Document] | None = None
+    plain: Reader | None = None
+
+
+@cache  # types are few, and to look into one takes longer than to read most values
+def _form_of(kind: Any) -> _Form:
+    marks = getattr(kind, "__metadata__", ())
+    if get_origin(kind) is Annotated:
+        (kind, *_) = get_args(kind)
+    mark = next((one for one in marks if isinstance(one, OneOf)), None)
+    if mark is not None:
+        return _Form(mark=mark)
+    if any(isinstance(one, Words) for one in marks):
+        return _Form()
+    if get_origin(kind) in (Union, UnionType):
+        return _Form(members=_Members.of(get_args(kind)))
+    if get_origin(kind) is list and (item := one_of_item(kind)) is not None:
+        return _Form(item=item)
+    if isinstance(kind, type) and issubclass(kind, Document):
+        return _Form(document=kind)
+    return _Form(plain=PLAIN.get(get_origin(kind) or kind))
+
+
+@cache
+def _names_of(document: Any) -> Mapping[str, tuple[str, Any]]:
+    """The names and types of the fields of a document by their keys, without its ``kind``."""
+    return {key_of(document, name): (name, kind) for name, kind in types_of(document).items() if name != "kind"}
+
+
+@cache
+def _needed_of(document: Any) -> tuple[str, ...]:
+    """The keys that a document has to have, without its ``kind``."""
+    return tuple(key for name in required_of(document) if (key := key_of(document, name)) in _names_of(document))
 
 
 def one_of_item(kind: Any) -> OneOf | None:

@@ -45,6 +45,28 @@ def test_the_share_never_falls_and_the_words_say_what_is_done(name: str) -> None
     assert all(event.phase for event in told)
 
 
+class NowAndThen:
+    """An observer that is due at every third record."""
+
+    def __init__(self) -> None:
+        self.asked, self.told = 0, list[em.Event]()
+
+    def is_due(self) -> bool:
+        self.asked += 1
+        return self.asked % 3 == 0
+
+    def __call__(self, event: em.Event) -> None:
+        self.told.append(event)
+
+
+def test_an_observer_that_says_when_it_is_due_gets_the_same_records_but_only_those() -> None:
+    problem, seldom = em.Problem(monitor=em.ArcLength(u=U), grid=GRID), NowAndThen()
+    em.solve(problem, threads=1, observe=seldom)
+    told = told_by(problem)
+    assert seldom.asked == len(told) > 6
+    assert [(one.fraction, one.phase) for one in seldom.told] == [(one.fraction, one.phase) for one in told[2::3]]
+
+
 def test_the_comparison_of_monitors_is_told() -> None:
     told = told_by(em.Problem(monitor=em.Auto(u=U), grid=GRID))
     first = [event.phase.split(":")[0] for event in told if event.phase.startswith("comparing")]
