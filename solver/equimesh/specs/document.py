@@ -149,16 +149,18 @@ def _form_of(kind: Any) -> _Form:
     return _Form(plain=PLAIN.get(get_origin(kind) or kind))
 
 
-@cache
-def _names_of(document: Any) -> Mapping[str, tuple[str, Any]]:
-    """The names and types of the fields of a document by their keys, without its ``kind``."""
+def _find_names(document: type[Document]) -> Mapping[str, tuple[str, Any]]:
     return {key_of(document, name): (name, kind) for name, kind in types_of(document).items() if name != "kind"}
 
 
-@cache
-def _needed_of(document: Any) -> tuple[str, ...]:
-    """The keys that a document has to have, without its ``kind``."""
+def _find_needed(document: type[Document]) -> tuple[str, ...]:
     return tuple(key for name in required_of(document) if (key := key_of(document, name)) in _names_of(document))
+
+
+_names_of: Callable[[type[Document]], Mapping[str, tuple[str, Any]]] = cache(_find_names)  # type: ignore[assignment]
+"""The names and types of the fields of a document by their keys, without its ``kind``."""
+_needed_of: Callable[[type[Document]], tuple[str, ...]] = cache(_find_needed)  # type: ignore[assignment]
+"""The keys that a document has to have, without its ``kind``."""
 
 
 def one_of_item(kind: Any) -> OneOf | None:
