@@ -49,7 +49,7 @@ def pytest_configure(config: pytest.Config) -> None:
         # At the very end: as long as something that is left holds the output, whoever reads that waits.
         atexit.register(lambda: leftovers.report(leftovers.end_marked(name)))
         if config.getoption("numprocesses", None):
-            _compile_once(config.args)
+            _compile_once()
 
 
 # Fails where a loop is not kept yet.
@@ -61,19 +61,35 @@ compiled, of = count_compiled()
 raise SystemExit(compiled < of)
 """
 
+# Compiles the tests as pytest does, without importing any: that is what all processes do afterwards.
+COMPILE_TESTS = """
+import sys, pathlib, pytest
+from _pytest.assertion import rewrite
 
-def _compile_once(paths: list[str]) -> None:
+class Compile:
+    def pytest_cmdline_main(self, config):
+        for path in map(pathlib.Path, sys.argv[1:]):
+            source, code = rewrite._rewrite_test(path, config)
+            kept = rewrite.get_cache_dir(path) / (path.stem + rewrite.PYC_TAIL)
+            kept.parent.mkdir(exist_ok=True)
+            rewrite._write_pyc(config.stash[rewrite.assertstate_key], code, source, kept)
+        return 0
+
+pytest.main(["-p", "no:cacheprovider"], plugins=[Compile()])
+"""
+
+
+def _compile_once() -> None:
     """Compile the kernels in two processes, which meet in the middle; the second one then compiles tests.
 
     What is compiled already, as after a run before, is left out.
     """
     warm_up = [sys.executable, "-c", "from equimesh.warm_up import warm_up; warm_up()"]
-    collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:cacheprovider", *paths]
     backwards = "from equimesh.warm_up import warm_up_rare; warm_up_rare(backwards=True)"
-    second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$@"', sys.executable, backwards]
-    second += ["true"] if _are_compiled() else collect
+    second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$0" -c "$@"', sys.executable, backwards, COMPILE_TESTS]
+    second += map(str, _not_compiled())
     if subprocess.run([sys.executable, "-c", ALL_KEPT]).returncode == 0:
-        warm_up, second = ["true"], second[5:]
+        warm_up, second = ["true"], [sys.executable, "-c", *second[5:]]
     silent = subprocess.DEVNULL
     with subprocess.Popen(second, stdin=silent, stdout=silent, stderr=silent, start_new_session=True) as compiling:
         try:
@@ -85,11 +101,11 @@ def _compile_once(paths: list[str]) -> None:
             raise
 
 
-def _are_compiled() -> bool:
-    """Whether pytest has compiled all files of tests since they were changed."""
+def _not_compiled() -> list[Path]:
+    """The files of tests that pytest has not compiled since they were changed."""
     folder, name = Path(__file__).parent, f"{sys.implementation.cache_tag}-pytest-{pytest.__version__}.pyc"
-    kept = ((path, path.parent / "__pycache__" / f"{path.stem}.{name}") for path in folder.rglob("test_*.py"))
-    return all(there.exists() and there.stat().st_mtime > path.stat().st_mtime for path, there in kept)
+    kept = {path: path.parent / "__pycache__" / f"{path.stem}.{name}" for path in folder.rglob("test_*.py")}
+    return [path for path, at in kept.items() if not at.exists() or at.stat().st_mtime <= path.stat().st_mtime]
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -126,9 +126,3 @@ def test_the_nonlinear_functional_is_the_metric_length_to_second_order() -> None
         errors.append(np.abs(values - exact[line])[[0, n // 2, -1]])
     orders = np.log2(errors[0] / errors[1])
     assert np.all(orders > 1.7), orders
-
-
-@pytest.mark.parametrize("condition", [em.LinearRobin, em.NonlinearRobin])
-def test_automatic_p_is_the_reciprocal_distance(condition: type[em.LinearRobin]) -> None:
-    assert condition().strength(0.25) == 4.0
-    assert condition(p=2.3).strength(0.25) == 2.3

@@ -9,11 +9,7 @@ from cases import problem
 
 SINGLE_DOMAIN = "1.1979"
 CLASSICAL = em.Schwarz(
-    overlap=2,
-    transmission=em.Classical(),
-    ordering=em.Ordering.PARALLEL,
-    tolerance=None,
-    max_iterations=5,
+    overlap=2, transmission=em.Classical(), ordering=em.Ordering.PARALLEL, tolerance=None, max_iterations=5
 )
 ROBIN = {"overlap": 2, "ordering": em.Ordering.ALTERNATING, "tolerance": None, "max_iterations": 5}
 TABLE = [

@@ -249,11 +249,7 @@ def test_blocks_are_as_slow_as_their_slower_direction() -> None:
 def test_the_rate_of_a_mesh_is_the_predicted_one() -> None:
     """Robin with a number, on the paper's u, whose metric is flat where the interface lies."""
     settings = em.Schwarz(
-        transmission=em.LinearRobin(p=20.0),
-        overlap=2,
-        tolerance=None,
-        max_iterations=12,
-        compare_single_domain=True,
+        transmission=em.LinearRobin(p=20.0), overlap=2, tolerance=None, max_iterations=12, compare_single_domain=True
     )
     solution = em.solve(problem("paper", 17), settings)
     assert solution.predicted_rate is not None

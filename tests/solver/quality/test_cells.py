@@ -122,14 +122,6 @@ def test_the_quarters_of_a_cell_have_its_area_and_its_interpolant() -> None:
     assert together == pytest.approx(whole.errors(u)[:2], rel=1e-4)
 
 
-def test_errors_of_a_square_by_hand() -> None:
-    # u = y^2 on cells of height h: the square of u - u_h has the integral h^4/30, that of its gradient h^2/3
-    u = em.Expression("y**2")
-    found = of(em.Mesh.uniform(em.Grid(n_xi=5, n_eta=11)), u).errors(u).sum(axis=1)
-    assert found[:2] == pytest.approx([1e-4 / 30, 1e-2 / 3], rel=1e-12)
-    assert found[2] == pytest.approx(0.0, abs=1e-15)
-
-
 def test_a_jump_is_missed_by_the_gradient_and_seen_on_the_rim() -> None:
     mesh = wavy(9, 9)
     for u, missed in (("where(x + y < 0.9, 0, 1)", 0.5), ("exp(-x/1e-7)", 0.5), ("tanh(4*(x - y))", 0.0)):

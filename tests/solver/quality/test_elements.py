@@ -38,11 +38,7 @@ def test_shape_functions_and_their_derivatives_belong_to_the_points(name: str) -
     if element.shape.shape[1] == 3:
         expected = [1 - s - t, s, t], [-1, 1, 0], [-1, 0, 1]
     else:
-        expected = (
-            [(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t],
-            [t - 1, 1 - t, t, -t],
-            [s - 1, -s, s, 1 - s],
-        )
+        expected = ([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], [t - 1, 1 - t, t, -t], [s - 1, -s, s, 1 - s])
     for got, parts in zip((element.shape, element.along_s, element.along_t), expected, strict=True):
         for corner, part in enumerate(parts):
             assert got[:, corner] == pytest.approx(part, abs=1e-14)
@@ -101,10 +97,3 @@ def test_triangles_are_those_of_the_mesh_file(seed: int) -> None:
     data = em.MeshData(mesh=mesh, u=None, q_eq=cells, subdomain=cells.astype(np.int64))
     assert np.array_equal(nodes.corners[elements], data.triangles())
     assert len({tuple(row) for row in elements[::2] % 4}) == 2  # both cuts occur
-
-
-def test_quadrilaterals_are_the_cells() -> None:
-    rule = Rule(points=3)
-    assert np.array_equal(rule.elements(5), np.arange(20).reshape(5, 4))
-    assert rule.points_per_cell == 9
-    assert Rule(cells="triangle").points_per_cell == 12

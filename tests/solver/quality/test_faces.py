@@ -153,10 +153,7 @@ U = em.Expression("exp(x)*sin(3*y) + tanh(4*(x - y))")
 
 @pytest.mark.parametrize(
     ("mesh", "error"),
-    [
-        (waves((17, 13), em.Rectangle()), 0.024984034231097636),
-        (waves((9, 25), em.AnnulusSector()), 0.1878909067826689),
-    ],
+    [(waves((17, 13), em.Rectangle()), 0.024984034231097636), (waves((9, 25), em.AnnulusSector()), 0.1878909067826689)],
 )
 def test_the_error_of_open_foam(mesh: Mesh, error: float) -> None:
     """``Gauss linear corrected`` with 120 corrections gave these, with u at the middles of the faces of the sides."""

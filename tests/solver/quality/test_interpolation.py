@@ -12,24 +12,9 @@ import equimesh as em
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.metrics import ArcLength
 from equimesh.quality import measures
-from equimesh.quality.interpolation import (
-    MAX_PROBES_PER_CELL,
-    PROBES,
-    probe_errors,
-)
+from equimesh.quality.interpolation import MAX_PROBES_PER_CELL, PROBES, probe_errors
 from equimesh.quality.measures import equidistribution, measure, measure_errors
-from solver.quality.handmade import (
-    CONSTANT,
-    ERRORS,
-    PAPER,
-    SLOPE,
-    TANH20,
-    Analytic,
-    constant,
-    folded,
-    uniform,
-    wavy,
-)
+from solver.quality.handmade import CONSTANT, ERRORS, PAPER, SLOPE, TANH20, Analytic, constant, folded, uniform, wavy
 
 
 def test_interpolation_error_by_hand() -> None:
@@ -127,13 +112,6 @@ def test_interpolation_error_falls_at_second_order_and_its_gradient_at_first() -
     assert errors[-1].h1 < 0.12
     assert errors[-1].l2 == errors[-1].l2_uniform
     assert errors[-1].h1 == errors[-1].h1_uniform
-
-
-def test_a_mesh_that_gathers_in_the_layer_interpolates_better_than_the_uniform_one() -> None:
-    start = uniform(12)
-    error = measure(Mesh(1 - (1 - start.x) ** 1.5, start.y), ArcLength(u=PAPER, scaled=False)).interpolation_error
-    assert error.l2 < 0.7 * error.l2_uniform
-    assert error.h1 < 0.7 * error.h1_uniform
 
 
 # Probes of u between the nodes.

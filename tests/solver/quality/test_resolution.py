@@ -73,12 +73,7 @@ def test_a_gradient_that_no_rule_resolves_is_not_called_known(u: str, n: int) ->
 
 
 @pytest.mark.parametrize(
-    ("steep", "share"),
-    [
-        ("abs(x - {c})", 0.05),
-        ("abs(x - {c})", 0.94),
-        ("log(1 + exp(600*(x - {c})))/300", 0.04),
-    ],
+    ("steep", "share"), [("abs(x - {c})", 0.05), ("abs(x - {c})", 0.94), ("log(1 + exp(600*(x - {c})))/300", 0.04)]
 )
 def test_what_lies_between_the_points_of_two_rules_is_measured(steep: str, share: float) -> None:
     # One column of cells holds a kink or a layer where neither rule has a point; all others hold a wave. A descent

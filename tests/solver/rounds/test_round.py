@@ -135,9 +135,7 @@ def quadratic_round(n: int, u: em.Field, domain: em.Domain = UNIT_SQUARE, **sett
 
 @pytest.mark.parametrize("norm", ["l2", "h1"])
 @pytest.mark.parametrize(
-    ("domain", "u"),
-    [(UNIT_SQUARE, FRONT), (SECTOR, em.Expression("tanh(20*(x + y/2 - 1.6))"))],
-    ids=["square", "ring"],
+    ("domain", "u"), [(UNIT_SQUARE, FRONT), (SECTOR, em.Expression("tanh(20*(x + y/2 - 1.6))"))], ids=["square", "ring"]
 )
 def test_the_next_mesh_is_better_for_quadratic_elements(domain: em.Domain, u: em.Field, norm: Norm) -> None:
     found, rule = quadratic_round(17, u, domain, norm=norm), Rule(norm=norm, points=5, degree=2)

@@ -10,15 +10,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.acceleration import (
-    Accelerator,
-    AndersonAccelerator,
-    NewtonAccelerator,
-    NoAcceleration,
-    Raspen,
-    Slope,
-    accelerator,
-)
+from equimesh.schwarz.acceleration import Accelerator, Raspen, Slope, accelerator
 from equimesh.schwarz.functionals import FunctionalSubdomains
 from equimesh.schwarz.iteration import subdomains_of
 from equimesh.schwarz.line_corrections import CorrectionResult
@@ -34,13 +26,6 @@ MESHES = [bent(PAPER, size) for size in (4e-3, 2e-3, 1.2e-3)]
 def made(kind: em.Acceleration) -> Accelerator:
     settings = em.Schwarz(acceleration=kind)
     return accelerator(settings, WHOLE, lambda: subdomains_of(PAPER, WHOLE, settings, enough=0.0, threads=1), 1e-14, 1)
-
-
-def test_each_setting_has_its_accelerator() -> None:
-    found = {kind: made(kind) for kind in (em.Acceleration.NONE, em.Acceleration.ANDERSON, em.Acceleration.NEWTON)}
-    kinds = [type(one) for one in found.values()]
-    assert kinds == [NoAcceleration, AndersonAccelerator, NewtonAccelerator]
-    assert [one.maps_merged_meshes for one in found.values()] == [False, False, True]
 
 
 def test_unaccelerated_iterations_stay_as_they_are() -> None:

@@ -71,15 +71,3 @@ def test_held_states_have_the_neighbours_nodes_beyond_their_interfaces(condition
                 assert np.array_equal(inner, (wanted.x[rim][1:-1], wanted.y[rim][1:-1]))
         assert np.array_equal(held.x[2:-2, 2:-2], state.x[2:-2, 2:-2])
         assert np.array_equal(state.x, part.window.restrict(em.Mesh.uniform(CASE.grid)).x), "a copy"
-
-
-def test_the_middle_block_has_links_to_its_neighbours_alone() -> None:
-    middle = subdomains(em.LinearRobin())[BLOCKS.at(1, 0).number]
-    assert {(link.axis, link.end): link.sender for link in middle.links} == {
-        (0, 0): BLOCKS.at(0, 0).number,
-        (0, 1): BLOCKS.at(2, 0).number,
-        (1, 1): BLOCKS.at(1, 1).number,
-    }
-    assert {link.sender for link in middle.corner_links} == {BLOCKS.at(0, 1).number, BLOCKS.at(2, 1).number}
-    signs = {(link.axis, link.end): np.sign(link.p) for link in middle.links}
-    assert signs == {(0, 0): -1, (0, 1): 1, (1, 1): 1}

@@ -17,12 +17,6 @@ from equimesh.schwarz.optimized import yielding_sides
 from solver.schwarz.bent import bent
 
 
-def test_the_two_strips_of_the_paper() -> None:
-    decomposition = em.Decomposition(grid=em.Grid(n_xi=12, n_eta=12), subdomains=(2, 1), overlap=2)
-    assert [part.columns for part in decomposition.parts] == [range(7), range(5, 12)]
-    assert [part.owned[0] for part in decomposition.parts] == [slice(0, 5), slice(5, 12)]
-
-
 @settings(max_examples=100, derandomize=True)
 @given(
     points=st.tuples(st.integers(4, 60), st.integers(4, 60)),
@@ -183,10 +177,6 @@ def decomposition(along_xi: int, along_eta: int) -> em.Decomposition:
 def test_three_strips(ordering: em.Ordering, expected: list[list[int]]) -> None:
     assert turns(decomposition(3, 1), ordering) == expected
     assert turns(decomposition(1, 3), ordering) == expected
-
-
-def test_a_single_subdomain_is_solved_once() -> None:
-    assert {str(turns(decomposition(1, 1), ordering)) for ordering in em.Ordering} == {"[[0]]"}
 
 
 @pytest.mark.parametrize(("along_xi", "along_eta"), [(2, 2), (3, 2), (5, 4), (2, 1)])

@@ -28,10 +28,7 @@ def test_the_estimate_is_honest() -> None:
         [em.Classical(), em.LinearRobin(), em.NonlinearRobin(), em.Optimized()], [1e-4, 1e-7]
     ):
         settings = em.Schwarz(
-            transmission=condition,
-            tolerance=tolerance,
-            compare_single_domain=True,
-            max_iterations=150,
+            transmission=condition, tolerance=tolerance, compare_single_domain=True, max_iterations=150
         )
         last = em.solve(PAPER, settings).iterations[-1]
         assert last.error is not None

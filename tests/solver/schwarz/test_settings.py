@@ -2,45 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import pytest
 
 import equimesh as em
-
-
-@pytest.mark.parametrize("bad", [{"tolerance": 0.0}, {"tolerance": math.nan}, {"max_iterations": 0}])
-def test_bad_settings_are_refused(bad: dict[str, float]) -> None:
-    with pytest.raises(em.InputError):
-        replace(em.Schwarz(), **bad)
-    for p in (0.0, -1.0, math.inf, "best"):
-        with pytest.raises(em.InputError, match="positive number"):
-            em.LinearRobin(p=p)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"transmission": "optimized"},
-        {"subdomains": 4},
-        {"subdomains": (2.5, 1)},
-        {"subdomains": ((8, 2.5), 1)},
-        {"subdomains": ("8", 1)},
-        {"overlap": 2.5},
-        {"max_iterations": 2.5},
-        {"max_iterations": math.nan},
-        {"tolerance": True},
-        {"line_correction": 11},
-        {"line_correction": True},
-        {"acceleration": "newton", "line_correction": 1},
-        {"ordering": "backward"},
-    ],
-    ids=str,
-)
-def test_settings_of_the_wrong_kind_are_refused(bad: dict[str, object]) -> None:
-    with pytest.raises(em.InputError):
-        replace(em.Schwarz(), **bad)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

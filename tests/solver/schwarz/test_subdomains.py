@@ -11,7 +11,6 @@ from equimesh.equations.newton_solve import NewtonSolution
 from equimesh.schwarz.subdomains import Outcome, SubdomainSweeps
 from solver.schwarz.bent import bent, distance, yielding_subdomains
 from solver.schwarz.runs import LINEAR_ROBIN
-from solver.schwarz.solved import solved
 
 
 def test_robin_that_finds_no_solution_is_rescued_and_reported() -> None:
@@ -93,10 +92,3 @@ def test_two_solves_of_one_iteration_add_up_and_a_stall_is_not_forgotten() -> No
     assert (both.newton_steps, both.sweeps, both.residual) == (4, 5, 1e-9)
     assert both.stalled
     assert both.classical
-
-
-@pytest.mark.parametrize("stalled", [False, True])
-@pytest.mark.parametrize("classical", [False, True])
-def test_one_subdomain_speaks_for_all(stalled: bool, classical: bool) -> None:
-    found = solved(MESH, stalled=stalled, classical=classical)
-    assert (found.has_stalled, found.is_rescued) == (stalled, classical)

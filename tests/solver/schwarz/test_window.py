@@ -28,13 +28,6 @@ def test_a_window_in_the_middle_of_the_lower_row() -> None:
     assert window.covered == (slice(part.columns[0], part.columns[-1] + 1), slice(0, part.rows[-1] + 1))
 
 
-def test_without_interfaces_the_window_is_the_grid() -> None:
-    alone = em.Decomposition(grid=GRID, subdomains=(1, 1))
-    window = SubdomainWindow(alone, alone.parts[0], 1)
-    assert window.shape == GRID.shape
-    assert window.physical == ((True, True), (True, True))
-
-
 def test_the_frame_counts_the_edges_beyond() -> None:
     part = BLOCKS.at(1, 0)
     found = SubdomainWindow(BLOCKS, part, 1).frame(GRID.shape)

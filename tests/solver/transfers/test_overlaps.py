@@ -15,13 +15,7 @@ from equimesh.meshes.cell_edges import links_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_search import QuadSearch
 from equimesh.meshes.unrolled import Unrolled
-from equimesh.transfers.one_domain import (
-    boundary_of,
-    first_beyond,
-    in_loops,
-    require_one_domain,
-    require_valid,
-)
+from equimesh.transfers.one_domain import boundary_of, first_beyond, in_loops, require_one_domain, require_valid
 from equimesh.transfers.overlaps import (
     MAX_CORNERS,
     Overlaps,

@@ -68,9 +68,7 @@ def test_fields_are_carried_between_meshes_of_blocks(old: Mesh, new: Mesh) -> No
 
 
 @pytest.mark.parametrize("make", [corner, ring])
-def test_on_blocks_cubics_are_of_third_order_and_conservative_values_of_second(
-    make: Callable[[int], Mesh],
-) -> None:
+def test_on_blocks_cubics_are_of_third_order_and_conservative_values_of_second(make: Callable[[int], Mesh]) -> None:
     def wave(mesh: Mesh) -> np.ndarray:
         return np.sin(2 * mesh.x + mesh.y)
 
