@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 import sqlite3
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import create_engine, event, make_url, text
@@ -40,7 +42,7 @@ def test_a_service_waits_while_another_one_prepares_the_same_new_file(
         if len(waits) == 3:
             other.execute("COMMIT")
 
-    monkeypatch.setattr(database.time, "sleep", wait)
+    monkeypatch.setattr(database, "time", SimpleNamespace(**{**vars(time), "sleep": wait}))  # in this module alone
     store = Store(f"sqlite:///{tmp_path / 'test.sqlite3'}")
     with store.database.read() as connection:
         assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
