@@ -8,31 +8,55 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.numerics.compiled import compiled, inlined
+from equimesh.numerics.compiled import compiled, vectorised
 from equimesh.numerics.types import Array, BoolArray, IntArray
+
+
+@vectorised
+def areas_of_row(x0: Array, x1: Array, y0: Array, y1: Array, area: Array, lowest: Array) -> None:
+    """The areas of a row of cells; ``lowest`` becomes at most the smallest determinant at a corner of each cell."""
+    for j in range(area.size):
+        ex0, ey0, ex1, ey1 = x1[j] - x0[j], y1[j] - y0[j], x1[j + 1] - x0[j + 1], y1[j + 1] - y0[j + 1]
+        fx0, fy0, fx1, fy1 = x0[j + 1] - x0[j], y0[j + 1] - y0[j], x1[j + 1] - x1[j], y1[j + 1] - y1[j]
+        a, b = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
+        c, d = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
+        area[j] = 0.25 * (a + b + c + d)
+        lowest[j] = min(lowest[j], min(min(a, b), min(c, d)))
+
+
+@vectorised
+def sum_of_row(row: Array) -> float:
+    """The sum of some numbers."""
+    total = 0.0
+    for number in row:
+        total += number
+    return total
+
+
+@compiled
+def sum_of_rows(rows: Array) -> float:
+    """The sum of some numbers, row by row, as other loops over rows add them."""
+    total = 0.0
+    for i in range(rows.shape[0]):
+        total += sum_of_row(rows[i])
+    return total
 
 
 @compiled
 def measure_cells(x: Array, y: Array, area: Array, valid: BoolArray) -> float:
     """The smallest determinant at a corner, NaN where a coordinate is not finite; area and validity of every cell."""
-    columns = x.shape[1] - 1
-    lowest, total = np.empty(columns), np.empty(columns)
-    smallest, check = np.inf, 0.0  # min ignores NaN, a sum does not
+    columns, smallest, check = x.shape[1] - 1, np.inf, 0.0  # min ignores NaN, a sum does not
+    lowest = np.empty(columns)
     for i in range(x.shape[0] - 1):
-        x0, x1, y0, y1 = x[i], x[i + 1], y[i], y[i + 1]
         areas, valids = area[i * columns : (i + 1) * columns], valid[i * columns : (i + 1) * columns]
         for j in range(columns):
-            ex0, ey0, ex1, ey1 = x1[j] - x0[j], y1[j] - y0[j], x1[j + 1] - x0[j + 1], y1[j + 1] - y0[j + 1]
-            fx0, fy0, fx1, fy1 = x0[j + 1] - x0[j], y0[j + 1] - y0[j], x1[j + 1] - x1[j], y1[j + 1] - y1[j]
-            a, b = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
-            c, d = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
-            total[j] = a + b + c + d
-            lowest[j] = min(min(a, b), min(c, d))
-            areas[j] = 0.25 * total[j]
-            valids[j] = lowest[j] > 0.0 and total[j] - total[j] == 0.0
+            lowest[j] = np.inf
+        areas_of_row(x[i], x[i + 1], y[i], y[i + 1], areas, lowest)
+        for j in range(columns):
+            valids[j] = lowest[j] > 0.0 and areas[j] - areas[j] == 0.0
         for j in range(columns):
             smallest = min(smallest, lowest[j])
-            check += total[j]
+        check += sum_of_row(areas)
     return smallest if np.isfinite(check) else np.nan
 
 
@@ -204,42 +228,13 @@ def shares_and_alignments(corners: Array, area: Array, valid: BoolArray, metric:
         alignment[k] = max(max(p, q), max(r, s)) / (2.0 * volume) if valid[k] else np.inf
 
 
-@inlined
-def largest_ratio(area: Array, valid: BoolArray, here: int, beside: tuple[int, int, int, int]) -> float:
-    """Larger area over smaller of a cell and those ``beside`` it, the largest; infinite where one of them is folded."""
-    a, b, c, d, own = area[beside[0]], area[beside[1]], area[beside[2]], area[beside[3]], area[here]
-    largest, smallest = max(own, max(max(a, b), max(c, d))), min(own, min(min(a, b), min(c, d)))
-    known = valid[here] & valid[beside[0]] & valid[beside[1]] & valid[beside[2]] & valid[beside[3]]
-    return max(largest / own, own / smallest) if known else np.inf
-
-
-@compiled
-def size_ratios(columns: int, start: int, valid: BoolArray, area: Array, out: Array) -> None:
-    """Larger area over smaller, the largest over the edge neighbours; infinite on folded cells and next to them.
-
-    ``valid`` and ``area`` are those of all cells of the mesh, with ``columns`` cells along eta; ``out`` belongs to the
-    consecutive cells from number ``start`` on. At a side a cell takes the place of its missing neighbour.
-    """
-    k = 0
-    while k < out.size:
-        first = start + k
-        column = first % columns
-        count = min(columns - column, out.size - k)
-        before, after = columns if first >= columns else 0, columns if first - column + columns < area.size else 0
-        for m in range(1, count - 1):
-            here = first + m
-            out[k + m] = largest_ratio(area, valid, here, (here - 1, here + 1, here - before, here + after))
-        for m in (0, count - 1):  # at the ends of a row, and at those of what is asked for
-            here = first + m
-            left = here - 1 if column + m > 0 else here
-            right = here + 1 if column + m < columns - 1 else here
-            out[k + m] = largest_ratio(area, valid, here, (left, right, here - before, here + after))
-        k += count
-
-
 @compiled
 def size_ratios_of(neighbours: IntArray, start: int, valid: BoolArray, area: Array, out: Array) -> None:
-    """As :func:`size_ratios` for any cells: ``neighbours`` has four of each, shape ``(cells, 4)``, or -1."""
+    """Larger area over smaller, the largest over the edge neighbours; infinite on folded cells and next to them.
+
+    ``neighbours`` has four of each cell, shape ``(cells, 4)``, or -1. They, ``valid`` and ``area`` are those of all
+    cells of the mesh; ``out`` belongs to the consecutive cells from number ``start`` on.
+    """
     for k in range(out.size):
         here = start + k
         largest = smallest = area[here]

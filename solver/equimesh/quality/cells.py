@@ -26,6 +26,7 @@ from equimesh.quality.cell_maps import (
     map_cells,
     measure_cells,
     measure_corners,
+    sum_of_rows,
 )
 from equimesh_coupling.elements import gauss
 from equimesh_coupling.parts import corner_cuts, cuts_at_corners
@@ -292,7 +293,7 @@ class MeshCells(Cells):
     def tables(self) -> tuple[IntArray, IntArray]:
         """The nodes of every held cell and its edge neighbours or -1, shapes ``(cells, 4)``.
 
-        No rows where they are those of a grid of nodes.
+        No nodes where they are those of rows.
         """
 
 
@@ -366,18 +367,16 @@ class BilinearCells(MeshCells):
 
     @cached_property
     def tables(self) -> tuple[IntArray, IntArray]:
-        """The nodes of every held cell and its edge neighbours: no rows, or the neighbours across seams, too."""
-        none = np.empty((0, 4), dtype=np.int64)
-        if not any(self.closed):
-            return none, none
-        numbers, found = np.arange(self.count).reshape(self.shape), []
+        """No nodes, since they are those of rows, and the edge neighbours of every held cell, also across seams."""
+        held = (len(self.nodes[0]) - 1) * self.shape[1]
+        numbers, found = np.arange(held).reshape(-1, self.shape[1]), []
         for axis, is_closed in enumerate(self.closed):
             for step, side in ((1, 0), (-1, -1)):
                 beside = np.roll(numbers, step, axis)
                 if not is_closed:
                     np.moveaxis(beside, axis, 0)[side] = -1
                 found.append(beside.ravel())
-        return none, np.ascontiguousarray(np.stack(found, axis=1))
+        return np.empty((0, 4), dtype=np.int64), np.ascontiguousarray(np.stack(found, axis=1))
 
     def _numbers_here(self, cells: IntArray) -> IntArray:
         return cells - self.rows.begin * self.shape[1] if self.rows.begin else cells
@@ -389,6 +388,11 @@ class BilinearCells(MeshCells):
         area, valid = np.empty(count), np.empty(count, dtype=np.bool_)
         return area, valid, measure_cells(x, y, area, valid)
 
+    def know(self, lowest: float, total_area: float) -> None:
+        """Keep the smallest determinant and the area of the whole mesh, which are known from elsewhere."""
+        if not self._found:
+            self._found.append((lowest, total_area))
+
     def _of_all(self) -> tuple[float, float]:
         """The smallest determinant and the area of the whole mesh.
 
@@ -397,9 +401,11 @@ class BilinearCells(MeshCells):
         if not self._found:
             columns = self.shape[1]
             spans = (self.places(slice(first * columns, last * columns)) for first, last in self.rows.strips)
-            here = np.array([(self._measured[2], self.area[span].sum()) for span in spans]).reshape(-1, 2)
+            here = np.array(
+                [(self._measured[2], sum_of_rows(self.area[span].reshape(-1, columns))) for span in spans]
+            ).reshape(-1, 2)
             found = self.rows.joined(here)
-            self._found.append((float(found[:, 0].min()), float(found[:, 1].sum())))
+            self.know(float(found[:, 0].min()), float(found[:, 1].sum()))
         return self._found[0]
 
 

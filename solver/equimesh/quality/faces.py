@@ -14,16 +14,12 @@ import scipy
 
 from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh import Mesh, MeshRows
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import OPEN, Closed, tied_nodes
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array, IntArray, Pair
-from equimesh.quality.cells import AnyMesh, QuadCells
-
-INNER_DISTANCE_SHARE = 0.2
-"""The share of the distance between two centres that is at least the length of reference for skewness."""
-SIDE_DISTANCE_SHARE = 0.4
-"""The same of the distance between the centre of a cell and a side of the domain."""
+from equimesh.numerics.types import Array, IntArray
+from equimesh.quality.cells import AnyMesh, QuadCells, cells_of
+from equimesh.quality.shapes import INNER_DISTANCE_SHARE, SIDE_DISTANCE_SHARE, Shapes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +50,8 @@ FOLDED = Faces(non_orthogonality=math.nan, mean_non_orthogonality=math.nan, skew
 """The measures of a mesh with a folded cell."""
 
 
-def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
-    """The measures of the faces of ``mesh``; of the whole one.
+def measure_faces(mesh: AnyMesh, closed: Closed = OPEN, *, shapes: Shapes | None = None) -> Faces:
+    """The measures of the faces of ``mesh``; of the whole one. They follow from its ``shapes`` where these are known.
 
     Interfaces between blocks are faces as all others, and so are the sides of a periodic join, which are one. So are
     the seams of a grid with ``closed`` lines, whose rows are all here.
@@ -64,12 +60,8 @@ def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
         return _of_any(Mesh(mesh.x, mesh.y, ties=tied_nodes((mesh.x.shape[0], mesh.x.shape[1]), closed)))
     if isinstance(mesh, Mesh) and not mesh.is_grid:
         return _of_any(mesh)
-    window = MeshRows.of(mesh)
-    strips = np.array([_strip(window, first, last) for first, last in window.rows.strips]).reshape(-1, 5)
-    found = window.rows.joined(strips)
-    if not found[:, 4].all():
-        return FOLDED
-    return _faces(found[:, 0].min(), found[:, 1].sum(), found[:, 2].sum(), found[:, 3].max())
+    found = (Shapes.of(cells_of(mesh)) if shapes is None else shapes).faces
+    return FOLDED if found is None else _faces(*found)
 
 
 def _of_any(mesh: Mesh) -> Faces:
@@ -87,18 +79,6 @@ def _faces(lowest: float, total: float, count: float, skewness: float) -> Faces:
         mean_non_orthogonality=_degrees(float(total / count) if count else 1.0),
         skewness=float(skewness),
     )
-
-
-def _strip(window: MeshRows, first: int, last: int) -> tuple[float, ...]:
-    """What the faces contribute that begin in the rows ``first`` to ``last - 1`` of cells, and whether these are valid.
-
-    The faces on the last side belong to the last row of cells.
-    """
-    before = max(first - 1, 0)
-    x, y = window.nodes(before, last)
-    centres = np.empty((2, x.shape[0] - 1, x.shape[1] - 1))
-    valid = place_centres(x, y, *centres)
-    return *survey_faces(x, y, centres, first - before, last == window.rows.cells[0]), float(valid)
 
 
 def points_and_centres(mesh: Mesh) -> tuple[Array, Array | None]:
@@ -137,89 +117,6 @@ def place_centres(x: Array, y: Array, at_x: Array, at_y: Array) -> bool:
 
 
 @compiled
-def cross_faces(start: Pair, end: Pair, before: Pair, after: Pair, cosine: Array, skewness: Array) -> None:
-    """The ``cosine`` and the ``skewness`` of inner faces from ``start`` to ``end``, between two rows of centres.
-
-    Each row is two arrays ``(n,)``, x and y.
-    """
-    (xa, ya), (xb, yb), (ox, oy), (px, py) = start, end, before, after
-    for k in range(cosine.size):
-        ex, ey = xb[k] - xa[k], yb[k] - ya[k]
-        fx, fy = xa[k] + 0.5 * ex - ox[k], ya[k] + 0.5 * ey - oy[k]
-        dx, dy = px[k] - ox[k], py[k] - oy[k]
-        half, apart = 0.5 * np.sqrt(ex * ex + ey * ey), np.sqrt(dx * dx + dy * dy)
-        across = abs(dx * ey - dy * ex)
-        cosine[k] = across / (apart * 2.0 * half)
-        share = abs(fx * ey - fy * ex) / across
-        sx, sy = fx - share * dx, fy - share * dy
-        skewness[k] = np.sqrt(sx * sx + sy * sy) / max(INNER_DISTANCE_SHARE * apart, half)
-
-
-@compiled
-def face_sides(start: Pair, end: Pair, centres: Pair) -> float:
-    """The largest skewness of faces from ``start`` to ``end`` on a side, of cells with these ``centres``."""
-    (xa, ya), (xb, yb), (ox, oy) = start, end, centres
-    skewness = 0.0
-    for k in range(ox.size):
-        ex, ey = xb[k] - xa[k], yb[k] - ya[k]
-        fx, fy = xa[k] + 0.5 * ex - ox[k], ya[k] + 0.5 * ey - oy[k]
-        half = 0.5 * np.sqrt(ex * ex + ey * ey)
-        off, apart = abs(fx * ex + fy * ey) / (2.0 * half), abs(fx * ey - fy * ex) / (2.0 * half)
-        skewness = max(skewness, off / max(SIDE_DISTANCE_SHARE * apart, half))
-    return skewness
-
-
-@compiled
-def survey_faces(x: Array, y: Array, centres: Array, first: int, to_side: bool) -> tuple[float, float, float, float]:
-    """The smallest cosine of inner faces, the sum of their cosines and their number, and the largest skewness.
-
-    These are the faces from the ``first`` row of nodes on, and with ``to_side`` also those on the last row. The first
-    row is on a side if it is row 0. ``centres`` of shape ``(2, rows of cells, columns)`` are those of the cells.
-    """
-    at_x, at_y = centres[0], centres[1]
-    rows, columns = at_x.shape
-    cosine, skewness = np.empty(2 * columns), np.empty(2 * columns)
-    lowest, total, most = np.ones(2 * columns), np.zeros(2 * columns), np.zeros(2 * columns)  # each of its column
-    largest, count = 0.0, 0.0
-    for i in range(first, rows + (1 if to_side else 0)):
-        from_x, from_y, found = x[i], y[i], 0
-        if i < rows:  # the edges that leave the nodes of the row along xi
-            to_x, to_y, cx, cy = x[i + 1], y[i + 1], at_x[i], at_y[i]
-            found = columns - 1
-            cross_faces(
-                (from_x[1:columns], from_y[1:columns]),
-                (to_x[1:columns], to_y[1:columns]),
-                (cx[: columns - 1], cy[: columns - 1]),
-                (cx[1:], cy[1:]),
-                cosine[:found],
-                skewness[:found],
-            )
-            one = face_sides((from_x[:1], from_y[:1]), (to_x[:1], to_y[:1]), (cx[:1], cy[:1]))
-            other = face_sides((from_x[-1:], from_y[-1:]), (to_x[-1:], to_y[-1:]), (cx[-1:], cy[-1:]))
-            largest = max(largest, one, other)
-        start, end = (from_x[:columns], from_y[:columns]), (from_x[1:], from_y[1:])
-        after = min(i, rows - 1)
-        if 0 < i < rows:  # those along eta
-            before, place = i - 1, found
-            found += columns
-            cross_faces(
-                start,
-                end,
-                (at_x[before], at_y[before]),
-                (at_x[after], at_y[after]),
-                cosine[place:found],
-                skewness[place:found],
-            )
-        else:
-            largest = max(largest, face_sides(start, end, (at_x[after], at_y[after])))
-        for k in range(found):
-            lowest[k], most[k] = min(lowest[k], cosine[k]), max(most[k], skewness[k])
-            total[k] += cosine[k]
-        count += found
-    return lowest.min(), total.sum(), count, max(largest, most.max())
-
-
-@compiled
 def place_centroids(corners: Array, at_x: Array, at_y: Array) -> bool:
     """As :func:`place_centres` for any cells with ``corners`` of shape ``(8, cells)``."""
     valid = True
@@ -241,7 +138,8 @@ def place_centroids(corners: Array, at_x: Array, at_y: Array) -> bool:
 def survey_edges(
     corners: Array, centres: Array, cells: IntArray, places: IntArray
 ) -> tuple[float, float, float, float]:
-    """As :func:`survey_faces` for edges between any cells, as :class:`~equimesh.meshes.cell_edges.CellEdges` has them.
+    """The :class:`~equimesh.quality.shapes.FaceSums` of edges between any cells, which
+    :class:`~equimesh.meshes.cell_edges.CellEdges` has.
 
     The way between two centres goes through the middle of the face as each cell sees it: across a periodic join the
     two middles lie apart.

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -46,7 +46,8 @@ from equimesh.quality.interpolation import (
     require_same_cells,
     sample,
 )
-from equimesh.quality.survey import ROWS, Survey, survey_cells
+from equimesh.quality.shapes import SHAPES, Shapes
+from equimesh.quality.survey import Survey
 from equimesh.quality.tally import ErrorRule, ErrorTally
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
@@ -145,7 +146,7 @@ def _values_elsewhere() -> Array:
     raise InputError("the values of the cells are where the parts of the mesh are: ask for the numbers of the measure")
 
 
-PER_CELL = ROWS
+PER_CELL = ("q_eq", "q_ali", *SHAPES)
 """The measures of :class:`Quality` that have one value per cell."""
 
 
@@ -173,16 +174,19 @@ def measure_all(
     degree: int = 1,
     nodal: Array | None = None,
     errors: InterpolationErrors | None = None,
+    shapes: Shapes | None = None,
     threads: int = 1,
 ) -> Quality:
     """As :func:`measure`, in ``threads`` if there are many cells.
 
-    u is interpolated on cells of this ``kind`` by elements of this ``degree``; ``nodal`` is u at the nodes, and
-    ``errors`` are those of interpolation, where they are known. Without ``uniform`` the errors are compared with those
-    on the uniform mesh of ``domain``, which must be valid.
+    u is interpolated on cells of this ``kind`` by elements of this ``degree``; ``nodal`` is u at the nodes, ``errors``
+    are those of interpolation, and ``shapes`` those of the mesh, where they are known. Without ``uniform`` the errors
+    are compared with those on the uniform mesh of ``domain``, which must be valid.
     """
     with np.errstate(all="ignore"):
-        cells, u, tally = cells_of(mesh, closed_of(domain)), monitor.u, None
+        if shapes is None:
+            shapes = Shapes.of(cells_of(mesh, closed_of(domain)), threads=threads)
+        cells, u, tally = shapes.cells, monitor.u, None
         rule = metric_rule(cells, gauss)
         numbers = sample(cells.rows) if gauss is None else None
         is_plain = errors is None and (kind, degree) == ("quad", 1) and cells.all_valid and numbers is None
@@ -196,7 +200,7 @@ def measure_all(
             errors = _errors(
                 cells, u, uniform, domain, (kind, degree), numbers, here=here, gauss=gauss, nodal=nodal, threads=threads
             )
-        return replace(_quality(cells, monitor, rule, survey, errors), u=nodal)
+        return replace(_quality(shapes, monitor, rule, survey, errors), u=nodal)
 
 
 def measure_errors(
@@ -278,31 +282,36 @@ def _uniform_cells(
 
 
 def _quality(
-    cells: MeshCells, monitor: Monitor, rule: CellPoints, survey: Survey, errors: InterpolationErrors | None
+    shapes: Shapes, monitor: Monitor, rule: CellPoints, survey: Survey, errors: InterpolationErrors | None
 ) -> Quality:
-    @cache
-    def kept() -> Array:
-        values = survey.kept
-        if values is None:
-            with np.errstate(all="ignore"):
-                values = Survey.of(cells, monitor, rule, keep=True).kept
-        assert values is not None
-        return values
+    cells = shapes.cells
 
     def compute(row: int) -> Array:
-        return (survey.q_eq if row == 0 else kept()[row]).reshape(cells.own_shape)
+        if row > 1:
+            values = shapes.kept[row - 2]
+        else:
+            values = survey.q_eq if row == 0 else _alignments(cells, monitor, rule, survey)
+        return np.asarray(values.reshape(cells.own_shape))
 
     found = [
-        Measure(**numbers._asdict(), compute=partial(compute, row)) for row, numbers in enumerate(survey.statistics)
+        Measure(max=of.max, min=of.min, mean=of.mean, rms=of.rms, compute=partial(compute, row))
+        for row, of in enumerate((*survey.statistics, *shapes.statistics))
     ]
     with np.errstate(all="ignore"):
-        by_name: dict[str, Any] = dict(zip(ROWS, found, strict=True))
+        by_name: dict[str, Any] = dict(zip(PER_CELL, found, strict=True))
         return Quality(
             **by_name,
             min_jacobian=float(np.float64(cells.lowest) * cells.count / abs(cells.total_area)),
             min_jacobian_over_mean=float(np.float64(cells.lowest) / (cells.total_area / cells.count)),
             interpolation_error=errors,
         )
+
+
+def _alignments(cells: MeshCells, monitor: Monitor, rule: CellPoints, survey: Survey) -> Array:
+    with np.errstate(all="ignore"):
+        kept = survey.kept if survey.kept is not None else Survey.of(cells, monitor, rule, keep=True).kept
+    assert kept is not None
+    return np.asarray(kept[1])
 
 
 def equidistribution(mesh: AnyMesh, monitor: Monitor, *, gauss: int | None = None, threads: int = 1) -> Array:
@@ -328,7 +337,11 @@ def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Arra
     matrix of the bilinear map of the unit square onto the cell. F' varies over the cell: the value is the
     largest, which is that of a corner. At least 1.
     """
-    return _values_of(mesh, monitor, gauss, "q_ali")
+    with np.errstate(all="ignore"):
+        cells = cells_of(mesh)
+        rule = metric_rule(cells, gauss)
+        found = _alignments(cells, monitor, rule, Survey.of(cells, monitor, rule, keep=True))
+        return found.reshape(cells.own_shape)
 
 
 def shape_regularity(mesh: Mesh) -> Array:
@@ -336,20 +349,8 @@ def shape_regularity(mesh: Mesh) -> Array:
 
     At least 1, and 1 for a square; ``(r + 1/r) / 2`` for a rectangle of sides in the ratio r.
     """
-    with np.errstate(all="ignore"):
-        cells = cells_of(mesh)
-        known, parts, kept = (cells.area, cells.valid), np.empty((len(ROWS), 4)), np.empty((len(ROWS), cells.count))
-        identity = np.repeat([[1.0], [0.0], [1.0]], cells.count, axis=1)
-        survey_cells(cells.grid_nodes, cells.tables, known, 0, identity, parts, kept, 0)
-        return np.reshape(kept[ROWS.index("q_geo")], cells.own_shape)
-
-
-def _values_of(mesh: Mesh, monitor: Monitor, gauss: int | None, name: str) -> Array:
-    with np.errstate(all="ignore"):
-        cells = cells_of(mesh)
-        rule = metric_rule(cells, gauss)
-        quality = _quality(cells, monitor, rule, Survey.of(cells, monitor, rule), None)
-        return np.asarray(getattr(quality, name).cells)
+    cells = cells_of(mesh)
+    return np.reshape(Shapes.of(cells, keep=True).kept[SHAPES.index("q_geo")], cells.own_shape)
 
 
 def gauss_points(cells: MeshCells, gauss: int | None = None) -> int:

@@ -1,29 +1,21 @@
-"""One pass over all cells of a mesh: what is measured of each cell, and the errors of interpolating u in it.
+"""What a function adds to the shapes of the cells of a mesh: equidistribution and alignment, and the errors of u.
 
 The own cells are looked at. The statistics of all strips give those of the mesh.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from equimesh.meshes.mesh import MeshRows
 from equimesh.monitors.monitor import Monitor, OfDerivatives
 from equimesh.numerics.compiled import compiled, vectorised
 from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
-from equimesh.quality.cell_maps import (
-    gather_corners,
-    gather_row_of_cells,
-    locate,
-    shapes,
-    shares_and_alignments,
-    size_ratios,
-    size_ratios_of,
-)
+from equimesh.quality.cell_maps import locate, shares_and_alignments
 from equimesh.quality.cells import BilinearCells, CellPoints, MeshCells, cells_of_block, pieces
+from equimesh.quality.shapes import CHUNK, MAX_KEPT_CELLS, Statistics, fill_parts, gather_any, join_parts
 from equimesh.quality.tally import ErrorTally, share_blocks
 
 # Compiled means of a metric over cells.
@@ -56,207 +48,118 @@ def mean_metrics(
             third[k] += share * m22[k]
 
 
-@compiled
-def nodal_means(x: Array, y: Array, metric: tuple[Array, Array, Array], out: Array) -> None:
-    """As :func:`mean_metrics` by the corners of all cells of a grid of nodes, in their order.
+# Shares and alignments of rows of valid cells, between two rows of nodes: ``x0``, ``y0`` of the first, ``x1``, ``y1``
+# of the second.
 
-    ``metric`` is that at the nodes, each entry of their shape. A corner counts by the determinant there.
+
+@vectorised
+def corner_shares(x0: Array, x1: Array, y0: Array, y1: Array, out: Array) -> None:
+    """The share of each corner in the area of its cell, counter-clockwise, by the determinants there."""
+    a, b, c, d = out[0], out[1], out[2], out[3]
+    for j in range(a.size):
+        ex0, ey0, ex1, ey1 = x1[j] - x0[j], y1[j] - y0[j], x1[j + 1] - x0[j + 1], y1[j + 1] - y0[j + 1]
+        fx0, fy0, fx1, fy1 = x0[j + 1] - x0[j], y0[j + 1] - y0[j], x1[j + 1] - x1[j], y1[j + 1] - y1[j]
+        p, q = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
+        r, s = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
+        per = 1.0 / (p + q + r + s)
+        a[j], b[j], c[j], d[j] = p * per, q * per, r * per, s * per
+
+
+@compiled
+def mean_of_corners(shares: Array, low: Array, high: Array, out: Array) -> None:
+    """The mean of a function over each cell of a row, from its values ``low`` and ``high`` at two rows of nodes."""
+    a, b, c, d = shares[0], shares[1], shares[2], shares[3]
+    for j in range(out.size):
+        out[j] = a[j] * low[j] + b[j] * high[j] + c[j] * high[j + 1] + d[j] * low[j + 1]
+
+
+@compiled
+def align_row(x0: Array, x1: Array, y0: Array, y1: Array, metric: Array, out: Array) -> None:
+    """As :func:`~equimesh.quality.cell_maps.shares_and_alignments` of a row of valid cells."""
+    m11, m12, m22, share, alignment = metric[0], metric[1], metric[2], out[0], out[1]
+    for j in range(share.size):
+        ax, ay, bx, by = x1[j] - x0[j], y1[j] - y0[j], x1[j + 1] - x1[j], y1[j + 1] - y1[j]
+        cx, cy, dx, dy = x0[j + 1] - x1[j + 1], y0[j + 1] - y1[j + 1], x0[j] - x0[j + 1], y0[j] - y0[j + 1]
+        aa = m11[j] * ax * ax + 2.0 * m12[j] * ax * ay + m22[j] * ay * ay
+        bb = m11[j] * bx * bx + 2.0 * m12[j] * bx * by + m22[j] * by * by
+        cc = m11[j] * cx * cx + 2.0 * m12[j] * cx * cy + m22[j] * cy * cy
+        dd = m11[j] * dx * dx + 2.0 * m12[j] * dx * dy + m22[j] * dy * dy
+        da, ab, bc, cd = dx * ay - dy * ax, ax * by - ay * bx, bx * cy - by * cx, cx * dy - cy * dx
+        p, q, r, s = (dd + aa) / da, (aa + bb) / ab, (bb + cc) / bc, (cc + dd) / cd
+        volume = np.sqrt(m11[j] * m22[j] - m12[j] * m12[j])
+        share[j] = 0.25 * volume * (da + ab + bc + cd)
+        alignment[j] = max(max(p, q), max(r, s)) / (2.0 * volume)
+
+
+@compiled
+def align_rows(
+    nodes: Pair, first: int, last: int, metric: tuple[Array, Array, Array], parts: Array, kept: Array
+) -> None:
+    """Shares and alignments of the rows of valid cells ``first`` to ``last - 1``: ``parts`` as of all measures.
+
+    ``metric`` is that at the nodes of these rows, or the mean over their cells. As many measures as ``kept`` has rows
+    go there.
     """
-    first, second, third = metric
-    columns = x.shape[1] - 1
-    a, b, c, d = np.empty(columns), np.empty(columns), np.empty(columns), np.empty(columns)
-    for i in range(x.shape[0] - 1):
-        x0, x1, y0, y1 = x[i], x[i + 1], y[i], y[i + 1]
-        for j in range(columns):
-            ex0, ey0, ex1, ey1 = x1[j] - x0[j], y1[j] - y0[j], x1[j + 1] - x0[j + 1], y1[j + 1] - y0[j + 1]
-            fx0, fy0, fx1, fy1 = x0[j + 1] - x0[j], y0[j + 1] - y0[j], x1[j + 1] - x1[j], y1[j + 1] - y1[j]
-            a[j], b[j] = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
-            c[j], d[j] = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
-        for j in range(columns):
-            per = 1.0 / (a[j] + b[j] + c[j] + d[j])
-            a[j], b[j], c[j], d[j] = a[j] * per, b[j] * per, c[j] * per, d[j] * per
-        for entry, to in ((first, out[0]), (second, out[1]), (third, out[2])):
-            low, high, here = entry[i], entry[i + 1], to[i * columns : (i + 1) * columns]
+    (x, y), columns = nodes, nodes[0].shape[1] - 1
+    shares, mean, rows, found = np.empty((4, columns)), np.empty((3, columns)), np.empty((2, columns)), np.empty((2, 4))
+    at_nodes = metric[0].shape[0] > last - first
+    for r in range(2):
+        parts[r, 0], parts[r, 1], parts[r, 2], parts[r, 3] = -np.inf, np.inf, 0.0, 0.0
+    for i in range(first, last):
+        x0, x1, y0, y1, k = x[i], x[i + 1], y[i], y[i + 1], i - first
+        if at_nodes:
+            corner_shares(x0, x1, y0, y1, shares)
+        for r in range(3):
+            entry = metric[0] if r == 0 else (metric[1] if r == 1 else metric[2])
+            if at_nodes:
+                mean_of_corners(shares, entry[k], entry[k + 1], mean[r])
+            else:
+                for j in range(columns):
+                    mean[r, j] = entry[k, j]
+        align_row(x0, x1, y0, y1, mean, rows)
+        fill_parts(rows, found)
+        join_parts(parts, found)
+        for r in range(len(kept)):
             for j in range(columns):
-                here[j] = a[j] * low[j] + b[j] * high[j] + c[j] * high[j + 1] + d[j] * low[j + 1]
-
-
-# Extremes, mean and root mean square of numbers that come in blocks.
-
-
-class Statistics(NamedTuple):
-    """The largest and the smallest of some numbers, their mean and the root of the mean of their squares."""
-
-    max: float
-    min: float
-    mean: float
-    rms: float
-
-    @classmethod
-    def of(cls, parts: Array, count: int) -> list[Statistics]:
-        """Those of each of some rows of ``count`` numbers, from the :func:`parts <fill_parts>` of their blocks.
-
-        These have the shape ``(blocks, rows, 4)``.
-        """
-        ends = parts[:, :, 0].max(axis=0).tolist(), parts[:, :, 1].min(axis=0).tolist()
-        sums, squares = parts[:, :, 2:].sum(axis=0).T.tolist()
-        found = zip(*ends, sums, squares, strict=True)
-        return [cls(high, low, total / count, math.sqrt(square / count)) for high, low, total, square in found]
-
-    def times(self, factor: float) -> Statistics:
-        """Those of the numbers times a positive ``factor``."""
-        return Statistics(*(factor * value for value in self))
+                kept[r, k * columns + j] = rows[r, j]
 
 
 @compiled
-def fill_parts(rows: Array, out: Array) -> None:
-    """Fill ``out``, of shape ``(rows, 4)``, with the largest and smallest, the sum and the sum of squares of each row.
-
-    Where a number is not finite they are what numpy says.
-    """
-    fast_parts(rows, out)
-    for r in range(rows.shape[0]):
-        if not np.isfinite(out[r, 3]):
-            out[r] = -np.inf, np.inf, 0.0, 0.0
-            for number in rows[r]:
-                out[r, 0] = number if number > out[r, 0] or number != number else out[r, 0]
-                out[r, 1] = number if number < out[r, 1] or number != number else out[r, 1]
-                out[r, 2] += number
-                out[r, 3] += number * number
-
-
-@compiled
-def join_parts(one: Array, other: Array) -> None:
-    """Add to ``one`` the :func:`fill_parts` of other numbers."""
-    for r in range(len(one)):
-        high, low = other[r, 0], other[r, 1]
-        one[r, 0] = high if high > one[r, 0] or high != high else one[r, 0]
-        one[r, 1] = low if low < one[r, 1] or low != low else one[r, 1]
-        one[r, 2] += other[r, 2]
-        one[r, 3] += other[r, 3]
-
-
-@vectorised
-def fast_parts(rows: Array, out: Array) -> None:
-    """:func:`fill_parts` where all numbers are finite; where one is not, the sum of their squares is neither.
-
-    Each comparison waits for the one before it: extremes are found of every fourth number, and then of the four.
-    """
-    fours = rows.shape[1] // 4 * 4
-    for r in range(rows.shape[0]):
-        row = rows[r]
-        a = b = c = d = e = f = g = h = row[0]
-        total, squares = 0.0, 0.0
-        for k in range(0, fours, 4):
-            p, q, s, t = row[k], row[k + 1], row[k + 2], row[k + 3]
-            a, b, c, d = p if p > a else a, q if q > b else b, s if s > c else c, t if t > d else d
-            e, f, g, h = p if p < e else e, q if q < f else f, s if s < g else g, t if t < h else h
-        for k in range(fours, row.size):
-            a, e = max(a, row[k]), min(e, row[k])
-        for k in range(row.size):
-            total += row[k]
-            squares += row[k] * row[k]
-        out[r, 0], out[r, 1] = max(max(a, b), max(c, d)), min(min(e, f), min(g, h))
-        out[r, 2], out[r, 3] = total, squares
-
-
-# All measures of consecutive cells.
-
-CHUNK = 1024
-"""Cells that are measured together: what is known of them stays in the cache."""
-
-
-@vectorised
-def skewnesses(tangents: Array) -> None:
-    """From the tangents of angles, none negative, to the angles as shares of a right one, to rounding.
-
-    The ranges and the quotient of polynomials are those of S. L. Moshier's Cephes library.
-    """
-    for k in range(tangents.size):
-        tangent = tangents[k]
-        is_large, is_small = tangent > 2.414213562373095, tangent <= 0.66
-        above = -1.0 if is_large else (tangent if is_small else tangent - 1.0)
-        below = tangent if is_large else (1.0 if is_small else tangent + 1.0)
-        x = above / below
-        begin = 0.5 * np.pi if is_large else (0.0 if is_small else 0.25 * np.pi)
-        z = x * x
-        p = -8.750608600031904122785e-1 * z - 1.615753718733365076637e1
-        p = ((p * z - 7.500855792314704667340e1) * z - 1.228866684490136173410e2) * z - 6.485021904942025371773e1
-        q = (z + 2.485846490142306297962e1) * z + 1.650270098316988542046e2
-        q = ((q * z + 4.328810604912902668951e2) * z + 4.853903996359136964868e2) * z + 1.945506571482613964425e2
-        tangents[k] = (begin + (x + x * z * p / q)) / (0.5 * np.pi)
-
-
-@compiled
-def measure_shapes(corners: Array, area: Array, valid: BoolArray, metric: Array, rows: Array) -> None:
-    """Fill the first six of ``rows``, in the order of :data:`ROWS`, the first not yet scaled."""
-    shares_and_alignments(corners, area, valid, metric, rows[:2])
-    shapes(corners, valid, rows[2:6])
-    skewnesses(rows[4])
-
-
-@compiled
-def survey_cells(
-    nodes: Pair,
-    tables: tuple[IntArray, IntArray],
-    known: tuple[Array, BoolArray],
-    place: int,
-    mean: Array,
-    parts: Array,
-    kept: Array,
-    to: int,
+def align_cells(
+    nodes: Pair, cells: IntArray, known: tuple[Array, BoolArray], place: int, mean: Array, parts: Array, kept: Array
 ) -> float:
-    """The sum of the shares of valid cells; ``parts`` is set to the :func:`fill_parts` of all measures.
+    """As :func:`align_rows` for any cells from ``place`` on, one for each ``mean`` metric, shape ``(3, n)``.
 
-    The cells are those from ``place`` on, one for each ``mean`` metric, shape ``(3, n)``. ``tables`` and what is
-    ``known``, area and validity, are those of all held cells. As many measures as ``kept`` has rows go there, from
-    ``to`` on.
+    Returns the sum of the shares of valid cells. ``cells`` and what is ``known`` as of
+    :func:`~equimesh.quality.shapes.survey_shapes`.
     """
-    (x, y), (cells, neighbours), (area, valid) = nodes, tables, known
-    total = 0.0
+    (area, valid), total = known, 0.0
+    for r in range(2):
+        parts[r, 0], parts[r, 1], parts[r, 2], parts[r, 3] = -np.inf, np.inf, 0.0, 0.0
     for begin in range(0, mean.shape[1], CHUNK):
         first, size = place + begin, min(CHUNK, mean.shape[1] - begin)
-        corners, metric, rows, found = np.empty((8, size)), np.empty((3, size)), np.empty((7, size)), np.empty((7, 4))
-        if len(cells):
-            gather_corners(x[0], y[0], cells[first : first + size], corners)
-        else:
-            gather_row_of_cells(x, y, first, corners)
+        corners, metric, rows, found = np.empty((8, size)), np.empty((3, size)), np.empty((2, size)), np.empty((2, 4))
+        gather_any(nodes, cells, first, corners)
         for r in range(3):
             for k in range(size):
                 metric[r, k] = mean[r, begin + k]
-        measure_shapes(corners, area[first : first + size], valid[first : first + size], metric, rows)
-        if len(neighbours):
-            size_ratios_of(neighbours, first, valid, area, rows[6])
-        else:
-            size_ratios(x.shape[1] - 1, first, valid, area, rows[6])
+        shares_and_alignments(corners, area[first : first + size], valid[first : first + size], metric, rows)
         fill_parts(rows, found)
-        if np.isfinite(found[0, 2]):
-            total += found[0, 2]
-        else:
-            for k in range(size):
-                total += rows[0, k] if valid[first + k] else 0.0
-        if begin:
-            join_parts(parts, found)
-        else:
-            parts[:] = found
+        join_parts(parts, found)
+        for k in range(size):
+            total += rows[0, k] if valid[first + k] else 0.0
         for r in range(len(kept)):
             for k in range(size):
-                kept[r, to + begin + k] = rows[r, k]
+                kept[r, begin + k] = rows[r, k]
     return total
-
-
-ROWS = ("q_eq", "q_ali", "q_geo", "scaled_jacobian", "skewness", "aspect_ratio", "size_ratio")
-"""The measures that have one value per cell, in the order of the rows of an array of them."""
-MAX_KEPT_CELLS = 16_384
-"""On at most this many cells all values are kept, since they exist anyway."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Survey:
-    """The statistics of all measures, in the order of :data:`ROWS`, and ``q_eq`` of every own cell.
+    """What a function adds to the shapes of a mesh: statistics of ``q_eq`` and ``q_ali``, and ``q_eq`` of own cells.
 
-    ``kept`` are all values of the own cells, of shape ``(7, cells)``, or ``None`` where they are not kept. ``nodal`` is
-    u at the held nodes around own cells, where the metric was evaluated there and depends on u alone.
+    ``kept`` has both of the own cells, shape ``(2, cells)``, or ``None`` where they are not kept. ``nodal`` is u at the
+    held nodes around own cells, where the metric was evaluated there and depends on u alone.
     """
 
     statistics: tuple[Statistics, ...]
@@ -282,32 +185,39 @@ class Survey:
         """
         strips, own, columns = cells.rows.strips, cells.own, cells.shape[1]
         is_kept = keep or cells.count <= MAX_KEPT_CELLS
-        kept = np.empty((len(ROWS) if is_kept else 1, own.stop - own.start))
-        parts, shares = np.empty((len(strips), len(ROWS), 4)), np.zeros(len(strips))
-        known = cells.area, cells.valid  # before the threads need them
+        kept = np.empty((2 if is_kept else 1, own.stop - own.start))
+        parts, shares = np.empty((len(strips), 2, 4)), np.zeros(len(strips))
+        in_rows = isinstance(cells, BilinearCells) and cells.all_valid
         metrics: _Inside | _AtNodes
         if rule is CellPoints.corners():
             metrics = _AtNodes.of(cells, monitor)
         else:
             of_derivatives = monitor if tally is not None and isinstance(monitor, OfDerivatives) else None
+            _ = cells.area  # before the threads need it
             metrics = _Inside(cells, monitor, rule, tally if cells.all_valid else None, of_derivatives)
-        nodes, tables = cells.grid_nodes, cells.tables
+        nodes = cells.grid_nodes
+        others = None if in_rows else (cells.tables[0], (cells.area, cells.valid))
 
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
                 for number in range(thread, len(strips), threads):
                     first, last = strips[number]
                     span = slice(first * columns, last * columns)
-                    mean, place = metrics.means(first, last), cells.places(span).start
-                    to = span.start - own.start
-                    shares[number] = survey_cells(nodes, tables, known, place, mean, parts[number], kept, to)
+                    place, to = cells.places(span).start, kept[:, span.start - own.start : span.stop - own.start]
+                    if others is None:
+                        begin = place // columns
+                        align_rows(nodes, begin, begin + last - first, metrics.rows(first, last), parts[number], to)
+                        shares[number] = parts[number, 0, 2]
+                    else:
+                        mean = metrics.means(first, last)
+                        shares[number] = align_cells(nodes, *others, place, mean, parts[number], to)
 
         share_blocks(work, own.stop - own.start, threads)
         found = cells.rows.joined(np.column_stack([shares, parts.reshape(len(strips), -1)]))
         with np.errstate(all="ignore"):
             factor = np.float64(cells.count) / found[:, 0].sum()
             kept[0] *= factor
-        statistics = Statistics.of(found[:, 1:].reshape(-1, len(ROWS), 4), cells.count)
+        statistics = Statistics.of(found[:, 1:].reshape(-1, 2, 4), cells.count)
         statistics[0] = statistics[0].times(float(factor))
         return cls(statistics=tuple(statistics), q_eq=kept[0], kept=kept if is_kept else None, nodal=metrics.nodal)
 
@@ -327,6 +237,11 @@ class _Inside:
     of_derivatives: OfDerivatives | None
     """The monitor, where u is evaluated once for the metric and for ``tally``."""
     nodal: Array | None = None
+
+    def rows(self, first: int, last: int) -> tuple[Array, Array, Array]:
+        """The same in rows."""
+        m11, m12, m22 = self.means(first, last).reshape(3, last - first, -1)
+        return m11, m12, m22
 
     def means(self, first: int, last: int) -> Array:
         """The mean metrics of the cells of the rows ``first`` to ``last - 1``, shape ``(3, cells)``."""
@@ -363,7 +278,7 @@ class _Inside:
 
 @dataclass(frozen=True, eq=False)
 class _AtNodes:
-    """By the corners of every cell, where neighbours share the metric; on blocks it is known ``everywhere``.
+    """By the corners of every cell, which neighbours share; known ``everywhere`` unless it is a valid grid.
 
     ``nodal`` is u at the held nodes, where it was needed.
     """
@@ -376,29 +291,29 @@ class _AtNodes:
 
     @classmethod
     def of(cls, cells: MeshCells, monitor: Monitor) -> _AtNodes:
-        """Nothing yet; on blocks the metric at all nodes."""
+        """Nothing yet of a valid grid, else the metric at all nodes."""
         of_derivatives = monitor if isinstance(monitor, OfDerivatives) and monitor.u is not None else None
         nodal = None if of_derivatives is None else np.empty(cells.nodes[0].shape)
         if nodal is not None and not cells.rows.are_all:
             nodal.fill(np.nan)
         found = cls(cells, monitor, nodal, of_derivatives, [])
-        if not isinstance(cells, BilinearCells):
+        if not isinstance(cells, BilinearCells) or not cells.all_valid:
             found.everywhere.append(found._at(*cells.nodes, found.nodal))
         return found
+
+    def rows(self, first: int, last: int) -> tuple[Array, Array, Array]:
+        """The metric at the nodes of these rows of the cells of a grid."""
+        begin, (x, y) = self.cells.rows.begin, MeshRows.of(self.cells.mesh).nodes(first, last)
+        return self._at(x, y, None if self.nodal is None else self.nodal[first - begin : last + 1 - begin])
 
     def means(self, first: int, last: int) -> Array:
         """As :meth:`_Inside.means`."""
         cells, columns = self.cells, self.cells.shape[1]
         mean = np.empty((3, (last - first) * columns))
-        if isinstance(cells, BilinearCells):
-            begin, (x, y) = cells.rows.begin, cells.window.nodes(first, last)
-            nodal = None if self.nodal is None else self.nodal[first - begin : last + 1 - begin]
-            nodal_means(x, y, self._at(x, y, nodal), mean)
-            return mean
         numbers = np.arange(first * columns, last * columns)
         m11, m12, m22 = (cells.corner_values(entry, numbers) for entry in self.everywhere[0])
-        corners = cells.corners(numbers)
-        mean_metrics(corners, cells.area[numbers], CellPoints.corners(), (m11, m12, m22), mean)
+        area = cells.area[cells.places(slice(first * columns, last * columns))]
+        mean_metrics(cells.corners(numbers), area, CellPoints.corners(), (m11, m12, m22), mean)
         return mean
 
     def _at(self, x: Array, y: Array, nodal: Array | None) -> tuple[Array, Array, Array]:

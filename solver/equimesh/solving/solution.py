@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias
@@ -18,6 +18,7 @@ from equimesh.equations.problem import D, Problem, understood
 from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData, joined
+from equimesh.meshes.nested import Closed
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.numerics.types import Array, IntArray
@@ -34,6 +35,7 @@ from equimesh.quality.measures import (
     measure_errors,
 )
 from equimesh.quality.ritz import solver_gain
+from equimesh.quality.shapes import Shapes
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, last_rate, plain
@@ -81,6 +83,7 @@ class MeasuredMesh:
     reference: AnyMesh
     u: Callable[[], Array | None] = _unknown
     threads: int = 1
+    _shapes: list[Shapes] = field(default_factory=list, init=False, repr=False)
 
     @property
     def _given(self) -> Mesh | None:
@@ -99,8 +102,23 @@ class MeasuredMesh:
             degree=degree_of(monitor),
             nodal=nodal,
             errors=errors,
+            shapes=self.shapes,
             threads=self.threads,
         )
+
+    @property
+    def shapes(self) -> Shapes:
+        """What is measured of the mesh alone: quality and faces have it in common.
+
+        A cached property of Python 3.11 has one lock for all objects: parts that are threads would wait for each other.
+        """
+        if not self._shapes:
+            self._shapes.append(Shapes.of(cells_of(self.mesh, self._closed), threads=self.threads))
+        return self._shapes[0]
+
+    @property
+    def _closed(self) -> Closed:
+        return closed_of(self.problem.domain)
 
     def errors(self) -> InterpolationErrors | None:
         """The errors of interpolating u alone; ``None`` where there is no u."""
@@ -133,7 +151,8 @@ class MeasuredMesh:
 
     def faces(self) -> Faces:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
-        return measure_faces(self.mesh, closed_of(self.problem.domain))
+        is_plain = self.mesh.is_grid and not any(self._closed)
+        return measure_faces(self.mesh, self._closed, shapes=self.shapes if is_plain else None)
 
     def min_jacobian(self) -> float:
         """The smallest corner Jacobian, 1 on the uniform mesh of a rectangle; on blocks relative to the mean cell."""
@@ -141,7 +160,7 @@ class MeasuredMesh:
 
     def gains(self, errors: InterpolationErrors | None) -> tuple[DegreeGain, ...]:
         """The gains of elements of each degree; none without u, and on a folded mesh."""
-        problem, given, mesh = self.problem, self._given, cells_of(self.mesh)
+        problem, given, mesh = self.problem, self._given, self.shapes.cells
         if problem.monitor.u is None or errors is None or not mesh.all_valid:
             return ()
         other = UniformCells(problem.grid, problem.domain, mesh.rows) if given is None else cells_of(given)
@@ -294,8 +313,8 @@ class Solution(Generic[D]):
         measured: Quality | None = vars(self).get("quality")
         if measured is not None and measured.u is not None:
             return measured.u.reshape(self.mesh.node_shape)
-        field = self.problem.monitor.u
-        return None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
+        own = self.problem.monitor.u
+        return None if own is None else own.evaluate(self.mesh.x, self.mesh.y)[0]
 
     @property
     def ties(self) -> IntArray:
@@ -325,7 +344,7 @@ class Solution(Generic[D]):
         """The areas between the curved sides of the domain and the cells, as shares of its area."""
         return measure_cut_off(self.problem.domain, self.reference)
 
-    @property
+    @cached_property
     def _measured(self) -> MeasuredMesh:
         """The measures of the mesh."""
         mesh, reference = self.mesh, self.reference

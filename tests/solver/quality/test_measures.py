@@ -19,6 +19,7 @@ from equimesh.quality import measures
 from equimesh.quality.cells import BilinearCells, QuadCells, cells_of
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, probe_errors, sample
 from equimesh.quality.measures import (
+    PER_CELL,
     alignment,
     equidistribution,
     measure,
@@ -26,7 +27,6 @@ from equimesh.quality.measures import (
     measure_errors,
     shape_regularity,
 )
-from equimesh.quality.survey import ROWS
 from equimesh.quality.tally import ErrorRule, ErrorTally
 from solver.quality.handmade import (
     CONSTANT,
@@ -313,7 +313,7 @@ def test_a_grid_as_blocks_has_the_quality_of_the_grid(shape: tuple[int, int], ki
     whole, before = in_blocks(grid, turned=turned), in_blocks(plain, turned=turned)
     expected = measure_all(grid, MONITOR, kind=kind)
     found = measure_all(whole.mesh, MONITOR, uniform=before.mesh, kind=kind)
-    for name in ROWS:
+    for name in PER_CELL:
         values = getattr(found, name).cells
         assert values.shape == whole.mesh.cell_shape
         assert values == pytest.approx(getattr(expected, name).cells.ravel()[whole.cells], rel=1e-11), name

@@ -12,7 +12,7 @@ from equimesh.monitors.monitor import OfDerivatives
 from equimesh.quality import tally
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.measures import PER_CELL, measure, measure_all, measure_errors
-from equimesh.quality.survey import Statistics, Survey, fill_parts, skewnesses
+from equimesh.quality.survey import Survey
 from equimesh.quality.tally import ErrorRule, ErrorTally
 from solver.quality.handmade import TANH20, wavy
 
@@ -70,7 +70,7 @@ def test_the_values_of_a_large_mesh_are_computed_when_asked_for() -> None:
     for name in PER_CELL[1:]:
         values = getattr(quality, name).cells
         assert values.max() == getattr(quality, name).max, name
-    assert u.points == before + mesh.grid.points, "once for all measures"
+    assert u.points == before + mesh.grid.points, "for the alignment alone"
 
 
 @pytest.mark.parametrize("kind", [em.ArcLength, em.Curvature])
@@ -98,38 +98,3 @@ def test_metric_and_derivatives_belong_together() -> None:
             bound.metric_of(*TANH20.evaluate(x, y, bound.order)), bound.metric(x, y), strict=True
         ):
             assert np.array_equal(entry, expected)
-
-
-def test_the_skewness_is_the_angle_of_its_tangent() -> None:
-    tangents = np.concatenate([[0.0, math.inf], np.logspace(-20.0, 20.0, 2001), np.linspace(0.3, 3.0, 2001)])
-    expected = np.arctan(tangents) / (0.5 * np.pi)
-    skewnesses(tangents)
-    assert np.max(np.abs(tangents - expected) / (expected + 1e-300)) < 1e-15
-
-
-# Extremes and means of numbers in blocks are those of all numbers.
-
-
-def of_blocks(values: np.ndarray, size: int) -> Statistics:
-    blocks = [values[None, start : start + size] for start in range(0, values.size, size)]
-    parts = np.empty((len(blocks), 1, 4))
-    for block, part in zip(blocks, parts, strict=True):
-        fill_parts(block, part)
-    return Statistics.of(parts, values.size)[0]
-
-
-@pytest.mark.parametrize("size", [1, 7, 100, 1000])
-def test_blocks_do_not_matter(size: int) -> None:
-    values = np.random.default_rng(size).standard_normal(1000)
-    found = of_blocks(values, size)
-    assert (found.max, found.min) == (values.max(), values.min())
-    assert (found.mean, found.rms) == pytest.approx((values.mean(), math.sqrt(np.mean(values**2))), rel=1e-13)
-    assert found.times(2.0) == pytest.approx(tuple(2.0 * value for value in found))
-
-
-def test_numbers_that_are_not_finite_count_as_in_numpy() -> None:
-    values = np.arange(1.0, 31.0)
-    values[17] = math.inf
-    assert of_blocks(values, 5) == Statistics(math.inf, 1.0, math.inf, math.inf)
-    values[3] = math.nan
-    assert all(math.isnan(value) for value in of_blocks(values, 5))
