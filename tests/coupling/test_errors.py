@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from importlib import metadata
 from pathlib import Path
 
@@ -34,14 +33,6 @@ def test_the_errors_are_those_of_python_too() -> None:
 def test_a_library_is_imported() -> None:
     assert library("numpy", install="pip install numpy", at_least="1.26").__name__ == "numpy"
     assert library("json.decoder", package="no-such-package", install="", at_least="9").__name__ == "json.decoder"
-
-
-def test_a_missing_library_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "skfem", None)
-    with pytest.raises(MissingLibrary) as caught:
-        library("skfem", package="scikit-fem", install="pip install 'scikit-fem>=9'", at_least="9")
-    assert str(caught.value) == "this needs scikit-fem, which is not installed: pip install 'scikit-fem>=9'"
-    assert caught.value.name == "skfem"
 
 
 def test_a_library_that_does_not_load_says_why(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

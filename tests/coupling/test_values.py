@@ -136,10 +136,7 @@ def test_arrays_of_degree_2_are_taken_with_two_axes_or_flat(quads: MeshParts) ->
 @pytest.mark.parametrize(
     ("returned", "sentence"),
     [
-        (
-            np.ones((7, 5)),
-            r"shape \(7, 5\), and elements of degree 2 have 117 nodes .* of shape \(13, 9\)",
-        ),
+        (np.ones((7, 5)), r"shape \(7, 5\), and elements of degree 2 have 117 nodes .* of shape \(13, 9\)"),
         (CellAverages(np.ones(24)), "values of cells say nothing of elements of degree 2"),
         (np.full(117, np.inf), "117 of 117 values that are nan or infinite"),
     ],

@@ -103,11 +103,7 @@ def test_a_consumer_of_the_system_takes_a_mesh_and_solves(name: str, all_meshes:
 
 
 def error_on_uniform(
-    name: str,
-    mesh: str,
-    report: dict[str, Any],
-    meshes: Meshes,
-    expected: dict[str, tuple[float, float]],
+    name: str, mesh: str, report: dict[str, Any], meshes: Meshes, expected: dict[str, tuple[float, float]]
 ) -> float | None:
     """The error on the uniform mesh, which went there by the adaptor, or else in the first file."""
     parts = meshes.parts[f"uniform {mesh}"]

@@ -320,10 +320,7 @@ def test_edges_give_counts_and_gradings_and_joins_carry_them() -> None:
             "no block gives the cells along the edge a-d, .*: give a number in place of null",
         ),
         (lambda d: d["blocks"][2].update(grading=[3, None]), "the edge d-e has two gradings"),
-        (
-            lambda d: d["blocks"][1].update(corners=["b", "e", "f", "c"]),
-            "lie on the same side .* b-e",
-        ),
+        (lambda d: d["blocks"][1].update(corners=["b", "e", "f", "c"]), "lie on the same side .* b-e"),
         (lambda d: d["vertices"].update(z=[9, 9]), "vertex z is no corner of a block"),
         (lambda d: d.update(edges=[{"from": "a", "to": "e"}]), "a-e is no edge of a block"),
         (lambda d: d.update(edges=[{"from": "a", "to": "b"}, {"from": "b", "to": "a"}]), "b-a stands twice"),

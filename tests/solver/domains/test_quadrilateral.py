@@ -86,11 +86,7 @@ def test_a_map_that_is_flat_is_refused() -> None:
 
 def test_a_mirrored_patch_is_refused() -> None:
     error = refusal(
-        em.Quadrilateral,
-        bottom=line(0, 0, 0, 1),
-        left=line(0, 0, 1, 0),
-        top=line(1, 0, 1, 1),
-        right=line(0, 1, 1, 1),
+        em.Quadrilateral, bottom=line(0, 0, 0, 1), left=line(0, 0, 1, 0), top=line(1, 0, 1, 1), right=line(0, 1, 1, 1)
     )
     assert "clockwise" in error.message
     assert "exchange bottom with left" in error.message

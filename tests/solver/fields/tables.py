@@ -22,11 +22,7 @@ CORNERS = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]])
 def paper(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The paper's u and its gradient."""
     layer = np.exp(15 * (x - 1))
-    return (
-        (1 - layer) * np.sin(np.pi * y),
-        -15 * layer * np.sin(np.pi * y),
-        (1 - layer) * np.pi * np.cos(np.pi * y),
-    )
+    return ((1 - layer) * np.sin(np.pi * y), -15 * layer * np.sin(np.pi * y), (1 - layer) * np.pi * np.cos(np.pi * y))
 
 
 def on_grid(n_x: int, n_y: int, u: Any = paper) -> GridSamples:

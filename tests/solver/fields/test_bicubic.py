@@ -43,17 +43,6 @@ def test_beyond_the_ends_and_nowhere() -> None:
     assert np.isnan(slope[2:]).all()
 
 
-def test_fewer_derivatives_are_the_same_ones() -> None:
-    axis = np.linspace(0.0, 1.0, 9)
-    bicubic = Bicubic.of(RectBivariateSpline(axis, axis, np.sin(np.multiply.outer(9.0 * axis, axis)), s=0))
-    x = np.linspace(0.0, 1.0, 101)
-    every = bicubic.evaluate(x, x[::-1], order=2)
-    for order, count in ((0, 1), (1, 3)):
-        some = bicubic.evaluate(x, x[::-1], order=order)
-        assert len(some) == count
-        np.testing.assert_allclose(some, every[:count], rtol=1e-14, atol=1e-15 * np.abs(every[:count]).max())
-
-
 def test_slopes_are_bounded_as_fitpack_bounds_them() -> None:
     x, y = np.linspace(0.0, 1.0, 9) ** 2, np.linspace(-1.0, 2.0, 6)
     spline = RectBivariateSpline(x, y, np.random.default_rng(5).standard_normal((9, 6)), s=0)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -67,10 +65,7 @@ def test_a_solve_gives_the_same_mesh_and_warnings(tmp_path: Path) -> None:
     whole = em.GridSamples(x=X, y=Y, values=values)
     found, expected = (
         em.solve(
-            em.Problem(
-                monitor=em.Smoothed(monitor=em.ArcLength(u=u), radius=0.1),
-                grid=em.Grid(n_xi=17, n_eta=17),
-            )
+            em.Problem(monitor=em.Smoothed(monitor=em.ArcLength(u=u), radius=0.1), grid=em.Grid(n_xi=17, n_eta=17))
         )
         for u in (chunked, whole)
     )
@@ -101,23 +96,6 @@ def test_a_path_is_pickled_and_no_samples(tmp_path: Path, name: str) -> None:
     sent = pickle.dumps(chunked)
     assert len(sent) < 1000
     np.testing.assert_array_equal(pickle.loads(sent).evaluate(*point, 1), expected)
-
-
-def test_another_process_reads_the_file_by_itself(tmp_path: Path) -> None:
-    chunked = em.ChunkedSamples(path=write(tmp_path / "u.zarr"))
-    point = np.array([0.3, 0.9]), np.array([0.4, 0.1])
-    expected = chunked.evaluate(*point, 1)
-    sent = pickle.dumps(chunked)
-    code = (
-        "import pickle, sys, numpy as np\n"
-        "from equimesh.fields import chunked_samples\n"
-        "chunked_samples.TILE = 40\n"
-        "u = pickle.loads(sys.stdin.buffer.read())\n"
-        "found = u.evaluate(np.array([0.3, 0.9]), np.array([0.4, 0.1]), 1)\n"
-        "sys.stdout.buffer.write(np.array(found).tobytes())"
-    )
-    done = subprocess.run([sys.executable, "-c", code], input=sent, capture_output=True, check=True)
-    assert done.stdout == np.array(expected).tobytes()
 
 
 def test_a_forked_process_opens_the_file_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -89,15 +89,6 @@ class TestAccuracy:
         assert found[-1, 0] < 5e-6
         assert found[-1, 1] < 4e-3
 
-    def test_order_on_a_smooth_function(self) -> None:
-        def wave(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
-            return (np.sin(3 * x + 1) * np.cos(2 * y),)
-
-        def error(n: int) -> float:
-            return float(np.abs(on_grid(n, n, wave).evaluate(*PROBE)[0] - wave(*PROBE)[0]).max())
-
-        assert np.log2(error(33) / error(65)) == pytest.approx(4, abs=0.15)
-
     def test_samples_of_another_domain_are_refused(self) -> None:
         axis = np.linspace(0, 2 * np.pi, 9)
         with pytest.raises(SamplesError, match=r"far beyond the unit square.*\(y - 0\) / 6.28319") as caught:
@@ -138,13 +129,6 @@ class TestSpline:
         for part, expected in zip(found, exact, strict=True):
             np.testing.assert_allclose(part, expected, atol=2e-11)
 
-    @pytest.mark.parametrize(("order", "count"), [(0, 1), (1, 3), (2, 6)])
-    @pytest.mark.parametrize("shape", [(), (5,), (2, 3), (0,)])
-    def test_shapes_and_orders(self, order: int, count: int, shape: tuple[int, ...]) -> None:
-        found = on_grid(8, 9).evaluate(np.full(shape, 0.3), np.full(shape, 0.7), order)
-        assert len(found) == count
-        assert all(np.shape(part) == shape for part in found)
-
     def test_derivatives_belong_to_the_value(self) -> None:
         field, h = on_grid(21, 17), 1e-5
         x, y = np.random.default_rng(5).uniform(0.1, 0.9, (2, 50))
@@ -156,16 +140,6 @@ class TestSpline:
         np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * h), u_xx, atol=1e-2)
         np.testing.assert_allclose((above[1] - below[1]) / (2 * h), u_xy, atol=1e-3)
         np.testing.assert_allclose((above[2] - below[2]) / (2 * h), u_yy, atol=1e-3)
-
-    def test_values_belong_to_x_first(self) -> None:
-        field = GridSamples(x=[0, 0.5, 1], y=[0, 1], values=[[0, 0], [1, 1], [2, 2]])
-        assert field.evaluate(np.array(0.75), np.array(0.2))[0] == pytest.approx(1.5)
-
-    def test_samples_beyond_the_square_are_used(self) -> None:
-        x = np.linspace(-0.5, 1.5, 41)
-        values = np.sin(x)[:, None] + np.cos(x)
-        u = GridSamples(x=x, y=x, values=values).evaluate(np.array(1.0), np.array(0.0))[0]
-        assert u == pytest.approx(np.sin(1) + 1, abs=1e-6)
 
     @pytest.mark.parametrize("edge", [5e-10, -5e-10])
     def test_an_axis_that_misses_the_ends_by_rounding_is_accepted(self, edge: float) -> None:
@@ -213,10 +187,6 @@ class TestRefusals:
         for word in words:
             assert word in error.message
 
-    def test_one_sample(self) -> None:
-        self.check(self.grid(x=[0.5], y=[0.5], values=[[1.0]]), "x", "x has 1 point", "at least 2")
-        self.check(self.scattered([[0.5, 0.5]], [1.0]), "points", "1 sample:", "at least 4")
-
     def test_nan_and_infinity_name_the_first_index(self) -> None:
         table = self.TABLE.copy()
         table[3, 1] = table[4, 0] = np.nan
@@ -247,11 +217,6 @@ class TestRefusals:
         self.check(self.grid(x=np.ones((5, 1))), "x", "shape (5, 1)", "1 dimension,")
         self.check(self.scattered(np.ones((6, 3)), np.ones(6)), "points", "shape (6, 3)", "(n, 2)")
         self.check(self.scattered(CORNERS, np.ones(5)), "values", "4 points and 5 values")
-
-    def test_empty_arrays(self) -> None:
-        self.check(self.grid(x=[], y=[], values=[[]]), "x", "x has 0 points")
-        self.check(self.scattered(np.empty((0, 2)), []), "points", "0 samples")
-        self.check(self.scattered([], []), "points", "shape (0,)")
 
     def test_ragged_lists(self) -> None:
         self.check(self.grid(values=[[1, 2], [3]]), "values", "values[1] has 1 entry but values[0] has 2")

@@ -86,12 +86,6 @@ class TestScattered:
         assert field.grid.x.size == round(2 * np.sqrt(inside))
         assert ScatteredSamples(points=CORNERS, values=np.ones(4)).grid.x.size == 16
 
-    def test_a_constant_stays_constant(self) -> None:
-        field = ScatteredSamples(points=scattered_points(40), values=np.full(len(scattered_points(40)), 7.0))
-        u, u_x, u_y = field.evaluate(*PROBE, 1)
-        np.testing.assert_allclose(u, 7, rtol=1e-14)
-        np.testing.assert_allclose([u_x, u_y], 0, atol=1e-10)
-
     def test_repeated_points_with_the_same_value_count_once(self) -> None:
         points = scattered_points(50)
         values = np.sin(points[:, 0])

@@ -27,7 +27,7 @@ LARGE = 1e5  # beyond, rounding may differ between any two evaluators
 NEAR = 1e-3  # kinks and ends of domains this close are left to the examples of test_expression.py
 
 
-seeded = settings(derandomize=True, deadline=None, max_examples=150, database=None)
+seeded = settings(derandomize=True, deadline=None, max_examples=50, database=None)
 
 
 @dataclass(frozen=True)

@@ -140,7 +140,7 @@ WORDS = [
 ]
 
 
-@settings(seeded, max_examples=250)
+@settings(seeded, max_examples=80)
 @given(words=st.lists(st.sampled_from(WORDS), max_size=12), space=st.sampled_from(["", " "]))
 def test_random_words_are_read_or_refused(words: list[str], space: str) -> None:
     refusal(space.join(words))

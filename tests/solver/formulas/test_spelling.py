@@ -195,7 +195,7 @@ def test_a_formula_of_the_language_is_left_alone(tree: Tree, blanks: int) -> Non
 HUMAN = {"*": ["·", "×", " ", "", "⋅"], "**": ["^", " ^ "], "-": ["−", "–"], "/": ["÷"], "<=": ["≤"], ">=": ["≥"]}
 
 
-@settings(seeded, max_examples=250)
+@settings(seeded, max_examples=80)
 @given(tree=trees, choices=st.integers(0, 2**32))
 def test_a_formula_means_the_same_however_it_is_typed(tree: Tree, choices: int) -> None:
     """It may be refused where it is not clear; then it is refused as any other."""
@@ -219,7 +219,7 @@ WORDS = [
 ]
 
 
-@settings(seeded, max_examples=250)
+@settings(seeded, max_examples=80)
 @given(words=st.lists(st.sampled_from(WORDS), max_size=9), space=st.sampled_from(["", " "]))
 def test_what_was_understood_is_a_formula_of_the_language(words: list[str], space: str) -> None:
     """Any text is refused with a place, or it is read; as it was understood it is read again, and the same."""

@@ -99,19 +99,6 @@ def test_npz_that_is_none() -> None:
     refused(npy(TABLE), "u.npz", "cannot be unpacked")
 
 
-def test_npz_with_damaged_contents() -> None:
-    data = bytearray(npz(x=X, y=Y, values=TABLE))
-    at = data.index(b"values.npy") + 60
-    data[at] ^= 0xFF
-    refused(bytes(data), "u.npz")
-
-
-def test_a_zip_bomb_is_not_unpacked() -> None:
-    bomb = npz(x=X, y=Y, values=np.zeros(4_000_000))
-    assert len(bomb) < 100_000
-    refused(bomb, "u.npz", "unpacks to more than", max_bytes=1_000_000)
-
-
 def test_every_member_of_a_zip_is_bounded_together() -> None:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:

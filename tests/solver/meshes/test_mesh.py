@@ -25,7 +25,7 @@ from equimesh.meshes.second_order import (
 )
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.elements import places_of_cells
-from solver.io.files import DATA, adapted, areas
+from solver.io.files import DATA
 
 GRID = em.Grid(n_xi=5, n_eta=4)
 
@@ -100,22 +100,6 @@ def test_a_mesh_with_its_nodes_elsewhere_has_arrays_of_its_own() -> None:
     assert not np.shares_memory(moved.x, mesh.x)
 
 
-def test_the_paper_s_mesh_of_12_by_12_points() -> None:
-    grid = em.Grid(n_xi=12, n_eta=6)
-    assert (grid.shape, grid.points, grid.cells) == ((12, 6), 72, 55)
-    assert (grid.d_xi, grid.d_eta) == (1 / 11, 1 / 5)
-    assert str(grid) == "12 x 6"
-    assert grid == em.Grid(n_xi=12, n_eta=6)
-
-
-@pytest.mark.parametrize("name", ["n_xi", "n_eta"])
-def test_too_few_points_are_refused(name: str) -> None:
-    em.Grid(n_xi=4, n_eta=4)
-    with pytest.raises(em.InputError, match=f"{name} = 3: a grid needs at least 4 points") as caught:
-        em.Grid(**({"n_xi": 5, "n_eta": 5} | {name: 3}))
-    assert caught.value.field == f"grid.{name}"
-
-
 def test_smallest_jacobian_is_that_of_the_mesh() -> None:
     mesh = em.solve(problem("paper", 12)).mesh
     assert smallest_jacobian(mesh.x, mesh.y) * 11 * 11 == pytest.approx(mesh.corner_jacobians().min())
@@ -126,47 +110,6 @@ def test_smallest_jacobian_is_that_of_the_mesh() -> None:
 
 
 class TestTriangles:
-    def test_no_triangle_has_two_edges_on_the_boundary(self) -> None:
-        data = adapted(6, 5)
-        edges = {tuple(sorted(edge)) for side in data.mesh.sides.values() for edge in side.tolist()}
-        for row in data.triangles().tolist():
-            assert sum(tuple(sorted((row[k], row[k - 1]))) in edges for k in range(3)) < 2
-
-    @staticmethod
-    def data(*corners: tuple[float, float]) -> MeshData:
-        """One cell of interest, the middle one of nine, with the given corners counter-clockwise."""
-        x, y = (a.copy() for a in np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"))
-        for (i, j), (px, py) in zip(((1, 1), (2, 1), (2, 2), (1, 2)), corners, strict=True):
-            x[i, j], y[i, j] = px, py
-        return MeshData(mesh=Mesh(x, y), u=x, q_eq=np.ones((3, 3)), subdomain=np.zeros((3, 3), dtype=np.int64))
-
-    def first(self, *corners: tuple[float, float]) -> list[list[int]]:
-        return [sorted(t) for t in self.data(*corners).triangles()[8:10].tolist()]
-
-    def test_the_larger_smallest_angle_wins(self) -> None:
-        main, other = [[5, 9, 10], [5, 6, 10]], [[5, 6, 9], [6, 9, 10]]
-        assert self.first((0, 0), (1, 0), (1.6, 1.6), (0, 1)) == other
-        assert self.first((0.4, 0.4), (1, -0.5), (1, 1), (-0.5, 1)) == main
-
-    def test_an_even_cell_is_cut_from_its_first_corner(self) -> None:
-        assert self.first((0, 0), (1, 0), (1, 1), (0, 1)) == [[5, 9, 10], [5, 6, 10]]
-        data = adapted(18, 18)
-        xi, eta = data.computational
-        turned = Mesh(np.cos(0.3) * xi - np.sin(0.3) * eta, np.sin(0.3) * xi + np.cos(0.3) * eta)  # even up to rounding
-        even = MeshData(mesh=turned, u=data.u, q_eq=data.q_eq, subdomain=data.subdomain)
-        first = even.triangles().reshape(-1, 2, 3)[:, :, 0]
-        corners = [0, 16, 16 * 17, 17 * 17 - 1]
-        expected = np.repeat(turned.cells[:, :1], 2, axis=1)
-        np.testing.assert_array_equal(np.delete(first, corners, axis=0), np.delete(expected, corners, axis=0))
-
-    def test_a_dented_cell_keeps_both_triangles_positive(self) -> None:
-        for dent in range(4):
-            corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
-            x, y = corners[dent]
-            corners[dent] = (x + 0.6 * (1 - 2 * x), y + 0.6 * (1 - 2 * y))  # beyond the middle
-            data = self.data(*corners)
-            assert np.all(areas(data.mesh.points, data.triangles()[8:10]) > 0)
-
     def test_two_for_each_cell_in_order(self) -> None:
         pairs = DATA.triangles().reshape(-1, 6)
         for pair, quad in zip(pairs, DATA.mesh.cells, strict=True):

@@ -17,15 +17,7 @@ import pytest
 
 from equimesh.numerics import compiled as module
 from equimesh.numerics import machine_code
-from equimesh.numerics.compiled import (
-    Origin,
-    compiled,
-    count_compiled,
-    count_kept,
-    kept_entries,
-    origins,
-    vectorised,
-)
+from equimesh.numerics.compiled import Origin, compiled, count_compiled, count_kept, kept_entries, origins, vectorised
 from equimesh.numerics.machine_code import find_archive, find_folder, stem
 
 # Loops in files of their own: `outer` calls `inner` of another file, `alone` calls nothing.

@@ -81,12 +81,7 @@ def test_a_factorisation_is_kept_while_it_serves() -> None:
     coarse = list(single_domain_steps(problem("tanh20", 17)))[-1].mesh
     start = equations.vector(prolong(coarse, case.grid))
     *_, plain = newton.newton_iterations(
-        equations.residual,
-        equations.jacobian,
-        start,
-        admissible=anywhere,
-        tolerance=1e-10,
-        factorise=newton.superlu,
+        equations.residual, equations.jacobian, start, admissible=anywhere, tolerance=1e-10, factorise=newton.superlu
     )
     *_, kept = newton.newton_iterations(
         equations.residual,

@@ -14,10 +14,7 @@ def bent(case: em.Problem, size: float) -> em.Mesh:
     """The solution with all nodes moved smoothly, those on sides along them."""
     *_, step = single_domain.single_domain_steps(case)
     x, y = step.mesh.x, step.mesh.y
-    return em.Mesh(
-        x + size * np.sin(np.pi * x) * np.cos(2 * y + x),
-        y + size * np.sin(np.pi * y) * np.cos(3 * x - y),
-    )
+    return em.Mesh(x + size * np.sin(np.pi * x) * np.cos(2 * y + x), y + size * np.sin(np.pi * y) * np.cos(3 * x - y))
 
 
 def distance(one: em.Mesh, other: em.Mesh) -> float:

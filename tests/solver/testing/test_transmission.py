@@ -17,13 +17,7 @@ from equimesh.testing import check_transmission, checks
 
 @pytest.mark.parametrize(
     "condition",
-    [
-        em.Classical(),
-        em.LinearRobin(p=2.0),
-        em.NonlinearRobin(),
-        em.Optimized(),
-        em.Optimized(data=em.LineData.LOCAL),
-    ],
+    [em.Classical(), em.LinearRobin(p=2.0), em.NonlinearRobin(), em.Optimized(), em.Optimized(data=em.LineData.LOCAL)],
     ids=str,
 )
 def test_own_conditions_pass(condition: em.TransmissionCondition) -> None:

@@ -13,11 +13,7 @@ from vtkmodules.vtkIOXML import vtkXMLStructuredGridReader, vtkXMLUnstructuredGr
 
 FORMATS = ("vtu", "vtk", "vts")
 VERSION = vtkVersion.GetVTKVersion()
-READERS = {
-    ".vtu": vtkXMLUnstructuredGridReader,
-    ".vtk": vtkUnstructuredGridReader,
-    ".vts": vtkXMLStructuredGridReader,
-}
+READERS = {".vtu": vtkXMLUnstructuredGridReader, ".vtk": vtkUnstructuredGridReader, ".vts": vtkXMLStructuredGridReader}
 
 
 def read(path: str) -> Any:

@@ -17,12 +17,7 @@ def small() -> PlainMesh:
     number = np.arange(12).reshape(4, 3)
     corners = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
     cells = np.stack([corner.ravel() for corner in corners], axis=1)
-    lines = {
-        "left": number[0, ::-1],
-        "right": number[-1],
-        "lower_wall": number[:, 0],
-        "top": number[::-1, -1],
-    }
+    lines = {"left": number[0, ::-1], "right": number[-1], "lower_wall": number[:, 0], "top": number[::-1, -1]}
     return PlainMesh(points=points, cells=cells, sides={name: steps(line) for name, line in lines.items()})
 
 

@@ -319,11 +319,6 @@ def test_more_blocks_than_bytes_are_refused() -> None:
         found.array(found.root[0][0], 3)
 
 
-def test_entities_are_refused() -> None:
-    laughs = b'<!DOCTYPE a [<!ENTITY b "bbbb">]><VTKFile>&b;</VTKFile>'
-    refused(laughs, "u.vtu", "entities")
-
-
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
 def test_entities_are_refused_in_any_encoding(encoding: str) -> None:
     head = f"<?xml version='1.0' encoding='{encoding}'?>"
