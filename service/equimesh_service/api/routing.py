@@ -76,19 +76,14 @@ _bearer = HTTPBearer(
 )
 
 
-async def secret_of(given: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]) -> str | None:
-    """The secret of the request's API key."""
-    return None if given is None else given.credentials
-
-
 async def _caller(
     request: Request,
     scopes: SecurityScopes,
-    service: ServiceDependency,
-    secret: Annotated[str | None, Depends(secret_of)],
+    given: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)],
 ) -> Caller:
     """The caller; raises a 401, 403 or 429 problem."""
-    caller = await service.callers.identify(secret)
+    service = await _service(request)  # itself, since each dependency takes FastAPI as long as a query parameter
+    caller = await service.callers.identify(None if given is None else given.credentials)
     log_context.current().key_id = caller.key_id
     add_headers(request, service.quotas.count_request(caller))
     missing = set(scopes.scopes) - caller.scopes

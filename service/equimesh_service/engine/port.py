@@ -114,7 +114,7 @@ def pack_error(error: BaseException) -> bytes:
     return packed
 
 
-def open_outcome(outcome: bytes) -> Any:
+def open_outcome(outcome: bytes | bytearray) -> Any:
     """The result of a packed outcome; raises its exception."""
     result, error = pickle.loads(outcome)
     if error is not None:

@@ -54,7 +54,12 @@ class _Worker:
     task: _Task | None = None
     deadline: float = float("inf")
     unsent: memoryview = field(default_factory=lambda: memoryview(b""))
-    came: bytearray = field(default_factory=bytearray)
+    length: bytearray = field(default_factory=lambda: bytearray(LENGTH.size))
+    message: bytearray | None = None  # once its length has come
+    missing: memoryview = field(init=False)  # of the length, or of the message
+
+    def __post_init__(self) -> None:
+        self.missing = memoryview(self.length)
 
     def send(self, message: bytes | None = None) -> None:
         """Send what the socket takes now of a message, or of what is left of one."""
@@ -66,20 +71,24 @@ class _Worker:
             except BlockingIOError:
                 return
 
-    def receive(self) -> bytes | None:
+    def receive(self) -> bytearray | None:
         """The message that is complete now; None while it is not. Raises EOFError when the worker is gone."""
         try:
-            while piece := self.channel.recv(_BUFFER_BYTES):
-                self.came += piece
-                end = LENGTH.size + LENGTH.unpack_from(self.came)[0] if len(self.came) >= LENGTH.size else None
-                if end is not None and len(self.came) >= end:
-                    message, self.came = bytes(memoryview(self.came)[LENGTH.size : end]), bytearray()
+            while True:
+                while self.missing:
+                    count = self.channel.recv_into(self.missing)
+                    if not count:
+                        raise EOFError
+                    self.missing = self.missing[count:]
+                if self.message is not None:
+                    message, self.message, self.missing = self.message, None, memoryview(self.length)
                     return message
+                self.message = bytearray(LENGTH.unpack(self.length)[0])
+                self.missing = memoryview(self.message)
         except BlockingIOError:
             return None
         except OSError as error:
             raise EOFError from error
-        raise EOFError
 
     def end(self) -> None:
         """Kill the process."""
@@ -318,7 +327,7 @@ class ProcessEngine:
         else:
             task.future.set_exception(error)
 
-    def _begin(self, worker: _Worker, message: bytes) -> None:
+    def _begin(self, worker: _Worker, message: bytearray) -> None:
         """Take the first message of a worker: the seconds of its warm-up, or why that failed."""
         try:
             seconds = open_outcome(message)
@@ -407,7 +416,7 @@ class ProcessEngine:
             self._wake()
 
 
-def _opened(message: bytes) -> tuple[Any, Exception | None]:
+def _opened(message: bytearray) -> tuple[Any, Exception | None]:
     """The result and the exception in a message of a worker."""
     try:
         return open_outcome(message), None

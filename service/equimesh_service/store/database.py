@@ -38,10 +38,9 @@ from sqlalchemy import (
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL, ExceptionContext, make_url
 from sqlalchemy.exc import ArgumentError
-from sqlalchemy.sql.dml import ReturningInsert
 
 from equimesh_service.errors import NewerDatabaseError, UnusableDatabaseError
-from equimesh_service.store.schema import artifacts, blobs, keys, meshes, metadata, samples
+from equimesh_service.store.schema import Prepared, artifacts, blobs, keys, meshes, metadata, samples
 
 # Of a connection to SQLite: whether its file could not be written to when it was opened.
 _READ_ONLY = "read only"
@@ -270,13 +269,13 @@ def lock(connection: Connection, names: Iterable[str]) -> None:
 
 def insert_new(connection: Connection, table: Table, row: Mapping[str, Any]) -> bool:
     """Insert a row; False when a row with its key exists, which is not changed."""
-    return connection.execute(_insert_new(table, connection.dialect.name), dict(row)).first() is not None
+    return _insert_new(table, connection.dialect.name).execute(connection, row).rowcount == 1
 
 
-@cache  # to build a statement takes several times longer than to execute it
-def _insert_new(table: Table, dialect: str) -> ReturningInsert[Any]:
+@cache
+def _insert_new(table: Table, dialect: str) -> Prepared:
     make = postgresql.insert if dialect == "postgresql" else sqlite.insert
-    return make(table).on_conflict_do_nothing().returning(*table.primary_key)
+    return Prepared(make(table).inline().on_conflict_do_nothing())
 
 
 def sqlite_file(url: str) -> Path | None:

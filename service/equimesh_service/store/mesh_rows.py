@@ -13,6 +13,7 @@ from equimesh_service.files.port import Removed
 from equimesh_service.store.database import Database, insert_new, lock, to_json
 from equimesh_service.store.rows import NODAL, QUEUED, RUNNING, SUCCEEDED, Artifact, Lease, NewMesh, Outcome
 from equimesh_service.store.schema import (
+    Prepared,
     artifacts,
     blobs,
     events,
@@ -28,7 +29,7 @@ from equimesh_service.store.schema import (
 
 # Statements are built once, since building them takes longer than executing them.
 _REMOVE = delete(artifacts).where(artifacts.c.mesh_id == bindparam("mesh"), artifacts.c.name == bindparam("file"))
-_INSERT = insert(artifacts)
+_INSERT = Prepared(insert(artifacts))
 # The most small files that are removed in one transaction.
 _MOST_TOGETHER = 16
 _FIND_REMOVAL = select(removals.c.sha256).where(removals.c.sha256 == bindparam("file")).limit(1)
@@ -45,7 +46,7 @@ def insert_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artif
 def add_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artifact]) -> None:
     """Give a new mesh its files, which are locked."""
     if files:
-        connection.execute(_INSERT, [{"mesh_id": mesh_id, **vars(file)} for file in files])
+        _INSERT.execute(connection, *({"mesh_id": mesh_id, **vars(file)} for file in files))
 
 
 def note_removals(connection: Connection, files: Iterable[str], now: float) -> None:
@@ -87,11 +88,15 @@ def find_unnamed(connection: Connection, files: Iterable[str]) -> set[str]:
 
 # How exactly the time of the last use of samples is stored.
 _USED_AT_PRECISION_SECONDS = 3600.0
-# Statements are built once, since building them takes longer than executing them.
-_INSERT_MESH = insert(meshes)
-_INSERT_USES = insert(mesh_samples)
-_INSERT_EVENTS = insert(events)
-_USED_AT = select(samples.c.used_at).where(samples.c.id == bindparam("name")).with_for_update(read=True, key_share=True)
+_INSERT_MESH = Prepared(insert(meshes).inline())
+_INSERT_USES = Prepared(insert(mesh_samples))
+_INSERT_EVENTS = Prepared(insert(events))
+_USED_AT = Prepared(
+    select(samples.c.used_at).where(samples.c.id == bindparam("name")).with_for_update(read=True, key_share=True)
+)
+# The values of columns that a new mesh need not name.
+_DEFAULTS: dict[str, Any] = {column.name: column.default for column in meshes.columns}
+_USUAL = {name: usual.arg for name, usual in _DEFAULTS.items() if usual is not None}
 
 
 def insert_waiting(connection: Connection, new: NewMesh, lease: Lease | None, now: float) -> None:
@@ -145,6 +150,7 @@ def _insert(
     """Insert a mesh in a state, and the events that lead to it."""
     spec = to_json(new.spec)
     row = {
+        **_USUAL,
         "id": new.id,
         "label": new.spec["label"],
         "spec": spec,
@@ -161,12 +167,12 @@ def _insert(
         "last_event": len(story),
         **state,
     }
-    connection.execute(_INSERT_MESH, row)
+    _INSERT_MESH.execute(connection, row)
     rows = [
         {"mesh_id": new.id, "number": number, "time": now, "kind": kind, "data": dict(data)}
         for number, (kind, data) in enumerate(story, start=1)
     ]
-    connection.execute(_INSERT_EVENTS, rows)
+    _INSERT_EVENTS.execute(connection, *rows)
 
 
 def use_samples(connection: Connection, new: NewMesh, now: float) -> None:
@@ -175,13 +181,13 @@ def use_samples(connection: Connection, new: NewMesh, now: float) -> None:
     They are locked, so that they are not deleted before the transaction ends.
     """
     for name in sorted(new.samples):
-        used_at = connection.execute(_USED_AT, {"name": name}).scalar()
+        used_at = _USED_AT.execute(connection, {"name": name}).scalar()
         if used_at is None:
             raise SamplesGoneError(name)
         if used_at < now - _USED_AT_PRECISION_SECONDS:
             connection.execute(update(samples).where(samples.c.id == name).values(used_at=now))
     if new.samples:
-        connection.execute(_INSERT_USES, [{"mesh_id": new.id, "samples_id": name} for name in new.samples])
+        _INSERT_USES.execute(connection, *({"mesh_id": new.id, "samples_id": name} for name in new.samples))
 
 
 @dataclass(frozen=True, kw_only=True)

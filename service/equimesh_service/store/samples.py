@@ -9,11 +9,11 @@ from equimesh_service.store.blobs import insert_blob
 from equimesh_service.store.database import Database, insert_new, lock
 from equimesh_service.store.mesh_rows import note_removals, removal_lookup, remove_unused
 from equimesh_service.store.rows import QUEUED, RUNNING, NewSamples, SamplesRow
-from equimesh_service.store.schema import mesh_samples, meshes, retired, samples, samples_keys
+from equimesh_service.store.schema import Prepared, mesh_samples, meshes, retired, samples, samples_keys
 
 # Statements are built once, since building them takes longer than executing them.
 _STAY = select(samples.c.id).where(samples.c.id == bindparam("samples")).with_for_update(read=True, key_share=True)
-_UNRETIRE = delete(retired).where(retired.c.id == bindparam("samples"), retired.c.key_id == bindparam("key"))
+_UNRETIRE = Prepared(delete(retired).where(retired.c.id == bindparam("samples"), retired.c.key_id == bindparam("key")))
 
 
 class SamplesStore:
@@ -87,7 +87,7 @@ def insert_samples(connection: Connection, row: SamplesRow, publish: Publish, *,
         new = insert_new(connection, samples, stored)  # they have just been deleted
     if new:
         publish(removal_lookup(connection))
-    connection.execute(_UNRETIRE, {"samples": row.id, "key": key_id})
+    _UNRETIRE.execute(connection, {"samples": row.id, "key": key_id})
     owned = {"samples_id": row.id, "key_id": key_id, "created_at": row.created_at}
     return insert_new(connection, samples_keys, owned)
 

@@ -10,13 +10,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from sqlalchemy import create_engine, event, make_url, text
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy import bindparam, create_engine, event, insert, make_url, select, text
+from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError
 
 from equimesh_cli import main
 from equimesh_service import Settings, running
 from equimesh_service.errors import UnusableDatabaseError
 from equimesh_service.store import database
+from equimesh_service.store.schema import Prepared, samples
 from equimesh_service.store.store import Store
 from service.databases import Postgres
 
@@ -115,3 +116,23 @@ def test_a_database_that_is_not_in_utf8_is_refused(
         with server.connect() as connection:
             connection.execute(text(f"DROP DATABASE {name}"))
         server.dispose()
+
+
+def test_a_prepared_statement_takes_and_finds_what_sqlalchemy_would(store: Store) -> None:
+    row = {"sha256": "a" * 64, "size": 2**40, "summary": {"kind": "grid", "min": None}, "created_at": 0.1, "used_at": 2}
+    with store.database.write() as connection:
+        insertion = Prepared(insert(samples))
+        insertion.execute(connection, {"id": "s-\x001", **row}, {"id": "s-2", **row})
+        insertion.execute(connection, {**row, "id": "s-3"})  # another order of the names
+        kept = connection.execute(select(samples).order_by(samples.c.id)).all()
+        assert [one.id for one in kept] == ["s-2", "s-3", "s-\ufffd1"]
+        assert all(one[1:] == tuple(row.values()) for one in kept)
+        found = Prepared(
+            select(samples.c.id).where(samples.c.size == 2**40, samples.c.id == bindparam("name")).limit(1)
+        )
+        assert found.execute(connection, {"name": "s-\x001"}).scalar() == "s-\ufffd1"
+        assert not found.execute(connection, {"name": "s-4"}).all()
+        assert database.insert_new(connection, samples, {**row, "id": "s-4"})
+        assert not database.insert_new(connection, samples, {**row, "id": "s-4", "size": 1})
+        with pytest.raises(IntegrityError), connection.begin_nested():
+            insertion.execute(connection, {"id": "s-2", **row})
