@@ -28,6 +28,7 @@ from equimesh.domains.domain import Box
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.samples import MIN_CUBIC, checked_grid
 from equimesh.inputs import count_noun, real_array
+from equimesh.io.npz import save_npz
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.reading.read import BLOCK_MESH_DICT, FORMAT_OF, description_format, read_bytes, read_description
 from equimesh.upload.columns import Limits
@@ -76,7 +77,7 @@ def pack(arrays: Arrays, now: float) -> NewSamples:
 
 def write(arrays: Arrays, file: IO[bytes]) -> dict[str, Any]:
     """Write canonical arrays as an npz; returns a summary of the samples."""
-    np.savez(file, **arrays)
+    save_npz(file, arrays)
     values = arrays["values"]
     return {
         "kind": _kind_of(arrays),

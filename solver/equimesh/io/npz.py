@@ -6,10 +6,11 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeAlias
+from typing import IO, Any, BinaryIO, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -148,35 +149,81 @@ def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
 
     Raises :class:`ValueError` for arrays of Python objects.
     """
-    found = {f"{name}.npy".encode(): np.asarray(values, order="C") for name, values in arrays.items()}
-    heads = [_head(array.dtype, array.shape) for array in found.values()]
-    if sum(array.nbytes for array in found.values()) > MAX_BYTES or len(found) > MAX_ARRAYS:
+    found = {name: np.asarray(values, order="C") for name, values in arrays.items()}
+    if _is_large(found):
         stream = BytesIO()
         np.savez(stream, **arrays)  # in the 64 bit form of a zip file
         return stream.getvalue()
+    return b"".join(_pieces(found, _PLAIN))
+
+
+def save_npz(file: IO[bytes], arrays: Mapping[str, Any]) -> None:
+    """Write the bytes that :func:`numpy.savez` of NumPy 2 writes on Unix, so that their hashes are those of before.
+
+    Raises :class:`ValueError` for arrays of Python objects.
+    """
+    if _is_large(arrays):
+        np.savez(file, **arrays)
+    else:
+        file.writelines(_pieces(arrays, _NUMPY))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Layout:
+    """What differs between plain zip files: version, flags, where they were made, and the sizes of 64 bits if any."""
+
+    version: int
+    flags: int
+    made: int
+    mode: int
+    sizes: struct.Struct | None = None
+
+    def head(self, name: bytes, check: int, size: int) -> tuple[int, ...]:
+        """The fields that the head of a member and its entry in the list share, up to the length of its name."""
+        return self.version, self.flags, 0, MIDNIGHT, FIRST_DAY, check, size, size, len(name)
+
+    def local(self, name: bytes, check: int, size: int) -> bytes:
+        """The head of a member."""
+        if self.sizes is None:
+            return LOCAL.pack(b"PK\x03\x04", *self.head(name, check, size), 0) + name
+        fields = *self.head(name, check, 0xFFFFFFFF), self.sizes.size
+        return LOCAL.pack(b"PK\x03\x04", *fields) + name + self.sizes.pack(1, 16, size, size)
+
+
+_PLAIN: Final = _Layout(version=VERSION, flags=UTF_8, made=VERSION, mode=0)
+_NUMPY: Final = _Layout(version=45, flags=0, made=3 << 8 | 45, mode=0o600 << 16, sizes=struct.Struct("<2H2Q"))
+
+
+def _is_large(arrays: Mapping[str, npt.NDArray[Any]]) -> bool:
+    return sum(array.nbytes for array in arrays.values()) > MAX_BYTES or len(arrays) > MAX_ARRAYS
+
+
+def _pieces(arrays: Mapping[str, npt.NDArray[Any]], layout: _Layout) -> list[bytes | memoryview]:
     out, entries, place = list[bytes | memoryview](), list[bytes](), 0
-    for (name, array), head in zip(found.items(), heads, strict=True):
-        data, size = _data(array), len(head) + array.nbytes
-        check = zlib.crc32(data, zlib.crc32(head))
-        common = VERSION, UTF_8, 0, MIDNIGHT, FIRST_DAY, check, size, size, len(name), 0
-        out += (LOCAL.pack(b"PK\x03\x04", *common), name, head, data)
-        entries += (CENTRAL.pack(b"PK\x01\x02", VERSION, *common, 0, 0, 0, 0, place), name)
-        place += LOCAL.size + len(name) + size
-    listed, count = b"".join(entries), len(found)
-    return b"".join([*out, listed, END.pack(b"PK\x05\x06", 0, 0, count, count, len(listed), place, 0)])
+    for key, array in arrays.items():
+        is_turned = array.flags.f_contiguous and not array.flags.c_contiguous
+        name, head, data = f"{key}.npy".encode(), _head(array.dtype, array.shape, is_turned), _data(array)
+        check, size = zlib.crc32(data, zlib.crc32(head)), len(head) + array.nbytes
+        local = layout.local(name, check, size)
+        out += (local, head, data)
+        fields = *layout.head(name, check, size), 0, 0, 0, 0, layout.mode, place
+        entries += (CENTRAL.pack(b"PK\x01\x02", layout.made, *fields), name)
+        place += len(local) + size
+    listed, count = b"".join(entries), len(arrays)
+    return [*out, listed, END.pack(b"PK\x05\x06", 0, 0, count, count, len(listed), place, 0)]
 
 
 def _data(array: npt.NDArray[Any]) -> memoryview:
-    """The bytes of an array in C order, without a copy."""
-    return array.reshape(-1).view(np.uint8).data if array.size else memoryview(b"")
+    """The bytes of an array as they lie there, without a copy; else in C order."""
+    return array.ravel("A").view(np.uint8).data if array.size else memoryview(b"")
 
 
 @lru_cache(maxsize=1024)
-def _head(dtype: np.dtype[Any], shape: tuple[int, ...]) -> bytes:
+def _head(dtype: np.dtype[Any], shape: tuple[int, ...], is_turned: bool) -> bytes:
     """What comes before the data of a ``.npy``, by NumPy itself."""
     if dtype.hasobject:
         raise ValueError(f"an npz file without pickles cannot hold {dtype}")
     head = BytesIO()
-    description = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+    description = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": is_turned, "shape": shape}
     np.lib.format.write_array_header_1_0(head, description)
     return head.getvalue()

@@ -8,11 +8,12 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from equimesh.errors import InputError
 from equimesh.io import npz
-from equimesh.io.npz import load_npz, npz_bytes
+from equimesh.io.npz import load_npz, npz_bytes, save_npz
 from equimesh.io.write import Cells, write_mesh
 from equimesh.meshes.mesh import SIDES
 from solver.io.files import DATA, KINDS, check_cells, check_edges, per_cell, written
@@ -122,3 +123,19 @@ def test_what_the_format_cannot_hold(monkeypatch: pytest.MonkeyPatch) -> None:
         assert {name: values.tolist() for name, values in found.items()} == {
             name: np.asarray(values).tolist() for name, values in ARRAYS.items()
         }
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"x": np.arange(5.0), "y": np.arange(3.0), "values": np.ones((5, 3))},
+        {"values": np.asfortranarray(np.arange(15.0).reshape(5, 3))},
+        {"points": np.arange(14.0).reshape(7, 2)[::2], "values": np.ones(4)},
+        {"values": np.empty((0, 2))},
+    ],
+)
+def test_samples_are_saved_in_the_bytes_of_numpy(arrays: dict[str, npt.NDArray[np.float64]]) -> None:
+    ours, numpys = BytesIO(), BytesIO()
+    save_npz(ours, arrays)
+    np.savez(numpys, **arrays)  # type: ignore[arg-type]
+    assert ours.getvalue() == numpys.getvalue()
