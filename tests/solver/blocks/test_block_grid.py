@@ -48,7 +48,7 @@ def test_blocks_in_rows_and_columns_are_one_grid(turned: bool) -> None:
     assert found.domain.area == pytest.approx(blocks.area, rel=1e-12)
     assert np.array_equal(np.sort(found.nodes.ravel()), np.arange(blocks.points))
     points = blocks.mesh.points[found.nodes]
-    mesh = em.Mesh(points[..., 0], points[..., 1])
+    mesh = em.Mesh(points[..., 0].copy(), points[..., 1].copy())
     assert not mesh.is_folded
     assert np.array_equal(found.quad_mesh(mesh).points, blocks.mesh.points)
     for side, line in (("bottom", points[:, 0]), ("top", points[:, -1]), ("left", points[0]), ("right", points[-1])):

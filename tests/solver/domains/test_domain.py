@@ -37,23 +37,6 @@ def polygon_area(domain: em.Domain, n: int) -> float:
 
 @each_domain
 class TestEveryDomain:
-    def test_the_jacobian_is_that_of_the_difference_quotients(self, domain: em.Domain) -> None:
-        h = 1e-6
-        east, west, north, south = (
-            domain.map(S + h, T),
-            domain.map(S - h, T),
-            domain.map(S, T + h),
-            domain.map(S, T - h),
-        )
-        for k, (along_s, along_t) in enumerate((domain.jacobian(S, T)[:2], domain.jacobian(S, T)[2:])):
-            np.testing.assert_allclose(along_s, (east[k] - west[k]) / (2 * h), atol=5e-9)
-            np.testing.assert_allclose(along_t, (north[k] - south[k]) / (2 * h), atol=5e-9)
-
-    def test_the_map_keeps_its_orientation(self, domain: em.Domain) -> None:
-        s, t = np.meshgrid(np.linspace(-1e-5, 1 + 1e-5, 50), np.linspace(-1e-5, 1 + 1e-5, 50))
-        x_s, x_t, y_s, y_t = domain.jacobian(s, t)
-        assert np.all(x_s * y_t - x_t * y_s > 0)
-
     def test_the_area_is_that_inside_the_sides_and_the_integral_of_the_jacobian(self, domain: em.Domain) -> None:
         coarse, fine = polygon_area(domain, 401), polygon_area(domain, 801)
         assert domain.area == pytest.approx(fine + (fine - coarse) / 3, rel=1e-8)
@@ -62,30 +45,12 @@ class TestEveryDomain:
         x_s, x_t, y_s, y_t = domain.jacobian(s, t)
         assert weights @ (x_s * y_t - x_t * y_s) @ weights / 4 == pytest.approx(domain.area, rel=1e-5)
 
-    def test_the_box_holds_the_domain_and_touches_it(self, domain: em.Domain) -> None:
-        s, t = np.meshgrid(np.linspace(0, 1, 721), np.linspace(0, 1, 721), indexing="ij")
-        for (low, high), found in zip(domain.box, domain.map(s, t), strict=True):
-            assert low - 1e-12 <= found.min() < low + 1e-5
-            assert high - 1e-5 < found.max() <= high + 1e-12
-
-    def test_shapes(self, domain: em.Domain) -> None:
-        for shape in ((), (5,), (2, 3), (0,)):
-            found = (*domain.map(np.full(shape, 0.3), np.full(shape, 0.6)), *domain.jacobian(np.full(shape, 0.3), 0.6))
-            assert all(np.shape(part) == shape for part in found)
-        crossed = (*domain.map(S[:, :1], T[:1]), *domain.jacobian(S[:, :1], T[:1]))
-        assert all(part.shape == S.shape for part in crossed)
-
     def test_pickling_and_equality(self, domain: em.Domain) -> None:
         again = pickle.loads(pickle.dumps(domain))
         assert again == domain
         assert hash(again) == hash(domain)
         np.testing.assert_array_equal(again.map(S, T), domain.map(S, T))
         assert (again.box, again.area) == (domain.box, domain.area)
-
-    def test_a_mapped_mesh_has_the_area_as_its_mean_jacobian(self, domain: em.Domain) -> None:
-        mesh = map_mesh(em.Mesh.uniform(em.Grid(n_xi=91, n_eta=121)), domain)
-        assert mesh.corner_jacobians().mean() == pytest.approx(domain.area, rel=1e-3)
-        assert not mesh.is_folded
 
 
 class TestRectangle:

@@ -148,7 +148,7 @@ def test_bad_values_and_folded_meshes_are_refused() -> None:
     with pytest.raises(SamplesError, match=r"values\[1\]\[2\] is NaN"):
         HermiteField(mesh=mesh, values=np.where(mesh.x * 0 + np.arange(20).reshape(5, 4) == 6, np.nan, 1.0))
     with pytest.raises(InputError, match="the mesh is folded"):
-        HermiteField(mesh=em.Mesh(mesh.x[::-1], mesh.y), values=np.ones((5, 4)))
+        HermiteField(mesh=em.Mesh(mesh.x[::-1].copy(), mesh.y), values=np.ones((5, 4)))
     assert repr(HermiteField(mesh=mesh, values=mesh.x)) == f"HermiteField({mesh.grid})"
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.testing import check_monitor
 from solver.monitors.metrics import SECTOR, UNIT, points
 
 STEEP = em.Expression("tanh(20*(x + y/2 - 0.75))")
@@ -22,12 +21,6 @@ def test_its_metric_is_that_of_curvature_before_the_choice() -> None:
         curvature = em.Curvature(u=STEEP, norm=norm).on(UNIT)
         assert np.array_equal(own.metric(x, y), curvature.metric(x, y))
         assert np.array_equal(own.weakened(0.5).metric(x, y), curvature.weakened(0.5).metric(x, y))
-
-
-@pytest.mark.parametrize("norm", ["l2", "h1"])
-def test_it_is_a_monitor(norm: Any) -> None:
-    check_monitor(em.Auto(u=STEEP, norm=norm), UNIT)
-    check_monitor(em.Auto(u=STEEP, norm=norm), SECTOR)
 
 
 @pytest.mark.parametrize(("field", "value"), [("norm", "linf"), ("u", 3.0)])

@@ -9,16 +9,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.testing import check_monitor
 from solver.monitors.metrics import SECTOR, UNIT, points
 
 STEEP = em.Expression("tanh(20*(x + y/2 - 0.75))")
-
-
-@pytest.mark.parametrize("domain", [UNIT, SECTOR])
-@pytest.mark.parametrize("norm", ["l2", "h1"])
-def test_it_is_a_monitor(norm: Any, domain: em.Domain) -> None:
-    check_monitor(em.LeastError(u=STEEP, norm=norm), domain)
 
 
 @pytest.mark.parametrize("norm", ["l2", "h1"])

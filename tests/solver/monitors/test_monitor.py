@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable
 
 import numpy as np
@@ -20,30 +19,11 @@ from solver.monitors.metrics import SECTOR, STEEP, UNIT, WAVE, every, matrices, 
 
 
 @every
-@pytest.mark.parametrize("domain", [UNIT, SECTOR], ids=["square", "sector"])
-def test_every_metric_is_positive_definite_and_keeps_the_shape_of_the_points(name: str, domain: em.Domain) -> None:
-    monitor = monitors()[name].on(domain)
-    x, y = points(domain, 64)
-    metric = monitor.metric(x, y)
-    assert all(entry.shape == x.shape for entry in metric)
-    assert np.linalg.eigvalsh(matrices(metric)).min() > 1e-3
-    strided = monitor.metric(x[::3, ::2], y[::3, ::2])
-    assert matrices(strided) == pytest.approx(matrices(metric)[::3, ::2], rel=1e-12)
-
-
-@every
 def test_binding_again_to_the_same_domain_costs_nothing(name: str) -> None:
     bound = monitors()[name].on(UNIT)
     assert bound.on(em.Rectangle()) is bound
     weak = bound.weakened(0.5)
     assert weak.on(UNIT) is weak
-
-
-@every
-def test_a_bound_monitor_can_be_pickled(name: str) -> None:
-    monitor, (x, y) = monitors()[name].on(UNIT), points(n=9)
-    copy = pickle.loads(pickle.dumps(monitor))
-    assert np.array_equal(matrices(copy.metric(x, y)), matrices(monitor.metric(x, y)))
 
 
 # The mesh does not depend on the units of u and of the coordinates, for any kind of monitor.
@@ -207,8 +187,11 @@ def test_a_bound_copy_remembers_its_domain() -> None:
 # Smoothed monitors: the mean with a Gaussian, positive definite, without kinks.
 
 
-@pytest.mark.parametrize("domain", [UNIT, SECTOR, em.Rectangle(x=(0.0, 40.0))], ids=["square", "sector", "long"])
-@pytest.mark.parametrize("radius", [1e-4, 0.25])
+@pytest.mark.parametrize(
+    ("domain", "radius"),
+    [(UNIT, 1e-4), (SECTOR, 0.25), (em.Rectangle(x=(0.0, 40.0)), 1e-4)],
+    ids=["square", "sector", "long"],
+)
 def test_a_smoothed_constant_is_the_constant(domain: em.Domain, radius: float) -> None:
     tensor = em.Tensor(m11=em.Expression("2"), m12=em.Expression("0.5"), m22=em.Expression("7"))
     smoothed = em.Smoothed(monitor=tensor, radius=radius).on(domain)
@@ -268,7 +251,7 @@ def test_an_unbound_smoothed_monitor_says_what_to_do() -> None:
         em.Smoothed(monitor=em.ArcLength(u=STEEP, scaled=False)).metric(*points(n=3))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.5, 80), st.floats(0.01, 0.25))
 def test_smoothed_curvature_is_positive_definite(p: float, q: float, k: float, radius: float) -> None:
     u = em.Expression("p*tanh(k*(x - y**2)) + q*cos(9*x*y) + 0.01*x", parameters={"p": p, "q": q, "k": k})

@@ -49,9 +49,8 @@ def test_convergence_without_numbers(tmp_path: Path) -> None:
     path = tmp_path / "convergence.svg"
     draw_convergence({"iterations": [], "rate": None, "predicted_rate": None}, path)
     assert "single domain" in texts(path)
-    for count in (1, 2):
-        draw_convergence(convergence(count), path)
-        draw_convergence(convergence(count, errors=False), path)
+    draw_convergence(convergence(1), path)
+    draw_convergence(convergence(2, errors=False), path)
     holes = convergence(4)
     holes["iterations"][2].update(max_q_eq=None, error=math.nan, subdomains=[])
     holes["iterations"][3].update(max_q_eq=math.inf, error=0.0, subdomains=[])

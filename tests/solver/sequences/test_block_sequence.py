@@ -69,7 +69,7 @@ def test_copies_stay_one_period_apart_where_the_seam_moves() -> None:
     domain = em.Blocks.of({**around, "joins": [{"from": ["a", "d"], "to": ["b", "c"]}]})
     wave = "tanh(6*sin(2*pi*(x - t + 0.1*sin(2*pi*y))))"
     moving = em.Sequence(em.Problem(monitor=em.LeastError(u=em.Expression(wave, t=0.0)), domain=domain))
-    for k in (1, 2, 3):
+    for k in (1, 2):
         u = em.Expression(wave, t=0.1 * k).evaluate(moving.mesh.x, moving.mesh.y)[0]
         mesh, whole = moving.mesh, em.integral(moving.mesh, u)
         step = moving.step(u, {"u": em.MeshValues(u, transfer="conservative")})
