@@ -8,6 +8,7 @@ from equimesh.quality.measures import (
     alignment,
     equidistribution,
     measure,
+    measure_each,
     shape_regularity,
 )
 
@@ -22,5 +23,6 @@ __all__ = [
     "equidistribution",
     "measure",
     "measure_angles",
+    "measure_each",
     "shape_regularity",
 ]

@@ -313,7 +313,7 @@ class BilinearCells(MeshCells):
         """The nodes of the rows that are here."""
         return MeshRows.of(self.mesh)
 
-    @property
+    @cached_property
     def rows(self) -> Rows:
         """The rows of the mesh that are here."""
         return self.window.rows

@@ -110,8 +110,8 @@ def _measured(mesh: Mesh, monitor: Monitor, element: tuple[CellKind, int], threa
         if u is not None and element == ("quad", 1) and cells.all_valid:
             tally = ErrorTally.of(cells, u, error_rule(cells), nodal=nodal)
         survey = Survey.of(cells, monitor, rule, tally=tally if is_inside else None, threads=threads)
-        if tally is not None and not is_inside:
-            tally.add_all(threads)
+        if tally is not None:
+            tally.add_edges() if is_inside else tally.add_all(threads)
         return ComparedMesh(
             mesh=mesh,
             q_eq=survey.q_eq.reshape(mesh.cell_shape),
@@ -123,15 +123,11 @@ def _measured(mesh: Mesh, monitor: Monitor, element: tuple[CellKind, int], threa
 def _root_mean_squares(
     cells: MeshCells, u: Field | None, element: tuple[CellKind, int], tally: ErrorTally | None
 ) -> Array | None:
-    """The error of every cell; ``tally`` has those at the inner points of its rule for bilinear elements."""
+    """The error of every cell; ``tally`` has those of bilinear elements."""
     if u is None:
         return None
     if not cells.all_valid:
         return np.full(cells.own_shape, np.inf)
     kind, degree = element
-    if tally is None:
-        squares = squared_errors_of_cells(cells, u, degree, kind)
-    else:
-        tally.add_edges()
-        squares = tally.sums[0]
+    squares = squared_errors_of_cells(cells, u, degree, kind) if tally is None else tally.sums[0]
     return np.asarray(np.sqrt(squares / cells.area).reshape(cells.own_shape))

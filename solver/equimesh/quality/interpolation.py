@@ -155,8 +155,7 @@ def norms(
 
 
 def norms_of(tally: ErrorTally) -> Norms:
-    """The norms from the errors at the inner points of a rule; those at its edge points are added here."""
-    tally.add_edges()
+    """The norms from the errors at the points of a rule."""
     cells, values, chosen = tally.cells, tally.values, tally.chosen
     extremes = Extremes.of(cells.rows, values, tally.range, _peak(tally))
     allowed = noise(cells, extremes.size)

@@ -10,7 +10,7 @@ On a folded cell nothing is equidistributed, aligned or interpolated: ``Q_eq``, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Literal
@@ -163,6 +163,17 @@ def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss:
     return measure_all(mesh, monitor, uniform=uniform, gauss=gauss)
 
 
+def measure_each(
+    mesh: Mesh, monitors: Sequence[Monitor], *, uniform: Mesh | None = None, gauss: int | None = None
+) -> tuple[Quality, ...]:
+    """As :func:`measure`, of each of several monitors: the shapes of the cells are measured once for all of them.
+
+    A mesh that several fields share is measured by one monitor for each field.
+    """
+    shapes = Shapes.of(cells_of(mesh))
+    return tuple(measure_all(mesh, one, uniform=uniform, gauss=gauss, shapes=shapes) for one in monitors)
+
+
 def measure_all(
     mesh: AnyMesh,
     monitor: Monitor,
@@ -196,7 +207,10 @@ def measure_all(
         if nodal is None:
             nodal = survey.nodal if tally is None else tally.nodal
         if u is not None and errors is None:
-            here = norms_of(tally) if tally else None
+            here = None
+            if tally is not None:
+                tally.add_edges()
+                here = norms_of(tally)
             errors = _errors(
                 cells, u, uniform, domain, (kind, degree), numbers, here=here, gauss=gauss, nodal=nodal, threads=threads
             )

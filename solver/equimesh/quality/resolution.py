@@ -88,30 +88,29 @@ class Pieces:
         for start in range(0, self.count, BLOCK_PIECES):
             block = slice(start, start + BLOCK_PIECES)
             corners, values = (np.ascontiguousarray(part[:, block]) for part in (self.corners, self.values))
-            rim = _rim(u, corners, None if self.u is None else self.u[:, block])
-            result[:, block] = _block_errors(u, corners, values, rim)
+            known = None if self.u is None else self.u[:, block]
+            result[:, block] = _block_errors(u, corners, values, known)
         return result
 
 
-def _rim(u: Field, corners: Array, known: Array | None) -> Array:
-    """u at the points :data:`RIM` of pieces, shape ``(8, n)``; ``known`` is u at their corners."""
-    every = slice(None) if known is None else slice(1, None, 2)
-    x, y = np.empty((2, RIM.s[every].size, corners.shape[1]))
-    locate(corners, RIM.s[every].copy(), RIM.t[every].copy(), x, y)
-    there: Array = np.empty((RIM.s.size, corners.shape[1]))
-    (there[every],) = u.evaluate(x, y)
-    if known is not None:
-        there[::2] = known
-    return there
+_INSIDE = CellPoints.gauss(GAUSS_POINTS)
+_ALL_POINTS = CellPoints(*(np.concatenate(pair) for pair in zip(_INSIDE, RIM, strict=True)))
+_UNKNOWN_POINTS = CellPoints(*(np.delete(part, range(_INSIDE.s.size, part.size, 2)) for part in _ALL_POINTS))
+"""The points without the corners."""
 
 
-def _block_errors(u: Field, corners: Array, values: Array, rim: Array) -> Array:
-    gauss, n = CellPoints.gauss(GAUSS_POINTS), corners.shape[1]
-    x, y = np.empty((2, gauss.s.size, n))
-    locate(corners, gauss.s, gauss.t, x, y)
+def _block_errors(u: Field, corners: Array, values: Array, known: Array | None) -> Array:
+    """As :meth:`Pieces.errors`; ``known`` is u at the corners."""
+    points, inside, n = _ALL_POINTS if known is None else _UNKNOWN_POINTS, _INSIDE.s.size, corners.shape[1]
+    x, y = np.empty((2, points.s.size, n))
+    locate(corners, points.s, points.t, x, y)
     there, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1)[:3])
+    rim = there[inside:]
+    if known is not None:
+        rim = np.empty((RIM.s.size, n))
+        rim[::2], rim[1::2] = known, there[inside:]
     sums, missed = np.zeros((4, n)), np.empty(n)
-    add_errors(corners, values, there, (u_x, u_y), gauss, sums, np.zeros(n), 0)
+    add_errors(corners, values, there[:inside], (u_x[:inside], u_y[:inside]), _INSIDE, sums, np.zeros(n), 0)
     missed_gradients(corners, values, rim, sums[2:], missed)
     return np.stack([sums[0], sums[1], missed])
 

@@ -137,6 +137,11 @@ class ErrorRule:
     inner: CellPoints
     edge: CellPoints
 
+    @property
+    def every(self) -> CellPoints:
+        """The inner points, and after them those of the edges."""
+        return CellPoints(*(np.concatenate(pair) for pair in zip(self.inner, self.edge, strict=True)))
+
     @classmethod
     def gauss(cls, count: int) -> ErrorRule:
         """The Gauss rule with ``count`` points per direction, alone."""
@@ -228,35 +233,46 @@ class ErrorTally:
         return self.cells.corners(numbers) if self.corners is None else np.ascontiguousarray(self.corners[:, where])
 
     def add(self, where: slice, corners: Array, derivatives: tuple[Array, ...]) -> None:
-        """The cells at these places, with u and its ``derivatives`` at the inner points of the rule."""
-        u, u_x, u_y = (np.ascontiguousarray(part) for part in derivatives[:3])
-        add_errors(corners, self.values, u, (u_x, u_y), self.rule.inner, self.sums, self.largest, where.start)
-        self._widen(u)
+        """The cells at these places, with u and its ``derivatives`` at the inner points or at all points."""
+        inner = self.rule.inner
+        u, u_x, u_y = (np.ascontiguousarray(part[: inner.s.size]) for part in derivatives[:3])
+        add_errors(corners, self.values, u, (u_x, u_y), inner, self.sums, self.largest, where.start)
+        if len(derivatives[0]) > inner.s.size:
+            self._add_edges(where, corners, derivatives[0][inner.s.size :])
+        self._widen(derivatives[0])
 
     def add_all(self, threads: int = 1) -> None:
-        """All cells at the inner points of the rule, block by block; ``threads`` share the blocks if they are many."""
-        inner = self.rule.inner
-        blocks: list[tuple[slice, slice | IntArray]] = list(self.cells.blocks_of(self.chosen, inner))
+        """All cells at all points of the rule, block by block; ``threads`` share the blocks if they are many."""
+        inner, edge = self.rule.inner, self.rule.edge
+        points = inner if self._shares_edges or not edge.s.size else self.rule.every
+        blocks: list[tuple[slice, slice | IntArray]] = list(self.cells.blocks_of(self.chosen, points))
         if not self.sampled:
             start = self.cells.own.start
-            blocks = [(slice(k.start - start, k.stop - start), k) for k in self.cells.blocks(inner)]
+            blocks = [(slice(k.start - start, k.stop - start), k) for k in self.cells.blocks(points)]
 
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
                 for where, numbers in blocks[thread::threads]:
                     corners = self._corners(where, numbers)
-                    x, y = np.empty((2, inner.s.size, corners.shape[1]))
-                    locate(corners, inner.s, inner.t, x, y)
+                    x, y = np.empty((2, points.s.size, corners.shape[1]))
+                    locate(corners, points.s, points.t, x, y)
                     self.add(where, corners, self.u.evaluate(x, y, order=1))
 
         share_blocks(work, self.largest.size, threads)
+        if self._shares_edges:
+            self.add_edges()
+
+    @property
+    def _shares_edges(self) -> bool:
+        """Whether u in the middle of an edge is evaluated once for the two cells beside it."""
+        return isinstance(self.cells, BilinearCells) and not self.sampled and self.nodal is not None
 
     def add_edges(self) -> None:
         """All cells at the edge points of the rule."""
         edge = self.rule.edge
         if not edge.s.size:
             return
-        if isinstance(self.cells, BilinearCells) and not self.sampled and self.nodal is not None:
+        if isinstance(self.cells, BilinearCells) and self.nodal is not None and self._shares_edges:
             for first, last in self.cells.rows.strips:
                 self._add_middles(self.cells.window, self.nodal, first, last)
             return
@@ -265,9 +281,13 @@ class ErrorTally:
             x, y = np.empty((2, edge.s.size, corners.shape[1]))
             locate(corners, edge.s, edge.t, x, y)
             (there,) = self.u.evaluate(x, y)
-            values = np.ascontiguousarray(self.values[:, where])
-            add_values(corners, values, np.ascontiguousarray(there), edge, self.sums[0, where], self.largest[where])
+            self._add_edges(where, corners, there)
             self._widen(there)
+
+    def _add_edges(self, where: slice, corners: Array, u: Array) -> None:
+        """The cells at these places, with u at the edge points of the rule."""
+        values, u = np.ascontiguousarray(self.values[:, where]), np.ascontiguousarray(u)
+        add_values(corners, values, u, self.rule.edge, self.sums[0, where], self.largest[where])
 
     def _add_middles(self, window: MeshRows, nodal: Array, first: int, last: int) -> None:
         """The middles of the edges of the rows ``first`` to ``last - 1`` of cells."""
