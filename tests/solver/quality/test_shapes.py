@@ -36,6 +36,15 @@ def test_rows_have_the_shapes_that_their_cells_have_one_by_one(shape: tuple[int,
     assert given.skewness == pytest.approx(expected.skewness, rel=1e-12)
 
 
+@pytest.mark.parametrize("side", range(4))
+def test_the_faces_on_each_side_count(side: int) -> None:
+    x, y = np.meshgrid(np.arange(6.0), np.arange(5.0), indexing="ij")
+    y[-1] += 0.4  # the largest skewness is that of the faces on the last row
+    mesh = Mesh(*(np.rot90(q, side).copy() for q in (x, y)))
+    assert measure_faces(mesh).skewness == pytest.approx(measure_faces(as_blocks(mesh)).skewness, rel=1e-12)
+    assert measure_faces(mesh).skewness == pytest.approx(0.4)
+
+
 def test_a_folded_grid_is_measured_cell_by_cell() -> None:
     mesh = folded()
     found, expected = Shapes.of(cells_of(mesh)), Shapes.of(QuadCells(as_blocks(mesh)))
