@@ -26,6 +26,7 @@ from random_functions import random_functions
 
 import equimesh as em
 from equimesh.quality.measures import measure_errors
+from equimesh.rounds.shape import counts_within
 from equimesh.testing import geometries
 
 GEOMETRIES = (
@@ -47,8 +48,17 @@ GAUSS_POINTS = 4
 BOUND = 60.0
 """Degrees of non-orthogonality: corners then lie between 30 and 150 degrees."""
 MILLION = 1_000_000
-PARTS = ("gains", "angles", "corner", "million")
-"""Parts of the report: gains and costs, angles within bounds, a singular corner, a million nodes."""
+BUDGET = 1000
+"""Points of the meshes whose counts are chosen."""
+BUDGETS = {
+    "peak in one of four blocks": ("four", "exp(-200*((x - 0.3)**2 + (y - 0.3)**2))"),
+    "layer": ("four", "exp(-30*x)"),
+    "hole in a channel": ("cylinder", "exp(-8*(sqrt(x**2 + y**2) - 0.5))"),
+    "corner of the L": ("l_shape", SINGULAR),
+}
+"""Domains and solutions for which counts are chosen."""
+PARTS = ("gains", "angles", "corner", "budget", "million")
+"""Parts of the report: gains and costs, angles within bounds, a singular corner, chosen counts, a million nodes."""
 
 
 class Solved(NamedTuple):
@@ -134,6 +144,35 @@ def corner(nodes: int) -> Iterator[Row]:
     yield Row(what="r^(2/3) on the L, Auto", value=found.gain, unit="", goal=30.0, at_least=True, note=note)
 
 
+def four(nodes: int) -> em.Blocks:
+    """The unit square in four blocks of about so many nodes together."""
+    cells = round((math.sqrt(nodes) - 1) / 2)
+    places = {f"{i}{j}": [i / 2, j / 2] for i in range(3) for j in range(3)}
+    corners = [[f"{i}{j}", f"{i + 1}{j}", f"{i + 1}{j + 1}", f"{i}{j + 1}"] for i in range(2) for j in range(2)]
+    return em.Blocks.of({"vertices": places, "blocks": [{"corners": one, "cells": [cells] * 2} for one in corners]})
+
+
+def budget(points: int) -> Iterator[Row]:
+    """How many times smaller errors are where a loop chooses the counts, than with those of the domain."""
+    for what, (name, formula) in BUDGETS.items():
+        u = em.Expression(formula)
+        domain = four(points) if name == "four" else getattr(geometries, name)(points)
+        usual = domain.with_counts(counts_within(points, domain))
+        for norm in ("l2", "h1"):
+
+            def solver(mesh: em.Mesh, u: em.Expression = u) -> np.ndarray:
+                return u.evaluate(mesh.x, mesh.y)[0]
+
+            kept = em.adapt(solver, domain=usual, norm=norm, threads=1)
+            chosen = em.adapt(solver, domain=domain, points=points, norm=norm, threads=1)
+            found = [measure_errors(one.mesh, u, uniform=one.mesh, gauss=GAUSS_POINTS) for one in (kept, chosen)]
+            before, after = (math.nan if one is None else getattr(one, norm) for one in found)
+            sizes = " and ".join(str(len(one.mesh.points)) for one in (kept, chosen))
+            counts = domain.with_counts_of(chosen.mesh).layout.counts
+            note = f"{sizes} points; cells {usual.layout.counts.tolist()}, chosen {counts.tolist()}"
+            yield Row(what=f"{what}, {norm.upper()}", value=before / after, unit="", note=note)
+
+
 def million(nodes: int) -> Iterator[Row]:
     """A large mesh on two threads, twice."""
     domain = geometries.l_shape(nodes)
@@ -158,6 +197,8 @@ def report(options: argparse.Namespace) -> Iterator[Row]:
         yield from bounded(min(8000, min(sizes)), max(1, count // 4), options.seed)
     if "corner" in options.parts:
         yield from corner(12_000)
+    if "budget" in options.parts:
+        yield from budget(BUDGET)
     if "million" in options.parts:
         yield from million(MILLION if max(sizes) >= min(COSTS) else 20 * max(sizes))
 

@@ -73,7 +73,8 @@ def other_step(**more: Any) -> dict[str, Any]:
 
 
 NODES = em.Blocks.of(STEP).mesh.points.tolist()
-ON_STEP = {"block_nodes": {"nodes": NODES, "values": [x * y for x, y in NODES]}}
+AT_NODES = {"nodes": NODES, "values": [x * y for x, y in NODES]}
+ON_STEP = {"block_nodes": AT_NODES}
 UNEVEN = [{**STEP["blocks"][0], "cells": [6, 5]}, *STEP["blocks"][1:]]
 
 # By the part of the document with the mistake.
@@ -400,11 +401,28 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
         "few points": (on_step(grid={"points": 30}), "/grid/points", "the coarsest mesh of these blocks has 65 points"),
         "points and n_xi": (on_step(grid={"points": 99, "n_xi": 9}), "/grid/points", "give one of them"),
         "points and groups": (on_step(grid={"points": 99}, schwarz={}), "/grid/points", "leave the target out"),
-        "points of a round": (
-            on_step(grid={"points": 99}, monitor={"kind": "nodal_solution", "u": ON_STEP}),
-            "/grid/points",
-            "leave the target out",
+        "error of a round": (
+            on_step(target={"error": 1}, monitor={"kind": "nodal_solution", "u": ON_STEP}),
+            "/target/error",
+            "give max_points alone",
         ),
+        "points for a functional": (
+            on_step(grid={"points": 99}, monitor={"kind": "nodal_solution", "u": ON_STEP, "adjoint": ON_STEP}),
+            "/grid/points",
+            "leave points out",
+        ),
+        **{
+            f"cells {cells}": (
+                on_step(monitor={"kind": "nodal_solution", "u": {"block_nodes": {**AT_NODES, "block_cells": cells}}}),
+                "/monitor/u/block_nodes/block_cells",
+                words,
+            )
+            for cells, words in (
+                ([[6, 4]], "equal at common edges"),
+                ([[6, 4], [12, 5], [12, 4]], "equal at common edges"),
+                ([[60, 4], [12, 4], [12, 4]], "nodes, and there are"),
+            )
+        },
         "an error": (on_step(target={"error": 1e-3}), "/target/error", "give max_points alone"),
         "boundary": (on_step(boundary="orthogonal"), "/boundary", "slide"),
         "metric": (on_step(monitor={"kind": "curvature", "u": "x*y"}), "/monitor", "LeastError"),

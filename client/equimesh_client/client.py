@@ -179,9 +179,9 @@ class ClientOperations(ABC, Generic[M]):
     ) -> Adaptation[M]:
         """The mesh of ``n`` points a side, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.
 
-        ``points`` in place of ``n`` is the number of points of the whole grid, at most: once a round resolves the
-        solution, one more mesh is requested, whose grid has the best shape. On a domain of blocks, ``Blocks`` or
-        ``MeshFile``, both are left out: the mesh has the cells of the blocks. An ``ErrorIndicator`` is refused there.
+        ``points`` in place of ``n`` is the number of points of the whole mesh, at most: once a round resolves the
+        solution, the service chooses how many lie along xi and eta, on blocks along opposite edges. On a domain of
+        blocks ``n`` is left out: without ``points`` the mesh has their cells. An ``ErrorIndicator`` is refused there.
 
         ``solve(mesh)`` solves on a :class:`Mesh`, which has the methods ``to_skfem()``, ``to_dolfinx(comm)`` and so
         on, and returns one of these: values at the nodes, a field of a library with an adaptor, ``CellAverages``, or
@@ -220,7 +220,6 @@ class ClientOperations(ABC, Generic[M]):
         mesh = await self._generate(loop.first(), deadline, False)
         while True:
             try:
-                mesh = await self._in_shape(loop, mesh, deadline)
                 arrays = await mesh._fetched(deadline)
                 answered = loop.receive(arrays, await self._solved(solve, mesh, arrays))
                 request = loop.next(answered)
@@ -236,14 +235,6 @@ class ClientOperations(ABC, Generic[M]):
             if after is None or loop.is_done:
                 return loop.ended()
             mesh = after
-
-    async def _in_shape(self, loop: AdaptLoop[M], mesh: M, deadline: float) -> M:
-        """The next mesh of a loop: ``mesh``, or one on a grid of a better shape where that is looked for."""
-        request = loop.shape()
-        if request is None:
-            return mesh
-        found = await self._generate(request, deadline, False)
-        return found if loop.takes(await found._fetched(deadline)) else mesh
 
     @operation
     async def check(

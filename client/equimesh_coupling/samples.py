@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +23,9 @@ def pieces_of(u: object, box: Box = UNIT_BOX, n_samples: int = N_SAMPLES) -> dic
     ``u`` is a 2-D array or list of values on the uniform grid of the ``box``, first index along x; ``(x, y, values)``
     or a mapping with these keys: a rectilinear grid when ``values`` is 2-D, scattered points when all three are 1-D,
     the nodes of a mesh when all three are 2-D; scattered ``(points, values)`` or such a mapping; a mapping with
-    ``nodes`` of shape ``(n, 2)`` and ``values``, those of a mesh of blocks; or a callable ``u(x, y)``, called once with
-    arrays of shape ``(n_samples, n_samples)``.
+    ``nodes`` of shape ``(n, 2)`` and ``values``, those of a mesh of blocks, with ``block_cells`` of shape ``(b, 2)``
+    where it has other cells than the domain; or a callable ``u(x, y)``, called once with arrays of shape
+    ``(n_samples, n_samples)``.
 
     Raises :class:`~equimesh_coupling.errors.BadValues` when ``u`` is none of these, or has a value that is not finite.
     """
@@ -71,8 +72,11 @@ def _pieces(u: object, box: Box) -> dict[str, Array]:
             return _three(u["x"], u["y"], u["values"])
         if keys == {"points", "values"}:
             return _check_finite({"points": _array("points", u["points"]), "values": _array("values", u["values"])})
-        if keys == {"nodes", "values"}:
-            return _at_nodes(_array("nodes", u["nodes"]), _array("values", u["values"]))
+        if {"nodes", "values"} <= keys <= {"nodes", "values", "block_cells"}:
+            cells: dict[str, npt.NDArray[Any]] = {
+                name: _array(name, u[name]).astype(np.int64) for name in keys & {"block_cells"}
+            }
+            return _at_nodes(_array("nodes", u["nodes"]), _array("values", u["values"])) | cells
         raise BadValues(
             f"samples have the keys x, y, values, or points, values, or nodes, values; not {', '.join(map(str, u))}"
         )

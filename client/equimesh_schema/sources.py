@@ -1,12 +1,14 @@
 """Functions of x and y: expressions and samples."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, TypeAlias
 
 from equimesh_schema.document import (
+    LATER,
     CoreSchema,
     Document,
+    InJson,
     Limits,
     Numbers,
     Pair,
@@ -116,6 +118,10 @@ class ScatteredSource(SamplesSource):
     scattered: ScatteredValues
 
 
+Counts: TypeAlias = Annotated[Sequence[int], InJson(list[int]), Limits(min_length=2, max_length=2)]
+"""Two whole numbers."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class BlockNodes(Document):
     """u at the nodes of a mesh of the domain, which has blocks; in the order of the nodes of its meshes."""
@@ -124,6 +130,9 @@ class BlockNodes(Document):
     """[[x, y], …] of every node."""
     values: Numbers
     """u at each node."""
+    block_cells: Annotated[list[Counts] | None, LATER] = None
+    """Cells along i and j of each block, where that mesh has others than the domain; the next mesh of a solver keeps
+    them."""
 
 
 @dataclass(frozen=True, kw_only=True)

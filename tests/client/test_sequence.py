@@ -216,7 +216,7 @@ def test_a_loop_on_blocks_is_that_of_the_solver(url: str) -> None:
         np.testing.assert_allclose(mesh.points, in_process.mesh.points, atol=1e-13)
         with pytest.raises(BadValues, match="indicator"):
             client.adapt(lambda _: ErrorIndicator(np.ones(108)), domain=CORNER)
-        with pytest.raises(BadArgument, match="leave n and points out"):
+        with pytest.raises(BadArgument, match="leave n out for its own"):
             client.adapt(abs, 17, domain=CORNER)
         with pytest.raises(BadArgument, match="n is missing"):
             client.adapt(abs)

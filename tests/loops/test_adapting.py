@@ -16,6 +16,13 @@ Connect = Callable[..., Any]
 SECTOR = (em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0)), equimesh_client.AnnulusSector(angles=(0.0, 60.0)))
 
 
+CORNER = {"vertices": {"a": [0, 0], "b": [1, 0], "c": [2, 0], "d": [0, 1], "e": [1, 1], "f": [2, 1], "g": [0, 2],
+                       "h": [1, 2]},
+          "blocks": [{"corners": ["a", "b", "e", "d"], "cells": [9, 9]},
+                     {"corners": ["b", "c", "f", "e"], "cells": [9, None]},
+                     {"corners": ["d", "e", "h", "g"], "cells": [None, 9]}]}  # fmt: skip
+
+
 def front(mesh: Any) -> np.ndarray:
     """The nodal values of a solver that makes no error at the nodes."""
     return np.tanh(15.0 * (mesh.x + mesh.y / 2 - 0.75))
@@ -47,12 +54,20 @@ def test_the_loop_of_the_client_is_that_of_the_solver(connect: Connect, url: str
         assert one.numbers() == pytest.approx(other.numbers())
 
 
-def test_the_loop_of_the_client_finds_the_shape_of_the_grid(connect: Connect, url: str) -> None:
-    found = connect(url).adapt(lambda mesh: np.tanh(3.0 * mesh.x), points=200, rounds=2, norm="h1")
-    assert [one.start for one in found.rounds[:2]] == ["given", "shape"]
-    n_xi, n_eta = found.rounds[1].values.shape
-    assert n_xi * n_eta <= 200
-    assert n_xi > 3 * n_eta
+@pytest.mark.parametrize("blocks", [None, CORNER], ids=["grid", "blocks"])
+def test_the_loop_of_the_client_finds_the_counts_that_the_solver_finds(connect: Connect, url: str, blocks: Any) -> None:
+    def level(mesh: Any) -> np.ndarray:
+        return np.tanh(4.0 * (mesh.y - 0.3 - 0.1 * mesh.x))
+
+    options: dict[str, Any] = {"points": 256, "rounds": 3}
+    here = em.adapt(level, domain=em.Blocks.of(blocks) if blocks else em.Rectangle(), **options)
+    there = connect(url).adapt(level, domain=blocks and {"kind": "blocks", **blocks}, **options)
+    assert here.rounds[1].mesh.node_shape != here.rounds[0].mesh.node_shape
+    assert here.mesh.x.size <= 256
+    assert len(there.rounds) == len(here.rounds)
+    for one, other in zip(there.rounds, here.rounds, strict=True):
+        assert one.numbers() == pytest.approx(other.numbers())
+        np.testing.assert_allclose(x_of(one.mesh), other.mesh.x, rtol=0.0, atol=1e-7)
 
 
 def of_degree(degree: int, cells: Any = "quad") -> Callable[[Any], np.ndarray]:

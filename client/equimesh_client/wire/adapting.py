@@ -90,13 +90,11 @@ class AdaptLoop(Generic[M]):
     tolerance: float | None = None
     """The estimated error of the functional at which the loop ends."""
     points: int | None = None
-    """The most points of the whole grid, whose shape is found; None where ``n`` gives it."""
+    """The most points of the whole mesh, whose shape is found; None where ``n`` or the domain gives it."""
     is_settled: bool = False
-    """Whether the shape of the grid has been looked for, and is that of the current mesh."""
+    """Whether a round that resolves the solution has kept the shape of the mesh before."""
     first_resolved: object = None
     """The values of the first round that resolved the solution, as samples; None before."""
-    last: RoundAnswer | None = None
-    """The answer of the round that was added last."""
     done: list[AdaptRound[M]] = field(default_factory=list)
     moved_cells: float = 0.0
     """How far the nodes of the current mesh have moved."""
@@ -110,9 +108,10 @@ class AdaptLoop(Generic[M]):
             raise BadArgument(f"rounds = {self.rounds!r}: a whole number between 1 and {MAX_ROUNDS}")
         if self.n is None and self.points is None and not has_own_points(self.domain):
             raise BadArgument("n is missing: give the number of points a side, or points, those of the whole grid")
-        if (self.n is not None or self.points is not None) and has_own_points(self.domain):
+        if self.n is not None and has_own_points(self.domain):
             raise BadArgument(
-                "the blocks of a domain have numbers of cells of their own: leave n and points out, and refine them"
+                "a domain in blocks has no two directions of points: leave n out for its own numbers of cells, or give"
+                " points, those of the whole mesh"
             )
         if self.n is not None and self.points is not None:
             raise BadArgument("give either n, points a side, or points, those of the whole grid, whose shape is found")
@@ -140,9 +139,13 @@ class AdaptLoop(Generic[M]):
         return verdict_on(self.done, self.rounds, self.norm, self.tolerance).is_done
 
     def first(self) -> GenerateArguments:
-        """The request for the uniform mesh."""
-        side = None if self.points is None else math.isqrt(self.points)
-        return self._request("0", LeastError(), self.n if side is None else (side, side))
+        """The request for the uniform mesh, on blocks the initial one."""
+        if self.points is None:
+            return self._request("0", LeastError(), self.n)
+        if has_own_points(self.domain):
+            return self._request("0", LeastError(), None, points=self.points)
+        side = math.isqrt(self.points)
+        return self._request("0", LeastError(), (side, side))
 
     def receive(self, arrays: MeshArrays, returned: object) -> RoundAnswer:
         """What the solver has ``returned`` on the mesh with these ``arrays``.
@@ -163,8 +166,10 @@ class AdaptLoop(Generic[M]):
             nodes = element_points(arrays, degree, cells)
             x, y = (q.reshape(values.shape) for q in nodes.T)
 
+            shape = {} if self.points is None else {"block_cells": np.array(_shape(arrays))}
+
             def samples(of: Array) -> object:
-                return {"nodes": nodes, "values": of} if on_blocks else (x, y, of)
+                return {"nodes": nodes, "values": of, **shape} if on_blocks else (x, y, of)
 
             adjoint = None if dual is None else samples(dual.z)
             earlier = self.first_resolved if (self.norm, degree) == ("l2", 1) else None
@@ -179,30 +184,14 @@ class AdaptLoop(Generic[M]):
 
     def next(self, answered: RoundAnswer) -> GenerateArguments | None:
         """The request for the next mesh, whose certificate has the estimate; None where the indicator is zero."""
-        n = self.n if self.points is None else _shape(answered.arrays)
-        return None if answered.monitor is None else self._request(answered.u, answered.monitor, n, answered.cells)
-
-    def shape(self) -> GenerateArguments | None:
-        """The request for the mesh on the grid of the best shape, by the last round; None where that is not wanted.
-
-        It is looked for where the shape is not given, once the values resolve the solution, until it stays.
-        """
-        last = self.last
-        if self.points is None or self.is_settled or last is None or not isinstance(last.monitor, NodalSolution):
+        if answered.monitor is None:
             return None
-        unresolved = self.done[-1].unresolved
-        if unresolved is None or unresolved > MAX_UNRESOLVED_SHARE:
-            return None
-        request = self._request(last.u, LeastError(norm=self.norm, degree=last.monitor.degree), None, last.cells)
-        request.options["target"] = Target(norm=self.norm, max_points=self.points)
-        return request
-
-    def takes(self, arrays: MeshArrays) -> bool:
-        """Whether the mesh that :meth:`shape` requested has another shape than that of the last round: it is next."""
-        self.is_settled = self.last is None or _shape(arrays) == _shape(self.last.arrays)
-        if not self.is_settled:
-            self.start = "shape"
-        return not self.is_settled
+        if self.points is None:
+            return self._request(answered.u, answered.monitor, self.n, answered.cells)
+        if isinstance(answered.monitor, NodalSolution) and not self.is_settled:
+            return self._request(answered.u, answered.monitor, None, answered.cells, points=self.points)
+        n = None if answered.arrays.blocks else answered.arrays.x.shape
+        return self._request(answered.u, answered.monitor, n, answered.cells)
 
     def add(self, mesh: M, answered: RoundAnswer, certificate: Certificate | None, after: MeshArrays | None) -> None:
         """A round is done: ``certificate`` and ``after`` are those of the next mesh, None where there is none."""
@@ -221,7 +210,8 @@ class AdaptLoop(Generic[M]):
                 adjoint=None if answered.dual is None else answered.dual.z,
             )
         )
-        self.last = answered
+        if known is not None and after is not None and known.unresolved <= MAX_UNRESOLVED_SHARE:
+            self.is_settled = _shape(after) == _shape(answered.arrays)
         if self.first_resolved is None and first_resolved(self.done) is not None:
             self.first_resolved = answered.u
         if known is not None and certificate is not None:
@@ -244,18 +234,21 @@ class AdaptLoop(Generic[M]):
         self,
         u: object,
         monitor: LeastError | NodalSolution | Weight,
-        n: int | tuple[int, int] | None,
+        n: Any,
         cells: Cells = "quad",
+        *,
+        points: int | None = None,
     ) -> GenerateArguments:
-        options: MeshOptions = {**DEFAULTS, "monitor": monitor, "domain": self.domain}
+        target = None if points is None else Target(norm=self.norm, max_points=points)
+        options: MeshOptions = {**DEFAULTS, "monitor": monitor, "domain": self.domain, "target": target}
         n = DEFAULT_POINTS if n is None else n
         return GenerateArguments(u=u, n=n, options=options, cells=self.cells or cells)
 
 
-def _shape(arrays: MeshArrays) -> tuple[int, int]:
-    """The numbers of points along xi and eta."""
-    n_xi, n_eta = arrays.x.shape
-    return n_xi, n_eta
+def _shape(arrays: MeshArrays) -> list[list[int]]:
+    """The numbers of cells along both directions, of a grid or of every block."""
+    shapes = [block.shape for block in arrays.blocks.values()] or [arrays.x.shape]
+    return [[n - 1 for n in shape] for shape in shapes]
 
 
 def _chosen(certificate: Certificate) -> str:

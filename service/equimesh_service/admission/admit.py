@@ -195,6 +195,9 @@ class Admission:
             spec = spec.with_samples(UPLOAD, row.id)
         elif built is None:
             built = self._check(spec, rows, files)
+        if nodes is not None and built is not None and built.target is None:
+            nodes = built.problem.points  # a round has those of its values
+            self._check_nodes(nodes, "/monitor/u", "solve on a coarser mesh")
         for name, path in files.items():
             row = self._keep(path, short.summaries[name], caller, durable=False)[0]
             rows[row.id] = row
@@ -361,13 +364,16 @@ class Admission:
 
     def _count_nodes(self, checked: CheckedSpec, rows: Mapping[str, SamplesRow]) -> int:
         """The number of points of a mesh of blocks, at most; raises a 422 problem where there are too many."""
-        most = self.settings.max_points
         place, nodes, remedy = count_points(checked, rows)
+        self._check_nodes(nodes, place, remedy)
+        target = checked.spec.target
+        return nodes if target is None or target.max_points is None else target.max_points
+
+    def _check_nodes(self, nodes: int, place: str, remedy: str) -> None:
+        most = self.settings.max_points
         if nodes > most:
             message = f"the mesh has {nodes} points; {self._product} has at most {most}: {remedy}{self._way_to_more}"
             raise problem_at(place, message)
-        target = checked.spec.target
-        return nodes if target is None or target.max_points is None else target.max_points
 
     @property
     def _product(self) -> str:

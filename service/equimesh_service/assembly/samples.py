@@ -115,7 +115,7 @@ def canonical_arrays(arrays: dict[str, Any]) -> dict[str, Any]:
     """The arrays as floats of the right dimensions."""
     if "nodes" in arrays:
         found = block_nodes(**arrays)
-        return {"nodes": found.nodes, "values": found.values}
+        return {name: array for name, array in vars(found).items() if array is not None}
     if "points" not in arrays:
         ndim = 2 if is_nodal(arrays) else 1
         axes: dict[str, Any] = {

@@ -520,11 +520,12 @@ def _write(
     if step is not None:
         result["step"] = moves_of(step)
     stopwatch.lap("quality")
-    return result if work.spec.target is None else {**result, **_chosen(solution)}
+    is_round = not solution.mesh.is_grid and isinstance(solution.problem.monitor, equimesh.NodalSolution)
+    return {**result, **_chosen(solution)} if is_round or work.spec.target is not None else result
 
 
 def _chosen(solution: AnySolution) -> dict[str, Any]:
-    """The points of the mesh of a target; of blocks in one row, with the cells of each block."""
+    """The points of a mesh whose document does not tell them; of blocks in one row, with the cells of each block."""
     mesh = solution.mesh
     if mesh.is_grid:
         return {"grid": [*mesh.grid.shape]}

@@ -29,7 +29,7 @@ from equimesh.rounds.estimate import EarlierValues, ErrorEstimate
 from equimesh.rounds.next_mesh import KEPT, moved_cells
 from equimesh.rounds.recovery import on_domain
 from equimesh.rounds.round import next_mesh
-from equimesh.rounds.shape import ShapeSearch, counts_within, require_budget, with_counts
+from equimesh.rounds.shape import ShapeSearch, counts_within, with_counts
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
 from equimesh_coupling.adaptation import (
@@ -303,8 +303,8 @@ def adapt(
     _check_observer(observe)
     of, shape = domain if is_blocks else given, None
     if points is not None:
-        of = with_counts(domain, counts_within(require_budget(points, domain), domain))
-        shape = ShapeSearch(points=points, domain=of if isinstance(of, Blocks) else domain)
+        shape = ShapeSearch.within(points, domain)
+        of = shape.domain if is_blocks else with_counts(domain, counts_within(points, domain))
     first: Any = {"domain": of} if isinstance(of, Blocks) else {"domain": domain, "grid": of}
     by = Rounds(**first, shape=shape, norm=norm, degree=degree, cells=cells, goal=goal, threads=threads)
     return _loop(solve, by, rounds, tolerance, observe)

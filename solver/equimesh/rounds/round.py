@@ -28,7 +28,7 @@ from equimesh.rounds.estimate import EarlierValues, ErrorEstimate
 from equimesh.rounds.next_mesh import KEPT, NextMesh, Round, moved_cells
 from equimesh.rounds.norms import measured
 from equimesh.rounds.recovery import Recovery, on_domain
-from equimesh.rounds.shape import on_grid
+from equimesh.rounds.shape import ShapeSearch, on_grid
 
 # The candidates for the next mesh of a domain in blocks.
 
@@ -170,6 +170,10 @@ def _best_of_grid(known: Recovery, norm: Norm, threads: int, grid: Grid, of_solv
     )
 
 
+NO_SHAPE_OF_GOALS = "counts are chosen for a norm of the error, not for that of a functional: leave points out"
+"""Why a number of points is refused with an adjoint."""
+
+
 def _are_of_a_mesh(earlier: object, mesh: Mesh) -> bool:
     """Whether they are finite values at the nodes of a mesh of the same kind that is not folded."""
     if not isinstance(earlier, EarlierValues) or earlier.mesh.is_grid != mesh.is_grid or earlier.mesh.is_folded:
@@ -190,6 +194,7 @@ def adapt_round(
     adjoint: npt.ArrayLike | None = None,
     earlier: EarlierValues | None = None,
     cells: CellKind = "quad",
+    points: int | None = None,
 ) -> Round:
     """The next mesh for a solution that is known by ``values`` at the nodes of elements of a ``degree`` on ``mesh``.
 
@@ -206,7 +211,8 @@ def adapt_round(
     interpolant. Values of an ``earlier`` solve, on another mesh that resolved u, tell another equation: where they are
     nearer to the u of now than to its projection, the interpolant counts alone, in the estimate, too. With the values
     of an ``adjoint`` at the same nodes, of degree 1, the error is that of its functional: the sum over the cells of the
-    products of both errors of the gradient.
+    products of both errors of the gradient. With ``points`` the mesh has at most so many, and, once the values resolve
+    u, the counts of cells along xi and eta, on blocks along classes of edges, that a coarse mesh of least error needs.
 
     A pure function: equal arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 110 to 140
     microseconds of processor time a point of a rectangle.
@@ -221,7 +227,10 @@ def adapt_round(
         raise InputError(NOT_EARLIER, field="earlier")
     threads = thread_count(threads)
     known = ErrorEstimate.of(mesh, values, domain, threads, require_degree(degree, cells), adjoint, earlier, cells)
-    found = next_mesh(known, norm if adjoint is None else "h1", threads)
+    if points is not None and adjoint is not None:
+        raise InputError(NO_SHAPE_OF_GOALS, field="points")
+    of = None if points is None else ShapeSearch.within(points, domain).next(known, norm, threads)
+    found = next_mesh(known, norm if adjoint is None else "h1", threads, of)
     return Round(
         mesh=mesh if found.reference is known.recovery.mesh else on_domain(found.reference, domain),
         reference=found.reference,

@@ -292,15 +292,29 @@ class ShapeSearch:
     is_settled: bool = False
     """Whether a round has kept the counts of the one before."""
 
+    @classmethod
+    def within(cls, points: object, domain: Domain | Blocks) -> ShapeSearch:
+        """The search that begins with the counts of :func:`counts_within`; raises as :func:`require_budget`."""
+        most = require_budget(points, domain)
+        first = with_counts(domain, counts_within(most, domain))
+        return cls(points=most, domain=first if isinstance(first, Blocks) else domain)
+
     def next(self, known: ErrorEstimate, norm: Norm, threads: int) -> Grid | Blocks:
         """The grid of the next round, or the blocks with their counts."""
         recovery = known.recovery
         before = counts_of(recovery.mesh, self.domain)
         if self.is_settled or known.is_exact or known.unresolved > MAX_UNRESOLVED_SHARE:
-            return with_counts(self.domain, before)
+            return with_counts(self.domain, self._within(before))
         found = best_counts(recovery.u, self.domain, self.points, norm, recovery.mesh, threads)
         self.is_settled = np.array_equal(found, before)
-        return with_counts(self.domain, found)
+        return with_counts(self.domain, self._within(found))
+
+    def _within(self, counts: IntArray) -> IntArray:
+        """The counts, or fewer in proportion where values came on a mesh of more points."""
+        layout = layout_of(self.domain)
+        if layout.with_counts(counts).node_count <= self.points:
+            return counts
+        return layout.within(self.points, counts.astype(float), least_counts(layout))
 
 
 def on_grid(mesh: Mesh, grid: Grid) -> Mesh:

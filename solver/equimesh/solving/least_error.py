@@ -204,10 +204,11 @@ def comparison_share(levels: Sequence[Level], count: int = len(LEAST_ERROR_SETTI
 NOT_BETTER = "No other mesh is better for these values: this is the mesh that they were given on."
 
 
-def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
+def solve_round(problem: Problem[Any], threads: int, points: int | None = None) -> AnySolution:
     """The solution with the next mesh, and with the estimated error of the values on their own mesh.
 
-    Raises :class:`~equimesh.errors.InputError` where the grid, or the cells of blocks, are not those of the values.
+    With ``points`` it is one of at most so many, whose counts are chosen: those of its problem. Raises
+    :class:`~equimesh.errors.InputError` where the grid, or the cells of blocks, are not those of the values.
     """
     monitor = problem.monitor
     if not isinstance(monitor, NodalSolution):
@@ -227,9 +228,10 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
         adjoint=monitor.dual,
         earlier=EarlierValues(before.mesh, before.values) if isinstance(before, NodalField | QuadField) else None,
         cells=monitor.cells,
+        points=points,
     )
     return Solution(
-        problem=problem,
+        problem=problem if points is None else _with_points_of(problem, monitor, found),
         mesh=found.mesh,
         reference=found.reference,
         status=status_unless_folded(Status.COMPLETED, folded=found.mesh.is_folded),
@@ -238,6 +240,14 @@ def solve_round(problem: Problem[Any], threads: int) -> AnySolution:
         estimate=_estimate(found),
         threads=threads,
     )
+
+
+def _with_points_of(problem: Problem[Any], monitor: NodalSolution, found: Round) -> Problem[Any]:
+    """The problem of the points that a round has chosen; on other cells of blocks its monitor has the recovered u."""
+    if found.mesh.is_grid:
+        return replace(problem, grid=found.mesh.grid)
+    domain = problem.domain.with_counts_of(found.mesh)
+    return problem if domain is problem.domain else Problem(monitor=monitor.least_error, domain=domain)
 
 
 def _estimate(found: Round) -> Estimate:

@@ -92,15 +92,7 @@ def solve(
     _check_arguments(problem, schwarz)
     arguments = complete_arguments(options)
     given: dict[str, Any] = {name: arguments[name] for name in ("mode", "allow_relaxed") if name in options}
-    checked = SolveOptions(threads=thread_count(arguments["threads"]), observer=Announcer.of(arguments["observe"]))
-    method = method_of(problem, schwarz, **given)
-    start = checked_start(problem, arguments["initial"])
-    method.require(problem, start)
-    with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
-        solution = method.solve(problem, start, checked)
-    if arguments["check"] and not solution.status.succeeded:
-        raise SolveError(solution.message, solution)
-    return solution
+    return solve_by(method_of(problem, schwarz, **given), problem, arguments)
 
 
 # Methods: how meshes are made. Each has its own settings, and refuses what it cannot do before any work.
@@ -138,6 +130,18 @@ def method_of(problem: Problem[Any], schwarz: Schwarz | None = None, **settings:
         return Best(minimise=MinimiseError(schwarz=schwarz))
     equidistribute = Equidistribute(schwarz=schwarz, **settings)
     return Best(equidistribute=equidistribute) if isinstance(monitor, Auto) else equidistribute
+
+
+def solve_by(method: Method, problem: Problem[Any], arguments: SolveArguments) -> AnySolution:
+    """The mesh of ``problem`` by a ``method``, as :func:`solve`, with all of its arguments."""
+    checked = SolveOptions(threads=thread_count(arguments["threads"]), observer=Announcer.of(arguments["observe"]))
+    start = checked_start(problem, arguments["initial"])
+    method.require(problem, start)
+    with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
+        solution = method.solve(problem, start, checked)
+    if arguments["check"] and not solution.status.succeeded:
+        raise SolveError(solution.message, solution)
+    return solution
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,6 +243,9 @@ class MinimiseError:
 class Round:
     """The next mesh for the values of a solver, or their least-error mesh where the angles of that have a bound."""
 
+    points: int | None = None
+    """The most points of the mesh, whose counts are then chosen; ``None`` for those of the mesh of the values."""
+
     def require(self, problem: Problem[Any], initial: AnyStart) -> None:  # noqa: ARG002
         """Refuse a bound of angles that no mesh of the grid can have."""
         if not in_blocks(problem):
@@ -250,7 +257,7 @@ class Round:
         def again(weaker: Problem[Any], _: Corners | None) -> AnySolution:
             return solve_least_error(weaker, Initial.NESTED, options.part(None, doing="for smaller angles"))
 
-        return bounded_round(solve_round(problem, options.threads), again)
+        return bounded_round(solve_round(problem, options.threads, self.points), again)
 
 
 METRICS_ONLY = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Unpack
+from typing import Any, Literal, Unpack, cast
 
 import numpy as np
 
@@ -14,13 +14,13 @@ from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.problem import Boundary, Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.monitor import Monitor
 from equimesh.rounds.shape import best_counts, counts_within, proportions, require_budget, with_counts
 from equimesh.solving.solution import Solution, degree_of
-from equimesh.solving.solve import solve
-from equimesh.solving.status import Announcer, SolveArguments
+from equimesh.solving.solve import Round, solve, solve_by
+from equimesh.solving.status import Announcer, SolveArguments, complete_arguments
 from equimesh_schema import Aim
 from equimesh_schema.document import is_number, is_whole
 
@@ -42,6 +42,8 @@ MAX_CORRECTIONS = 2
 """Solves, at most, after the one on the predicted grid."""
 NO_U = "a target is an error of interpolating u, and this monitor has no u: give it one"
 """The reason why a target is refused for a monitor without u."""
+NO_ERROR_OF_A_ROUND = "the error of the next mesh is known once your solver has solved on it: give max_points alone"
+"""The reason why an error is refused for values of a solver."""
 NO_GRID = "the grid for an error is found on domains with four sides: give max_points alone, or refine the blocks"
 """The reason why a target is refused on blocks."""
 
@@ -111,7 +113,8 @@ def solve_to(
     the spacing in H1. The mesh on the predicted grid is solved and measured. Where its error is too large, or far
     smaller than requested, the grid is corrected, at most twice. ``target`` of the certificate has the numbers. Without
     an error the shape of the grid is found on coarse grids; the mesh is no worse than that on the largest grid in the
-    proportions of the domain. So it is on blocks, by their counts; ``began`` is not called.
+    proportions of the domain. So it is on blocks, by their counts; ``began`` is not called. With values of a solver it
+    is :func:`~equimesh.rounds.round.adapt_round` with so many points.
 
     ``began`` is called with every grid before it is solved. ``options`` are those of
     :func:`~equimesh.solving.solve.solve`; the start is no mesh. Raises what that raises, and
@@ -120,6 +123,8 @@ def solve_to(
     """
     if isinstance(options.get("initial"), Mesh):
         raise InputError("a target chooses the grid, so that there is no mesh to start from", field="initial")
+    if isinstance(monitor, NodalSolution):
+        return _round_within(target, monitor, domain, options)
     if isinstance(domain, Blocks):
         return _least_on_blocks(target, monitor, domain, options)
     search = _Search(target, _problem(target, monitor, domain, boundary), began, options, _Work.of(options))
@@ -285,6 +290,17 @@ class _Search:
         return replace(solution, detours=(*solution.detours, missed))
 
 
+def _round_within(target: Target, monitor: NodalSolution, domain: Domain | Blocks, options: SolveArguments) -> Solution:
+    """The next mesh for the values of a solver, of as many points at most as the target has."""
+    if target.error is not None:
+        raise InputError(NO_ERROR_OF_A_ROUND, field="target.error")
+    if isinstance(domain, Blocks):
+        problem: Problem[Any] = Problem(monitor=monitor, domain=domain)
+    else:
+        problem = Problem(monitor=monitor, grid=monitor.mesh_on(domain).grid, domain=domain)
+    return cast("Solution", solve_by(Round(points=target.most), problem, complete_arguments(options)))
+
+
 def _least_on_blocks(target: Target, monitor: Monitor, domain: Blocks, options: SolveArguments) -> Solution:
     """The solution with the least error on so many points: with the counts in proportion, or with those found."""
     if monitor.u is None:
@@ -303,7 +319,7 @@ def _least_on_blocks(target: Target, monitor: Monitor, domain: Blocks, options: 
         return math.inf if errors is None else {"l2": errors.l2, "h1": errors.h1}[target.norm], found
 
     before, first = on(usual, 1)
-    if not first.status.succeeded:
+    if before == 0.0 or not first.status.succeeded:
         return first
     of: Any = usual
     u: Any = monitor.on(of).u

@@ -24,7 +24,16 @@ from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.tensor import Intersection, Tensor, Weight
 from equimesh.specs.document import Makers, Reading, text, within
-from equimesh.upload.samples import MAX_BYTES, NEEDS_BLOCKS, BlockNodes, block_nodes, nodal_samples, read_samples
+from equimesh.upload.samples import (
+    MAX_BYTES,
+    NEEDS_BLOCKS,
+    OF_BLOCKS,
+    BlockNodes,
+    block_nodes,
+    nodal_samples,
+    read_samples,
+    with_cells,
+)
 from equimesh_schema import monitors as monitors_schema
 from equimesh_schema import sources as sources_schema
 from equimesh_schema.sources import SOURCES
@@ -35,6 +44,7 @@ FindSamples: TypeAlias = Callable[[str, Box], Field]
 """The function whose samples have a name, on a box that they must cover."""
 CHUNKED = (".zarr", *HDF5_SUFFIXES)
 """Suffixes of samples that are read part by part."""
+NODAL_SOLUTION = monitors_schema.NodalSolution.kind
 ONE_KEY = [made for made in sources_schema.SOURCES.documents.values() if issubclass(made, sources_schema.SamplesSource)]
 """Documents whose one key has the samples."""
 
@@ -66,8 +76,8 @@ def build_field(document: object, domain: Domain | Blocks, find_samples: FindSam
         with within("samples"):
             return _on(find_samples(name, domain.box), domain)
 
-    def on_blocks(*, nodes: object, values: object) -> Field:
-        return _on(block_nodes(nodes=nodes, values=values), domain)
+    def on_blocks(**given: object) -> Field:
+        return _on(block_nodes(**given), domain)
 
     makers: Makers = {
         sources_schema.ExpressionSource: _expression(domain),
@@ -89,6 +99,22 @@ def _on(field: Field, domain: Domain | Blocks) -> Field:
     if not isinstance(domain, Blocks):
         raise SamplesError(NEEDS_BLOCKS)
     return field.on(domain)
+
+
+def counted(blocks: Blocks, document: object, find_samples: FindSamples) -> Blocks:
+    """The blocks with the cells of the mesh that values of a solver are on, where the monitor is of such values."""
+    u = document.get("u") if isinstance(document, Mapping) and document.get("kind") == NODAL_SOLUTION else None
+    if not isinstance(u, Mapping):
+        return blocks
+    given: Any = u.get("block_nodes")
+    if isinstance(u.get("samples"), str):
+        with within("monitor.u.samples"):
+            given = find_samples(u["samples"], blocks.box)
+        given = vars(given) if isinstance(given, BlockNodes) else None
+    if not isinstance(given, Mapping) or given.get(OF_BLOCKS) is None or not hasattr(given.get("nodes"), "__len__"):
+        return blocks
+    with within("monitor.u" if "samples" in u else "monitor.u.block_nodes"):
+        return with_cells(blocks, given[OF_BLOCKS], len(given["nodes"]))
 
 
 def no_samples(name: str, box: Box) -> Field:  # noqa: ARG001 - a FindSamples

@@ -21,8 +21,9 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.io.write import CELLS, Cells
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.monitors.least_error import NO_OTHER_GRID, LeastError, NodalSolution
+from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.monitors.monitor import require_lines
+from equimesh.rounds.round import NO_SHAPE_OF_GOALS
 from equimesh.rounds.shape import require_budget
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
 from equimesh.schwarz.decomposition import Decomposition
@@ -31,9 +32,9 @@ from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import AnySolution
 from equimesh.solving.solve import NO_DEGREE, NO_ROUNDS, NO_STRAIGHT_LINES, count_subdomains, solve
 from equimesh.solving.status import Initial, SolveArguments
-from equimesh.solving.target import NO_GRID, NO_U, Target, solve_to
+from equimesh.solving.target import NO_ERROR_OF_A_ROUND, NO_GRID, NO_U, Target, solve_to
 from equimesh.specs.document import Makers, Reading, mapping, several, text, whole, within
-from equimesh.specs.monitors import FindSamples, build_monitor, no_samples, samples_in
+from equimesh.specs.monitors import FindSamples, build_monitor, counted, no_samples, samples_in
 from equimesh_schema import domains as domains_schema
 from equimesh_schema import mesh as mesh_schema
 from equimesh_schema import schwarz as schwarz_schema
@@ -323,9 +324,15 @@ def build(
         require_lines(monitor)
     if parts.target is not None and monitor.u is None:
         raise InputError(NO_U, field="target")
-    if isinstance(monitor, NodalSolution):
-        _check_round(parts, monitor, schwarz)
     grid = parts.grid or (usual_grid() if parts.target is None else parts.target.grid(parts.domain))
+    if isinstance(monitor, NodalSolution):
+        if schwarz is not None:
+            raise InputError(NO_ROUNDS, field="schwarz")
+        if parts.target is None:
+            monitor.require_grid(grid)
+        else:
+            _check_target_of_a_round(parts.target, monitor)
+            grid = monitor.mesh_on(parts.domain).grid
     problem = Problem(monitor=monitor, grid=grid, boundary=parts.boundary, domain=parts.domain)
     return BuiltSpec(problem=problem, schwarz=schwarz, target=parts.target, **parts.options)
 
@@ -340,6 +347,7 @@ def _on_blocks(parts: _Parts, blocks: Blocks, schwarz: Schwarz | None, find_samp
     for name, is_given in given.items():
         if is_given:
             raise InputError(NOT_WITH_BLOCKS[name], field=name)
+    blocks = counted(blocks, parts.monitor, find_samples)
     monitor: Any = build_monitor(parts.monitor, blocks, find_samples, cells=parts.options["cells"])
     problem = Problem(monitor=monitor, domain=blocks)
     if schwarz is not None:
@@ -356,18 +364,17 @@ def _check_budget(target: Target, problem: Problem[Any], schwarz: Schwarz | None
     if schwarz is not None:
         raise InputError("subdomains are groups of blocks whose cells are known: leave the target out", field="target")
     if isinstance(problem.monitor, NodalSolution):
-        raise InputError(f"{NO_OTHER_GRID}: leave the target out", field="target")
+        _check_target_of_a_round(target, problem.monitor)
     with within("target"):
         require_budget(target.max_points, problem.domain, "max_points")
 
 
-def _check_round(parts: _Parts, monitor: NodalSolution, schwarz: Schwarz | None) -> None:
-    """Refuse what the next mesh of a solver cannot have: a target, subdomains, another grid than that of the values."""
-    if parts.target is not None:
-        raise InputError(f"{NO_OTHER_GRID}: leave the target out", field="target")
-    if schwarz is not None:
-        raise InputError(NO_ROUNDS, field="schwarz")
-    monitor.require_grid(parts.grid or usual_grid())
+def _check_target_of_a_round(target: Target, monitor: NodalSolution) -> None:
+    """Refuse what cannot choose the points of the next mesh of a solver."""
+    if target.error is not None:
+        raise InputError(NO_ERROR_OF_A_ROUND, field="target.error")
+    if monitor.adjoint is not None:
+        raise InputError(NO_SHAPE_OF_GOALS, field="target")
 
 
 def load(path: str | os.PathLike[str]) -> BuiltSpec:

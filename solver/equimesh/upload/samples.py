@@ -27,7 +27,7 @@ from equimesh.inputs import real_array
 from equimesh.io.reading.bounds import open_zip
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.second_order import ValueDegree, lattice_of, nodes_of_elements
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
 from equimesh.upload.columns import MATRIX, MAX_COLUMNS, Limits, choose, header_columns, numbered_columns
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
 
@@ -74,10 +74,14 @@ NEEDS_BLOCKS = "these are values at the nodes of a mesh of blocks: give the doma
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockNodes:
-    """``values``, shape ``(n,)``, at the ``nodes``, shape ``(n, 2)``, of a mesh of blocks that is not known yet."""
+    """``values``, shape ``(n,)``, at the ``nodes``, shape ``(n, 2)``, of a mesh of blocks that is not known yet.
+
+    ``block_cells`` are its numbers of cells along i and j of each block, shape ``(b, 2)``; ``None``: as in the domain.
+    """
 
     nodes: Array
     values: Array
+    block_cells: IntArray | None = None
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:  # noqa: ARG002 - a Field
         """Raises :class:`~equimesh.errors.SamplesError`: between nodes only cells tell the values."""
@@ -89,6 +93,8 @@ class BlockNodes:
         Raises :class:`~equimesh.errors.SamplesError` for the nodes of another domain, and
         :class:`~equimesh.errors.InputError` where they make a folded mesh.
         """
+        if self.block_cells is not None:
+            blocks = with_cells(blocks, self.block_cells, len(self.nodes))
         counts = {degree: nodes_of_elements(blocks.mesh, degree)[0] for degree in get_args(ValueDegree)}
         degree = next((degree for degree, count in counts.items() if count == len(self.nodes)), None)
         if degree is None:
@@ -111,8 +117,27 @@ class BlockNodes:
             raise
 
 
-def block_nodes(*, nodes: Any, values: Any) -> BlockNodes:
-    """Checked values at the nodes of a mesh of blocks.
+def with_cells(blocks: Blocks, block_cells: Any, most: int) -> Blocks:
+    """The blocks with these numbers of cells along i and j of each, shape ``(b, 2)``, and at most so many nodes.
+
+    Raises :class:`~equimesh.errors.SamplesError` for others than the blocks can have.
+    """
+    wanted = np.asarray(block_cells)
+    fits = wanted.shape == (blocks.layout.block_count, 2) and wanted.dtype.kind in "iuf" and bool((wanted >= 1).all())
+    counts = blocks.layout.counts_of([(i + 1, j + 1) for i, j in wanted]) if fits else None
+    if counts is None or not np.array_equal(np.floor(wanted), wanted):
+        raise SamplesError(
+            f"block_cells are two whole numbers for each of {blocks.layout.block_count} blocks, along i and along j,"
+            " equal at common edges: send those of the mesh of the values",
+            field="block_cells",
+        )
+    if (needed := blocks.layout.with_counts(counts).node_count) > most:
+        raise SamplesError(f"a mesh of these cells has {needed} nodes, and there are {most}", field="block_cells")
+    return blocks if np.array_equal(counts, blocks.layout.counts) else blocks.with_counts(counts)
+
+
+def block_nodes(*, nodes: Any, values: Any, block_cells: Any = None) -> BlockNodes:
+    """Checked values at the nodes of a mesh of blocks, which has the cells of the domain unless they are given.
 
     Raises :class:`~equimesh.errors.SamplesError` for other shapes and for numbers that are not finite.
     """
@@ -122,12 +147,15 @@ def block_nodes(*, nodes: Any, values: Any) -> BlockNodes:
             f"nodes have the shape {points.shape} and values {found.shape}: give a row x, y and a value for each node",
             field="values",
         )
-    return BlockNodes(nodes=points, values=found)
+    cells = None if block_cells is None else np.asarray(block_cells)
+    return BlockNodes(nodes=points, values=found, block_cells=cells)
 
 
 Samples: TypeAlias = GridSamples | ScatteredSamples | NodalField | BlockNodes
 
 MAX_BYTES: Final = 256 * 2**20
+OF_BLOCKS = "block_cells"
+"""The key of the cells of each block, of a mesh with other cells than the domain."""
 PLACES = (("x", "y"), ("points",), ("nodes",))
 """The keys of the places of a grid or of columns, of scattered samples, and of a mesh of blocks."""
 NPY_TYPES: Final = {
@@ -160,8 +188,8 @@ def read_samples(
 
     ========= ==========================================================================================
     npz       arrays ``x``, ``y``, ``values`` (grid; scattered where all are 1-D; nodes of a mesh where all are 2-D) or
-              ``points``, ``values``; ``nodes``, ``values`` at the nodes of a mesh of blocks, in its order; ``u`` may
-              take the place of ``values``
+              ``points``, ``values``; ``nodes``, ``values`` at the nodes of a mesh of blocks, in its order, with
+              ``block_cells`` ``(b, 2)`` where it has others than the domain; ``u`` may take the place of ``values``
     npy       ``values`` alone, 2-D: u on the uniform grid of the box, first index along x
     csv, txt  rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
     json      ``{"grid": {...}}``, ``nodal``, ``scattered`` or ``block_nodes`` with the keys of the npz, or these alone
@@ -447,11 +475,12 @@ def _from_points(points: Array, values: Array) -> dict[str, Any]:
 def _choose(found: list[str], column: str | None) -> dict[str, str]:
     """The keys to read, by the names of :func:`read_arrays`."""
     for places in PLACES:
-        others = [key for key in found if key not in places]
+        others = [key for key in found if key not in places and key != OF_BLOCKS]
         if not set(places) <= set(found) or not others:
             continue
         u = "values" if "values" in others and column is None else choose(others, column, places, "array")
-        return {**{key: key for key in places}, "values": u}
+        counts = {OF_BLOCKS: OF_BLOCKS} if places == ("nodes",) and OF_BLOCKS in found else {}
+        return {**{key: key for key in places}, "values": u, **counts}
     raise SamplesError(f"the file holds {', '.join(map(repr, sorted(found)[:10])) or 'nothing'}: {NEEDED}")
 
 

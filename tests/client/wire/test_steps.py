@@ -213,29 +213,38 @@ def loop(**changed: Any) -> AdaptLoop[str]:
     return AdaptLoop(**{"solve": len, "n": (4, 3), "domain": None, "rounds": 5, "norm": "l2", **changed})
 
 
-def test_the_shape_of_the_grid_is_looked_for_once_the_solution_is_resolved_and_until_it_stays() -> None:
+def test_the_service_chooses_the_shape_until_a_round_that_resolves_the_solution_keeps_it() -> None:
     one, mesh = loop(n=None, points=30, norm="h1"), arrays()
     assert one.first().n == (5, 5)
-    assert one.shape() is None
+    answered, other = one.receive(mesh, mesh.x), replace(mesh, x=np.zeros((6, 5)))
+
+    def spec() -> dict[str, Any]:
+        request = one.next(answered)
+        assert request is not None
+        found: dict[str, Any] = request.request(((0, 3), (0, 2))).spec
+        return found
+
+    for l2, after in ((2.0, mesh), (1.0, other), (1.0, mesh)):  # at first 20 % are not resolved
+        assert spec()["target"] == {"norm": "h1", "error": None, "max_points": 30}
+        assert "grid" not in spec()
+        one.add("a round", answered, certificate(l2), after)
+    assert spec()["grid"] == {"n_xi": 4, "n_eta": 3}
+    assert "target" not in spec()
+
+
+def test_the_cells_of_blocks_go_with_their_values_where_they_are_chosen() -> None:
+    square = {"kind": "blocks", "vertices": {}, "blocks": []}
+    mesh = replace(arrays(), x=np.arange(6.0), y=np.arange(6.0) ** 2, blocks={"one": np.arange(6).reshape(3, 2)})
+    one = loop(n=None, points=30, domain=square)
+    assert one.first().request(None).spec["target"]["max_points"] == 30
     answered = one.receive(mesh, mesh.x)
-    request = one.next(answered)
-    assert request is not None
-    assert request.n == (4, 3)
-    one.add("first", answered, certificate(2.0), mesh)
-    assert one.shape() is None  # 20 % are not resolved
-    one.add("second", answered, certificate(1.0), mesh)
-    shaped = one.shape()
-    assert shaped is not None
-    spec = shaped.request(((0, 3), (0, 2))).spec
-    assert spec["target"] == {"norm": "h1", "error": None, "max_points": 30}
-    assert "grid" not in spec
-    assert (spec["monitor"]["kind"], spec["monitor"]["norm"]) == ("least_error", "h1")
-    other = replace(mesh, x=np.zeros((6, 5)))
-    assert one.takes(other)
-    assert one.start == "shape"
-    assert one.shape() is not None
-    assert not one.takes(mesh)
-    assert one.shape() is None
+    for is_settled in (False, True):
+        one.is_settled = is_settled
+        request = one.next(answered)
+        assert request is not None
+        spec = request.request(None).spec
+        assert spec["monitor"]["u"]["block_nodes"]["block_cells"] == [[2, 1]]
+        assert ("target" in spec, "grid" in spec) == (not is_settled, False)
 
 
 def test_values_at_nodes_are_sent_with_their_nodes_and_the_certificate_is_taken_over() -> None:

@@ -98,7 +98,7 @@ def test_the_next_mesh_of_a_solver(http: httpx.Client, domain: str) -> None:
     ("changed", "pointer"),
     [
         ({"grid": {"n_xi": 9, "n_eta": 9}}, "/grid"),
-        ({"grid": None, "target": {"error": 0.1}}, "/target"),
+        ({"grid": None, "target": {"error": 0.1}}, "/target/error"),
         ({"schwarz": {"subdomains": [2, 1]}}, "/schwarz"),
         ({"monitor": {"kind": "nodal_solution", "u": "x"}}, "/monitor/u"),
     ],

@@ -121,3 +121,18 @@ def test_values_on_another_mesh_are_refused() -> None:
     monitor = em.NodalSolution(u=em.QuadField(mesh=finer, values=finer.x))
     with pytest.raises(em.InputError, match="other cells than the domain"):
         em.solve(em.Problem(monitor=monitor, domain=TWO_SQUARES))
+
+
+def test_a_round_chooses_the_counts_of_at_most_so_many_points() -> None:
+    mesh = DOMAIN.mesh
+    values = np.tanh(5.0 * (mesh.y - 0.3))
+    found = em.adapt_round(mesh, values, DOMAIN, points=400)
+    _, left, _ = (block.shape for block in found.mesh.blocks)
+    assert left[1] > 4 * left[0]  # the front is level
+    assert 300 < found.mesh.x.size <= 400
+    assert not found.mesh.is_folded
+    sharp = em.adapt_round(mesh, np.tanh(60.0 * (mesh.y - 0.3)), DOMAIN, points=200)
+    assert sharp.unresolved > 0.2
+    assert 150 < sharp.mesh.x.size <= 200  # in proportion, until the values resolve u
+    with pytest.raises(em.InputError, match="leave points out"):
+        em.adapt_round(mesh, values, DOMAIN, points=400, adjoint=values)

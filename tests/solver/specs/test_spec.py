@@ -24,6 +24,7 @@ from equimesh import (
     InputError,
     LeastError,
     LinearRobin,
+    Mesh,
     Mode,
     NodalField,
     NonlinearRobin,
@@ -34,11 +35,13 @@ from equimesh import (
     Schwarz,
     Target,
     TransmissionCondition,
+    adapt_round,
     solve,
     solve_to,
 )
 from equimesh.specs import BuiltSpec, build, build_domain, build_schwarz, count_points, load
 from equimesh.specs.spec import NOT_WITH_BLOCKS
+from equimesh.upload.samples import block_nodes
 from refusals import REFUSALS
 
 U = {"expression": "tanh(5*(x - y))"}
@@ -236,6 +239,42 @@ def test_a_budget_of_blocks_is_that_of_a_target() -> None:
     (shape,) = (block.shape for block in found.mesh.blocks)
     assert 150 < shape[0] * shape[1] <= 200
     assert shape[1] > 2 * shape[0]
+
+
+def test_the_round_of_a_document_keeps_or_chooses_the_cells_of_its_values() -> None:
+    blocks = Blocks.of({**BLOCKS, "refine": 4})
+    mesh = blocks.with_counts(np.array([10, 14])).mesh
+    values = np.tanh(4 * mesh.y - 2)
+    (shape,) = (block.shape for block in mesh.blocks)
+    cells = {"block_cells": [[n - 1 for n in shape]]}
+    given = {"nodes": mesh.points.tolist(), "values": values.tolist(), **cells}
+    monitor = {"kind": "nodal_solution", "u": {"block_nodes": given}}
+    document = {"monitor": monitor, "domain": {"kind": "blocks", **BLOCKS, "refine": 4}}
+    kept = build(document).solve(threads=1).mesh
+    assert np.array_equal(kept.cells, mesh.cells)
+    assert np.array_equal(kept.points, adapt_round(mesh, values, blocks.with_counts_of(mesh)).mesh.points)
+    solution = build({**document, "grid": {"points": 150}}).solve(threads=1)
+    expected = adapt_round(mesh, values, blocks.with_counts_of(mesh), points=150).mesh
+    assert np.array_equal(solution.mesh.points, expected.points)
+    assert 120 < len(expected.points) <= 150
+    assert solution.estimate is not None
+    assert solution.certificate.min_jacobian > 0.0
+    folder_of = {**monitor, "u": {"samples": "u"}}
+    field = block_nodes(**given)
+    stored = build({**document, "monitor": folder_of}, lambda *_: field)
+    assert np.array_equal(stored.solve(threads=1).mesh.points, kept.points)
+
+
+def test_the_round_of_a_document_chooses_the_grid() -> None:
+    mesh = Mesh.uniform(Grid(n_xi=15, n_eta=15))
+    values = np.tanh(3 * mesh.x)
+    nodal = {"x": mesh.x.tolist(), "y": mesh.y.tolist(), "values": values.tolist()}
+    document = {"monitor": {"kind": "nodal_solution", "u": {"nodal": nodal}}, "grid": {"points": 200}}
+    solution = build(document).solve(threads=1)
+    expected = adapt_round(mesh, values, points=200).mesh
+    assert np.array_equal(solution.mesh.x, expected.x)
+    assert solution.problem.grid == expected.grid
+    assert expected.grid.n_xi > 2 * expected.grid.n_eta
 
 
 def test_schwarz_between_blocks() -> None:
