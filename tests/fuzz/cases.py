@@ -151,10 +151,7 @@ def boundary_requests(operation: APIOperation, rng: Random, every: int, most: in
 def _merged(case: Case, rng: Random, bodies: list[Any], numbers: tuple[int | None, ...]) -> Iterator[Request]:
     body, other = case.body, rng.choice(bodies)
     assert isinstance(body, dict)
-    merged = {
-        **(other if isinstance(other, dict) else {}),
-        **{key: body[key] for key in body if rng.random() < 0.5},
-    }
+    merged = {**(other if isinstance(other, dict) else {}), **{key: body[key] for key in body if rng.random() < 0.5}}
     for new in (body, merged):
         changed = case.operation.Case(
             method="POST",
@@ -207,7 +204,7 @@ def digest_of(operations: list[APIOperation], number: int, count: int) -> str:
     digest = Digest()
     for operation in operations:
         if operation.path == "/v1/expressions/check":
-            for request in boundary_requests(operation, Random(number), 5, 300):
+            for request in boundary_requests(operation, Random(number), 5, 120):
                 digest.add(request)
     random_requests(operations, number, count, digest.add)
     return f"{digest.count} {digest}"

@@ -48,7 +48,7 @@ CHECKS = [
     unsupported_method,
     allow_header_conformance,
 ]
-FEW = 100
+FEW = 60
 BOUNDARY = 15_000
 TESTS = Path(__file__).parents[1]
 # Requests under way at once.
@@ -182,7 +182,7 @@ def test_at_the_limits_of_the_schema(exchange: Exchange, operations: list[APIOpe
     every, rng = 1 if count_cases(0) else 400, Random(chosen_seed())
     # To make the cases of all keys of a spec takes seconds, and few of them are sent without FUZZ_CASES. Then all are
     # made before the first is sent: Hypothesis parses Python for them, which CPython 3.11 cannot do in two threads.
-    most = None if every == 1 else 500
+    most = None if every == 1 else 120
     made = (request for operation in operations for request in boundary_requests(operation, rng, every, most))
     for request in made if every == 1 else [*made]:
         exchange.send(request)

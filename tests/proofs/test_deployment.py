@@ -17,6 +17,7 @@ import socket
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -332,6 +333,9 @@ def test_what_the_image_copies_is_in_the_context() -> None:
                 if fnmatch.fnmatch(source, rule.lstrip("!")):
                     ignored = not rule.startswith("!")
             assert not ignored, source
+    copied = [source for copy in stages()[0].copies for source in copy[:-1]]
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert all(any(package.startswith(source) for source in copied) for package in wheel["packages"])
 
 
 def test_what_pages_link_to_is_in_the_image_that_builds_the_site() -> None:
@@ -344,6 +348,7 @@ def test_what_pages_link_to_is_in_the_image_that_builds_the_site() -> None:
 
 
 @pytest.mark.external
+@pytest.mark.everything  # what is copied is in an earlier test, the wheel in tests/external/test_base_install.py
 def test_what_the_image_copies_makes_the_whole_wheel(tmp_path: Path) -> None:
     for copy in stages()[0].copies:
         for source in copy[:-1]:

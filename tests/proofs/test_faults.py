@@ -12,9 +12,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import contextmanager
 from datetime import UTC, datetime
-from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
 from equimesh_service.engine.processes import ProcessEngine
 from equimesh_service.errors import FolderInUseError, TimeLimitError, WorkerLostError
-from equimesh_service.service import PRELOAD, open_service
+from equimesh_service.service import PRELOAD
 from equimesh_service.store.rows import Claim, NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import SLOW, small, until
@@ -132,15 +131,6 @@ def test_a_cancel_between_claim_and_submission_is_seen(tmp_path: Path) -> None:
     finally:
         dispatcher.stop()
         store.close()
-
-
-def test_a_worker_killed_during_a_real_solve(http: httpx.Client) -> None:
-    """Another one begins anew; that the mesh then succeeds is in tests/proofs/test_durability.py."""
-    mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
-    until(lambda: http.get(mesh).json()["progress"]["phase"])
-    os.kill(_busiest(children(os.getpid())), signal.SIGKILL)
-    until(lambda: http.get(mesh).json()["attempts"] == 2)
-    assert http.post(f"{mesh}/cancel").json()["status"] == "canceled"
 
 
 def _busiest(processes: list[int]) -> int:
@@ -481,31 +471,3 @@ def test_a_task_that_no_worker_can_read_says_so_and_nothing_is_lost() -> None:
 def _is_sound(engine: ProcessEngine) -> bool:
     """Whether a time limit holds, for which the pool must work."""
     return isinstance(engine.submit(time.sleep, 60.0, time_limit=0.1).exception(20.0), TimeLimitError)
-
-
-def test_a_stop_does_not_wait_for_those_who_wait(tmp_path: Path) -> None:
-    settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error", max_wait=600.0)
-    with running(settings) as url, ExitStack() as stack:
-        mesh = httpx.post(f"{url}/v1/meshes", json=SLOW).json()
-        waiting, streaming = (
-            stack.enter_context(closing(HTTPConnection(url.removeprefix("http://"), timeout=60.0))) for _ in range(2)
-        )
-        waiting.request("GET", f"{mesh['links']['self']}?wait=600")
-        streaming.request("GET", f"{mesh['links']['self']}/events")
-        stream = streaming.getresponse()  # the service has read the request before it, too
-        connections = stack.pop_all()
-    with connections:  # their time limit is less than what one of them waits
-        assert (waiting.getresponse().status, stream.status) == (200, 200)
-        assert stream.read()
-
-
-@pytest.mark.anyio
-async def test_a_folder_serves_one_service(settings: Settings, url: str) -> None:
-    assert url
-    with pytest.raises(FolderInUseError):
-        open_service(settings)
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"

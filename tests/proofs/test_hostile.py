@@ -86,9 +86,7 @@ values = st.recursive(
 )
 
 
-@settings(
-    max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_no_spec_breaks_the_service(http: httpx.Client, data: st.DataObject) -> None:
     spec = json.loads(json.dumps(data.draw(st.sampled_from([BASE, OTHERS]))))
@@ -115,7 +113,7 @@ def test_no_spec_breaks_the_service(http: httpx.Client, data: st.DataObject) -> 
         assert entry["pointer"] == "" or entry["pointer"].startswith("/")
 
 
-@settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(body=st.binary(max_size=200))
 def test_no_body_breaks_the_service(http: httpx.Client, body: bytes) -> None:
     for kind in ("application/json", "multipart/form-data; boundary=b", "text/csv", "application/x-npz"):

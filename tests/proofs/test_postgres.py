@@ -165,24 +165,6 @@ def done(http: httpx.Client) -> float:
     )
 
 
-def test_two_services_share_the_work_and_nothing_runs_twice(served: Served) -> None:
-    with running(served.settings) as address, httpx.Client(base_url=address, timeout=90.0) as other:
-        before = done(served.http)
-        specs = [small(grid={"n_xi": 12, "n_eta": 8 + number}, label="shared") for number in range(16)]
-        for spec in specs:
-            served.http.post("/v1/meshes", json=spec).raise_for_status()
-        until(lambda: len(other.get("/v1/meshes?label=shared&status=succeeded").json()["items"]) == len(specs))
-        meshes = other.get("/v1/meshes?label=shared").json()["items"]
-        assert [mesh["attempts"] for mesh in meshes] == [1] * len(specs)
-        until(lambda: done(served.http) - before + done(other) == len(specs))
-        assert done(served.http) > before
-        assert done(other) > 0
-        # Meshes and samples of one service are there for the other.
-        assert all(other.get(mesh["links"]["file"]).status_code == 200 for mesh in meshes)
-        again = other.post("/v1/meshes", json=specs[0]).json()
-        assert again["reused_from"] in {mesh["id"] for mesh in meshes}
-
-
 def test_what_has_had_its_time_answers_410(served: Served) -> None:
     mesh = ask(served, small(label="old times"), "?reuse=false")
     text = {"Content-Type": "text/csv"}
