@@ -18,6 +18,7 @@ def test_robin_that_finds_no_solution_is_rescued_and_reported() -> None:
     solution = em.solve(problem("paper", 17), LINEAR_ROBIN)
     assert any(r.classical for r in solution.iterations[1].subdomains)
     assert "classical data took its place" in solution.message
+    assert solution.iterations[-1].transmission == "optimized"  # which takes over where the other one stalls
 
 
 # The equations of subdomains with the optimized condition: Newton's method finds what their sweeps converge to.
