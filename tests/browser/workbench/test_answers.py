@@ -186,7 +186,11 @@ def test_remedies_of_problems(page: Page) -> None:
     [
         ("spec=%7Bbroken", "The spec of this link is damaged"),
         ("garbage", "This link says nothing that the page can read"),
-        ('spec={"monitor":{"kind":"nothing","u":"x"}}', "the key 'kind' must be one of"),
+        pytest.param(
+            'spec={"monitor":{"kind":"nothing","u":"x"}}',
+            "the key 'kind' must be one of",
+            marks=pytest.mark.everything,
+        ),
     ],
 )
 def test_a_broken_link_says_so(page: Page, hash: str, words: str) -> None:
@@ -234,6 +238,7 @@ def test_a_formula_in_another_spelling_is_shown_as_it_was_understood(page: Page)
     expect(page.locator("#panel-function .understood")).to_be_empty()
 
 
+@pytest.mark.everything
 def test_names_are_completed(page: Page) -> None:
     page.fill(FUNCTION, "")
     page.locator(FUNCTION).press_sequentially("3*sq")

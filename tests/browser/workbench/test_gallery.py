@@ -61,6 +61,7 @@ def test_the_mesh_of_a_problem_is_that_of_its_picture_with_a_much_smaller_error(
 
 
 @pytest.mark.needs("chromium")
+@pytest.mark.everything
 def test_on_a_phone_the_page_goes_to_the_mesh_of_a_chosen_problem(visit: Callable[..., Page]) -> None:
     page = visit("/#u=x*y&n=9&monitor=arc_length", viewport={"width": 390, "height": 844})
     page.get_by_role("button", name="Moving front").click()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
 from browser.workbench.panels import answered, fault_of, panel, set_number, spec_of, unfold
 from equimesh_schema import schwarz
@@ -16,7 +16,7 @@ from equimesh_schema.monitors import MONITORS
 pytestmark = pytest.mark.needs("chromium")
 
 
-def test_points_by_a_button_or_typed(page: Page) -> None:
+def test_points_by_a_button_or_typed_and_everything_else_of_the_mesh(page: Page) -> None:
     box = panel(page, "grid")
     button = box.get_by_role("button", name="33 × 33")
     answer = answered(page, button.click)
@@ -29,6 +29,8 @@ def test_points_by_a_button_or_typed(page: Page) -> None:
     field = box.get_by_label("Points along xi")
     field.fill("2")
     expect(fault_of(field)).to_contain_text("4")
+    field.fill("9")
+    choose_everything_else(page, box)
 
 
 def test_an_error_takes_the_place_of_the_grid_and_gives_it_back(page: Page) -> None:
@@ -50,8 +52,7 @@ def test_an_error_takes_the_place_of_the_grid_and_gives_it_back(page: Page) -> N
     assert spec["grid"] == {"n_xi": 17, "n_eta": 17}
 
 
-def test_everything_else_of_the_mesh(page: Page) -> None:
-    box = panel(page, "grid")
+def choose_everything_else(page: Page, box: Locator) -> None:
     box.get_by_label("Points on the sides").select_option("orthogonal")
     box.get_by_label("Solved to").select_option("tight")
     box.get_by_label("Initial mesh").select_option("uniform")
@@ -92,7 +93,15 @@ def test_every_setting_is_reachable_and_taken(page: Page) -> None:
     for kind, use in [(kind, made.USE) for kind, made in schwarz.TRANSMISSIONS.documents.items()]:
         condition.select_option(kind)
         expect(box.get_by_text(use)).to_be_visible()
-    assert spec_of(page)["schwarz"]["transmission"] == {"kind": "nonlinear_robin"}
+    assert spec_of(page)["schwarz"] == {"transmission": {"kind": "nonlinear_robin"}}
+    tolerance = box.get_by_label("Tolerance", exact=True)
+    for word, told in (("discretization", {"tolerance": "discretization"}), ("", {"tolerance": None}), ("number", {})):
+        tolerance.select_option(word)
+        assert spec_of(page)["schwarz"] == {"transmission": {"kind": "nonlinear_robin"}, **told}
+    condition.select_option("optimized")
+    box.get_by_label("Data of an interface").select_option("local")
+    assert spec_of(page)["schwarz"]["transmission"] == {"kind": "optimized", "data": "local"}
+    condition.select_option("nonlinear_robin")
     box.get_by_label("Parameter p", exact=True).select_option("number")
     set_number(box, "Parameter p, a number", 3)
     set_number(box, "Overlap in points", 3)
@@ -120,6 +129,7 @@ def test_every_setting_is_reachable_and_taken(page: Page) -> None:
     }
 
 
+@pytest.mark.everything
 def test_subdomains_of_least_error_have_steps_and_exchanges(page: Page) -> None:
     panel(page, "monitor").get_by_label("Kind", exact=True).select_option("least_error")
     box = panel(page, "schwarz")
@@ -131,29 +141,6 @@ def test_subdomains_of_least_error_have_steps_and_exchanges(page: Page) -> None:
     assert spec_of(page)["schwarz"] == {"local_steps": 4, "max_exchanges": 3}
     box.get_by_label("For least error: most exchanges", exact=True).select_option("")
     assert spec_of(page)["schwarz"] == {"local_steps": 4}
-
-
-def test_a_tolerance_may_be_a_word_or_nothing(page: Page) -> None:
-    box = panel(page, "schwarz")
-    box.get_by_label("Divide into subdomains").check()
-    tolerance = box.get_by_label("Tolerance", exact=True)
-    tolerance.select_option("discretization")
-    assert spec_of(page)["schwarz"] == {"tolerance": "discretization"}
-    tolerance.select_option("")
-    assert spec_of(page)["schwarz"] == {"tolerance": None}
-    tolerance.select_option("number")
-    assert spec_of(page)["schwarz"] == {}
-    box.get_by_label("Transmission condition").select_option("optimized")
-    box.get_by_label("Data of an interface").select_option("local")
-    assert spec_of(page)["schwarz"] == {"transmission": {"kind": "optimized", "data": "local"}}
-
-
-def test_a_fault_is_shown_at_its_field(page: Page) -> None:
-    box = panel(page, "schwarz")
-    box.get_by_label("Divide into subdomains").check()
-    field = box.get_by_label("Overlap in points")
-    field.fill("1")
-    expect(fault_of(field)).to_contain_text("2")
 
 
 # By kind: fields with what is put into them, and the settings that this gives.
@@ -214,13 +201,6 @@ def test_every_kind_and_setting_is_reachable_and_taken(page: Page) -> None:
         assert "orthogonality" not in spec_of(page)["monitor"]
 
 
-def test_a_setting_that_is_the_default_leaves_the_spec(page: Page) -> None:
-    box = panel(page, "monitor")
-    for value, given in ((0.3, {"a": 0.3}), (0.7, {})):
-        set_number(box, "Strength a", value)
-        assert {key: spec_of(page)["monitor"][key] for key in spec_of(page)["monitor"] if key == "a"} == given
-
-
 def test_a_fault_of_the_service_is_shown_at_its_field(page: Page) -> None:
     box = panel(page, "monitor")
     field = box.get_by_label("Strength a", exact=True)
@@ -234,6 +214,14 @@ def test_a_fault_of_the_service_is_shown_at_its_field(page: Page) -> None:
     expect(field).not_to_have_attribute("aria-invalid", "true")
     field.fill("")
     expect(fault).to_have_text("Type a number.")
+    for value in (0.3, 0.7):
+        field.fill(str(value))
+        assert spec_of(page)["monitor"].get("a", 0.7) == value
+    assert "a" not in spec_of(page)["monitor"]  # a setting that is the default leaves the spec
+    box.get_by_label("Kind", exact=True).select_option("weight")
+    rho = box.get_by_label("Density rho(x, y)", exact=True)
+    rho.fill("1 + sin(x*")
+    expect(fault_of(rho)).to_contain_text("at character")
 
 
 def test_the_slider_of_the_degree_changes_the_mesh_and_its_gains(visit: Callable[..., Page]) -> None:
@@ -251,14 +239,6 @@ def test_the_slider_of_the_degree_changes_the_mesh_and_its_gains(visit: Callable
     assert slider.get_attribute("max") == "4"
     box.get_by_label("Kind", exact=True).select_option("nodal_solution")
     assert box.get_by_label("Degree of the elements", exact=True).get_attribute("max") == "4"
-
-
-def test_a_wrong_density_is_told_with_the_place(page: Page) -> None:
-    box = panel(page, "monitor")
-    box.get_by_label("Kind", exact=True).select_option("weight")
-    rho = box.get_by_label("Density rho(x, y)", exact=True)
-    rho.fill("1 + sin(x*")
-    expect(fault_of(rho)).to_contain_text("at character")
 
 
 def test_an_intersection_has_two_to_eight_members_of_any_kind(visit: Callable[..., Page]) -> None:

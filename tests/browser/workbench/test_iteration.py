@@ -165,6 +165,7 @@ def test_little_motion_shows_whole_steps_only(page: Page) -> None:
     assert all(at == round(at) for at in still)
 
 
+@pytest.mark.everything
 def test_a_single_domain_has_no_iteration_and_can_be_split(page: Page) -> None:
     panel = panel_at(page, "iteration", {name: SPEC[name] for name in ("monitor", "grid")})
     expect(panel.get_by_text("There is no iteration to show")).to_be_visible()

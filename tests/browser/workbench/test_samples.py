@@ -77,7 +77,9 @@ def test_a_table_becomes_u_and_is_removed(page: Page, panel: Locator) -> None:
     assert state(page)["spec"]["monitor"] == SPEC["monitor"]
 
 
-@pytest.mark.parametrize("suffix", ["npz", "npy", "json"])
+@pytest.mark.parametrize(
+    "suffix", ["npz", *(pytest.param(name, marks=pytest.mark.everything) for name in ("npy", "json"))]
+)
 def test_files_of_arrays_become_u(page: Page, panel: Locator, suffix: str) -> None:
     axis = np.linspace(0, 1, 7)
     values = np.tanh(5 * np.subtract.outer(axis, axis))
@@ -144,6 +146,7 @@ def test_a_picture_becomes_its_grey_values_with_y_upwards(page: Page, panel: Loc
     assert "domain" not in state(page)["spec"]
 
 
+@pytest.mark.everything
 def test_a_large_picture_is_made_smaller(page: Page, panel: Locator) -> None:
     file = io.BytesIO()
     Image.linear_gradient("L").resize((1200, 600)).save(file, "JPEG")

@@ -101,6 +101,7 @@ def test_strokes_are_taken_back_cleared_and_erased(page: Page, panel: Locator) -
     assert state(page)["spec"]["monitor"] == SPEC["monitor"]
 
 
+@pytest.mark.everything
 def test_the_brush_has_a_size_and_a_strength(page: Page, panel: Locator) -> None:
     page.mouse.click(*place_of(page, 1, 0.5))
     narrow = until(page, lambda found: found.size and found.max() > 2)
@@ -145,6 +146,7 @@ def test_a_finger_draws_and_does_not_scroll(page: Page) -> None:
 
 
 @pytest.mark.usefixtures("panel")
+@pytest.mark.everything
 def test_another_domain_keeps_the_density(page: Page) -> None:
     page.mouse.click(*place_of(page, 1, 0.5))
     until(page, lambda found: found.size and found.max() > 2)
