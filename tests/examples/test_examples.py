@@ -19,27 +19,44 @@ imread = pytest.importorskip("matplotlib.image").imread
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = sorted((ROOT / "examples").glob("[0-9]*.py"))
+TEN = ROOT / "examples" / "10_pictures_of_the_docs.py"
 IMAGES = sorted((ROOT / "docs" / "images").glob("*.png"))
 NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]\d+)?")
 Run: TypeAlias = Callable[[str], str]
 
 
-def run_example(number: str, folder: Path, *more: str) -> str:
-    """What the example of a number prints, run in this process as a program would be; its files go to ``folder``."""
+def run_example(number: str, folder: Path, *more: str, **smaller: str) -> str:
+    """What the example of a number prints, run in this process as a program would be; its files go to ``folder``.
+
+    ``smaller`` are other values for lines of its constants.
+    """
     (script,) = (path for path in SCRIPTS if path.name.startswith(number))
-    said, complained = io.StringIO(), io.StringIO()
+    source, said, complained = script.read_text(), io.StringIO(), io.StringIO()
+    for names, values in smaller.items():
+        source, count = re.subn(
+            rf"^{names.replace('__', ', ')} = .*$", f"{names.replace('__', ', ')} = {values}", source, flags=re.M
+        )
+        assert count == 1, names
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(complained):
         patch.chdir(folder)
         patch.setattr(sys, "argv", [str(script), "--output", str(folder), *more])
-        runpy.run_path(str(script), run_name="__main__")
+        exec(compile(source, str(script), "exec"), {"__name__": "__main__", "__file__": str(script)})
     assert complained.getvalue().strip() == ""
     return said.getvalue()
 
 
+# Constants of examples for an ordinary run, whose claims hold of smaller problems, too.
+SMALLER = {
+    "12": {"LAST": "6"},
+    "24": {"N__STEPS__TURN__SIZE__K": "25, 6, 0.0625, 0.04, 0.01"},
+    "26": {"N__FINER__DEBYE__DOPING__STEEP": "17, (33, 65), 0.01, 1e5, 80.0"},
+}
+
+
 @pytest.fixture
-def run(tmp_path: Path) -> Run:
+def run(tmp_path: Path, everything: bool) -> Run:
     """Runs the example of a number here, where warnings are errors, its files going to ``tmp_path``."""
-    return lambda number: run_example(number, tmp_path)
+    return lambda number: run_example(number, tmp_path, **({} if everything else SMALLER.get(number, {})))
 
 
 @pytest.fixture
@@ -211,23 +228,21 @@ def test_table_1_and_the_order_of_the_three_methods(run: Run, tmp_path: Path) ->
     check_picture(tmp_path / "figure9.png")
 
 
+OF_OTHERS = {
+    *("adapt-problems.png", "adapt.png", "against-refinement.png", "allen-cahn.png", "burgers-shock.png"),
+    *("cylinder-wake.png", "schwarz-counts.png", "schwarz-errors.png", "schwarz-mismatch.png"),
+}
+
+
 def test_the_pictures_of_the_docs_are_those_of_the_scripts(
-    run: Run, tmp_path: Path, three_monitors: tuple[str, Path]
+    run: Run, tmp_path: Path, three_monitors: tuple[str, Path], everything: bool
 ) -> None:
-    run("10")
+    if everything:
+        run("10")
     drawn = [*tmp_path.glob("*.png"), *three_monitors[1].glob("*.png")]
-    others = [
-        "adapt-problems.png",
-        "adapt.png",
-        "against-refinement.png",
-        "allen-cahn.png",
-        "burgers-shock.png",
-        "cylinder-wake.png",
-        "schwarz-counts.png",
-        "schwarz-errors.png",
-        "schwarz-mismatch.png",
-    ]
-    assert sorted([*others, *(path.name for path in drawn)]) == [path.name for path in IMAGES]
+    names, of_ten = {path.name for path in drawn}, re.findall(r'output / "([\w-]+\.png)"', TEN.read_text())
+    assert {path.name for path in IMAGES} == OF_OTHERS | names | {*of_ten}
+    assert len(names) == (len(of_ten) if everything else 0) + 1
     for path in IMAGES:
         check_picture(path)
         assert path.stat().st_size < 150_000
@@ -263,6 +278,7 @@ def test_line_sums_make_iterations_independent_of_the_number_of_strips(run: Run,
     check_kept(tmp_path / "schwarz-mismatch.png")
 
 
+@pytest.mark.everything  # a table of many runs
 def test_the_page_has_the_counts_of_its_script(run: Run, tmp_path: Path) -> None:
     said, page = (
         {tuple(line.split(" | ")[:2]): line.strip(" |").split(" | ") for line in text.splitlines() if " | " in line}
