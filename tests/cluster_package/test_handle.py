@@ -139,13 +139,6 @@ def test_a_handle_has_the_quality_and_the_certificate_of_the_whole_mesh(client: 
     handle.quality()  # it was measured before
 
 
-def test_a_closed_handle_measures_nothing(client: Client) -> None:
-    handle = handle_on(client, em.solve(PROBLEM), 16)
-    handle.close()
-    with pytest.raises(ClusterError, match="this handle is closed"):
-        handle.quality()
-
-
 def test_measuring_leaves_nothing_on_the_workers(client: Client) -> None:
     run = parts_on(client, em.solve(PROBLEM), 16)
     before = client.run(lambda dask_worker: sorted(dask_worker.data))

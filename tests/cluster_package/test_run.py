@@ -14,7 +14,7 @@ from distributed import Client
 
 from dask_processes import DaskProcesses
 from equimesh import InputError
-from equimesh_cluster import PartsRun, RunCancelledError, RunOptions, WorkersLostError, run_parts
+from equimesh_cluster import PartsRun, RunOptions, WorkersLostError, run_parts
 from equimesh_cluster.channel import PLUGIN
 from equimesh_cluster.messages import PeerLostError
 from equimesh_cluster.run import Attempt, AttemptFailure
@@ -115,19 +115,6 @@ def test_an_error_of_the_observer_ends_the_run(client: Client) -> None:
     require_nothing_left(client)
 
 
-def test_a_run_can_be_cancelled(client: Client) -> None:
-    cancel = threading.Event()
-
-    def waiting(channel: Any) -> None:
-        channel.report(0)
-        channel.receive((channel.number + 1) % 3, "never")
-
-    options = RunOptions(observe=lambda *_: cancel.set(), cancel=cancel)
-    with pytest.raises(RunCancelledError):
-        run_parts(client, waiting, lambda _, __: (), parts=3, options=options)
-    require_nothing_left(client)
-
-
 def test_too_many_parts_are_refused_and_workers_looked_at_before_the_start(client: Client) -> None:
     with pytest.raises(InputError, match="take 1 to 6 parts"):
         run_parts(client, around, lambda _, __: (1,), parts=7)
@@ -205,12 +192,6 @@ def nothing(*_: Any) -> None:
 @pytest.fixture
 def places(client: Client) -> list[WorkerFacts]:
     return examine_workers(client)
-
-
-def test_the_results_stay_where_they_are(client: Client, places: list[WorkerFacts]) -> None:
-    futures = Attempt(client, places, nothing).results(lambda channel: channel.number, lambda *_: (), nothing)
-    assert not isinstance(futures, AttemptFailure)
-    assert [future.result() for future in futures] == [0, 1, 2]
 
 
 def test_a_part_that_lost_a_peer_is_no_error_of_its_own(client: Client, places: list[WorkerFacts]) -> None:

@@ -73,6 +73,7 @@ def test_an_iteration_that_does_not_converge_says_so(client: Client) -> None:
     caught.value.handle.close()
 
 
+@pytest.mark.everything  # the same loss of a part, which is a thread, in tests/cluster_package/parts/test_schwarz.py
 def test_after_a_worker_was_killed_the_iteration_goes_on_from_its_last_iterate(processes: DaskProcesses) -> None:
     processes.have(2)
     slow = em.Schwarz(subdomains=(4, 1), overlap=6, transmission=em.Classical(), fallback=False, tolerance=1e-6)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from cluster_package.part_files.parted import CUTS, DATA, N_ETA, parts_of
+from cluster_package.part_files.parted import CUTS, DATA, parts_of
 from equimesh.errors import InputError
 from equimesh.io.write import node_groups
 from equimesh_cluster import PartData
@@ -17,8 +17,6 @@ from equimesh_cluster.part_files.formats import (
     PARTED_FORMATS,
     PartedGrid,
     blocks,
-    corners,
-    node_block,
     part_path,
     part_reference,
     parted_format,
@@ -121,13 +119,6 @@ def test_blocks_cover_everything_once() -> None:
     assert [*blocks(0, 5)] == []
 
 
-def test_functions_are_evaluated_at_the_block() -> None:
-    part = parts_of(CUTS[1])[1]
-    block = slice(2, 5), slice(3, 7)
-    np.testing.assert_array_equal(node_block(lambda x, y: x - y, part, *block), (part.x - part.y)[block])
-    assert node_block(lambda *_: np.float64(3), part, *block).shape == (3, 4)
-
-
 @pytest.mark.parametrize("cuts", CUTS, ids=str)
 def test_sides_are_those_of_the_whole_mesh(cuts: tuple[int, ...]) -> None:
     expected = node_groups(DATA).reshape(DATA.mesh.x.shape)
@@ -135,8 +126,3 @@ def test_sides_are_those_of_the_whole_mesh(cuts: tuple[int, ...]) -> None:
         found = side_digits(part, slice(0, part.x.shape[0]))
         np.testing.assert_array_equal(found, expected[part.first : part.first + part.x.shape[0]])
         np.testing.assert_array_equal(side_digits(part, slice(3, 5)), found[3:5])
-
-
-def test_corners_are_counter_clockwise() -> None:
-    assert corners(1, 2, N_ETA, np.int32)[0].tolist() == [N_ETA, 2 * N_ETA, 2 * N_ETA + 1, N_ETA + 1]
-    assert corners(0, 0, N_ETA, np.int64).shape == (0, 4)

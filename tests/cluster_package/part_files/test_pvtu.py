@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import mmap
-import pickle
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -22,8 +21,8 @@ from equimesh.io.write import node_groups
 from equimesh_cluster import write_head, write_part
 from equimesh_cluster.part_files import zarr_parts
 from equimesh_cluster.part_files.pvtu import Piece, Pieces, RawArray, described, head_text, vtk_type, write_raw
-from equimesh_cluster.part_files.vtkhdf import FlatDatasets, Source, add_virtual, create
-from equimesh_cluster.part_files.zarr_parts import CHUNK_ROWS, Chunks, unfinished
+from equimesh_cluster.part_files.vtkhdf import Source, add_virtual, create
+from equimesh_cluster.part_files.zarr_parts import CHUNK_ROWS, unfinished
 
 A, B = np.arange(6.0), np.array([[1, 2, 3]], dtype=np.int32)
 
@@ -111,13 +110,6 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         Pieces.of(path)
 
 
-def test_rows_are_read_by_a_copy_in_another_process(tmp_path: Path) -> None:
-    rows = Pieces.of(written(tmp_path, "pvtu", CUTS[1]))
-    copy = pickle.loads(pickle.dumps(rows))
-    np.testing.assert_array_equal(copy.rows("y", 40, 42), ARRAYS["y"][40:42])
-    assert copy.parted.cuts == CUTS[1]
-
-
 @pytest.mark.parametrize("cuts", CUTS, ids=str)
 def test_h5py_reads_one_grid(tmp_path: Path, cuts: tuple[int, ...]) -> None:
     with h5py.File(written(tmp_path, "vtkhdf", cuts)) as file:
@@ -156,13 +148,6 @@ def test_rows_of_several_files_are_one_dataset(tmp_path: Path) -> None:
 def test_old_libraries_can_read_the_files(tmp_path: Path) -> None:
     with create(tmp_path / "a.h5") as file:
         assert file.libver == ("v110", "v110")
-
-
-def test_rows_of_vtkhdf_are_read_by_a_copy_in_another_process(tmp_path: Path) -> None:
-    rows = FlatDatasets.of(written(tmp_path, "vtkhdf", CUTS[1]))
-    copy = pickle.loads(pickle.dumps(rows))
-    np.testing.assert_array_equal(copy.rows("y", 40, 42), ARRAYS["y"][40:42])
-    assert copy.parted.cuts == CUTS[1]
 
 
 @pytest.mark.parametrize("cuts", [*CUTS, (32, 64), (1, 2, 3, 31, 33, 95, 96)], ids=str)
@@ -207,10 +192,3 @@ def test_a_missing_zarr_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(InputError, match=r"zarr is not installed: pip install 'equimesh\[dask\]'"):
         zarr_parts.write_part(tmp_path / "mesh.zarr", parts_of(())[0], data_of(parts_of(())[0]))
-
-
-def test_rows_of_zarr_are_read_by_a_copy_in_another_process(tmp_path: Path) -> None:
-    rows = Chunks.of(written(tmp_path, "zarr", CUTS[1]))
-    copy = pickle.loads(pickle.dumps(rows))
-    np.testing.assert_array_equal(copy.rows("y", 40, 42), ARRAYS["y"][40:42])
-    assert copy.parted.cuts == CUTS[1]

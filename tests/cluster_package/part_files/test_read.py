@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,8 @@ def test_what_was_written_is_read(tmp_path: Path, name: str, cuts: tuple[int, ..
         assert mesh.rows(array, 5, 5).shape == (0, values.shape[1])
         for first, rows in mesh.blocks(array):
             np.testing.assert_array_equal(rows, values[first : first + len(rows)])
+    copy = pickle.loads(pickle.dumps(mesh))  # as another process gets it
+    np.testing.assert_array_equal(copy.rows("y", 40, 42), ARRAYS["y"][40:42])
     for number, expected in enumerate(parts_of(cuts)):
         part = mesh.part(number)
         assert (part.first, part.last, part.count) == (expected.first, expected.last, expected.count)

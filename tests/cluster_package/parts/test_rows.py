@@ -14,11 +14,10 @@ from equimesh.numerics.types import Array
 from equimesh.quality.cells import ChosenCells
 from equimesh.sweeps.kernels import Lines
 from equimesh.sweeps.line_sums import LineSums
-from equimesh.sweeps.sweep import SideNodes
 from equimesh_cluster.mesh_part import cut
 from equimesh_cluster.messages import ALONE, Channel, Counted, ThreadChannels, Traffic
-from equimesh_cluster.parts.rows import PartRows, cuts_of, nodes_across, nodes_inside, row_cuts, rows_of_part
-from equimesh_cluster.parts.sweeps import PartLineSums, with_rows
+from equimesh_cluster.parts.rows import PartRows, cuts_of, nodes_across, nodes_inside, rows_of_part
+from equimesh_cluster.parts.sweeps import PartLineSums
 
 LARGE = Mesh.uniform(Grid(n_xi=1400, n_eta=90))
 
@@ -76,17 +75,6 @@ def test_a_part_gets_the_rows_next_to_its_cells(cuts: list[int]) -> None:
         assert here.grid == LARGE.grid
 
 
-def test_strips_of_all_parts_are_those_of_the_whole_where_it_is_cut_between_them() -> None:
-    whole = Rows.whole(LARGE.x.shape)
-    assert len(whole.strips) == 4
-    assert whole.strips[0][0] == 0
-    assert whole.strips[-1][1] == 1399
-    cuts = [first for first, _ in whole.strips[1:]]
-    assert [strip for here in rows_of_parts(cuts[::2]) for strip in here.rows.strips] == list(whole.strips)
-    inside = [strip for here in rows_of_parts([700]) for strip in here.rows.strips]
-    assert [first for first, _ in inside] == sorted({0, *cuts, 700})
-
-
 def test_sums_over_cells_do_not_depend_on_the_parts() -> None:
     rows = Rows.whole(LARGE.x.shape)
     values = np.random.default_rng(1).random((2, 1399 * 89))
@@ -142,13 +130,6 @@ def test_processes_find_the_numbers_of_one(cuts: list[int]) -> None:
         assert size <= 8 * 40 * (2 + 4)
 
 
-def test_one_strip_is_its_own_sum_and_a_process_without_strips_adds_nothing() -> None:
-    assert np.array_equal(over_lines(ALONE, STRIPS[:1]), STRIPS[0])
-    pieces = STRIPS[:3], STRIPS[:0]
-    first, _ = ThreadChannels(2).run(lambda channel: over_lines(channel, pieces[channel.number]))
-    assert np.array_equal(first, over_lines(ALONE, STRIPS[:3]))
-
-
 SHAPE = (1030, 2100)  # 65 strips
 SWEPT = np.random.default_rng(7).random((65, SHAPE[1]))
 FIRST, LEFT, RIGHT = np.random.default_rng(8).random((3, SHAPE[1]))
@@ -185,49 +166,3 @@ def test_parts_find_the_same_to_the_last_bit(count: int) -> None:
     for sums, _, _ in found:
         assert all(np.array_equal(one, other) for one, other in zip(sums.levels, whole.levels, strict=True))
     assert [own for _, own, _ in found] == [deviation] + (count - 1) * [0.0]
-
-
-@pytest.mark.parametrize("count", [2, 4, 8, 16])
-def test_sums_go_up_and_starts_down_once_for_every_cut(count: int) -> None:
-    sent = [traffic for _, _, traffic in ThreadChannels(count).run(solved)]
-    row = 8 * SHAPE[1]
-    totals = {tag: [sum(one[tag].bytes for one in sent if tag in one)] for tag in ("sums", "starts", "push")}
-    assert totals == {"sums": [row * (count - 1)], "starts": [3 * row * (count - 1)], "push": [row]}
-    most = max(sum(traffic.messages for traffic in one.values()) for one in sent)
-    assert most <= count.bit_length() + 1, "the logarithm of the number of parts"
-
-
-# The nodes along the sides, in full, and rows that other processes own.
-
-
-SIDES = (130, 2049)
-X, Y = np.random.default_rng(5).random((2, *SIDES))
-
-
-def test_every_part_gets_all_sides() -> None:
-    def work(channel: Channel) -> SideNodes:
-        rows = PartRows.of(SIDES, 1, channel)
-        return SideNodes.of_rows(X[rows.here], Y[rows.here], rows)
-
-    whole = SideNodes.of(X, Y)
-    assert np.array_equal(whole.along_eta, Y[[0, -1]])
-    assert np.array_equal(whole.along_xi, X[:, [0, -1]].T)
-    for count in (1, 2, 3, 5):
-        for found in ThreadChannels(count).run(work):
-            assert all(np.array_equal(one, other) for one, other in zip(found, whole, strict=True))
-
-
-@pytest.mark.parametrize("wanted", [[(0, 30), (40, 80), (70, 130)], [(0, 130)] * 3, [(60, 120), (0, 70), (1, 2)]])
-def test_a_part_gets_the_rows_that_it_wants_from_their_owners(wanted: list[tuple[int, int]]) -> None:
-    mesh = Mesh.uniform(Grid(n_xi=130, n_eta=2049))
-    cuts = row_cuts(mesh.grid.shape, 3)
-
-    def work(channel: Channel) -> MeshRows:
-        rows = PartRows.of(mesh.grid.shape, 1, channel)
-        return with_rows(MeshRows(mesh.x[rows.here], mesh.y[rows.here], rows), wanted, channel)
-
-    for number, found in enumerate(ThreadChannels(3).run(work)):
-        assert found.rows.begin == min(wanted[number][0], cuts[number])
-        assert found.rows.end == max(wanted[number][1], cuts[number + 1])
-        assert np.array_equal(found.x, mesh.x[found.rows.here])
-        assert np.array_equal(found.y, mesh.y[found.rows.here])

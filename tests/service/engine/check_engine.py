@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from pathlib import Path
 from typing import Any
@@ -95,12 +96,12 @@ def _check_parallel(engine: Engine, folder: Path) -> None:
 
 
 def _check_cancel(engine: Engine, folder: Path) -> None:
-    task, pid = _spinning(engine, folder / "cancel", None)
+    task, pid = _begun(engine, spin, folder / "cancel")
     engine.cancel(task)
     assert isinstance(task.exception(SECONDS), CancelledError)
     _expect_end(pid)
     engine.cancel(task)  # a second time does no harm
-    busy = [_spinning(engine, folder / f"busy{number}", None)[0] for number in range(engine.health().workers)]
+    busy = [_begun(engine, sit, folder / f"busy{number}")[0] for number in range(engine.health().workers)]
     waiting = engine.submit(add, 1, 1)
     engine.cancel(waiting)
     assert isinstance(waiting.exception(SECONDS), CancelledError)
@@ -137,8 +138,8 @@ def _check_lost_worker(engine: Engine) -> None:
     assert engine.submit(add, 1, 1).result(SECONDS) == 2
 
 
-def _spinning(engine: Engine, marker: Path, time_limit: float | None) -> tuple[Future[Any], int]:
-    task = engine.submit(spin, str(marker), time_limit=time_limit)
+def _begun(engine: Engine, endless: Callable[[str], None], marker: Path) -> tuple[Future[Any], int]:
+    task = engine.submit(endless, str(marker))
     deadline = time.monotonic() + SECONDS
     while not (marker.exists() and marker.read_text()):
         assert time.monotonic() < deadline, "a task did not begin"

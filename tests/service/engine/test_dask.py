@@ -35,9 +35,13 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClusterProcess
     """A scheduler and a worker with two processes for jobs, which lives under a nanny, as Dask's usual workers do."""
     with cluster_processes(tmp_path_factory.mktemp("cluster")) as cluster:
         cluster.start_scheduler()
-        # Its nanny starts it again at its address.
-        cluster.start_worker("first", "--worker-port", str(free_port()), slots=2)
+        start_first(cluster)
         yield cluster
+
+
+def start_first(cluster: ClusterProcesses) -> None:
+    # Its nanny starts it again at its address.
+    cluster.start_worker("first", "--worker-port", str(free_port()), slots=2)
 
 
 @contextmanager
@@ -103,25 +107,22 @@ def test_a_job_is_not_begun_again_by_the_worker_that_takes_the_place_of_a_lost_o
         assert marker.read_text() == str(pid), "another process has begun it, too"
 
 
-def test_a_lost_scheduler_gives_back_what_runs_and_what_waits_waits(tmp_path: Path) -> None:
-    with cluster_processes(tmp_path / "cluster") as cluster, engine_on(cluster) as engine:
-        until(lambda: "cannot be reached" in engine.health().detail)
-        assert engine.health().detail.startswith(f"the scheduler at {cluster.scheduler} cannot be reached")
-        first = engine.submit(own_pid)
-        cluster.start_scheduler()
-        until(lambda: engine.health().detail.endswith("there are no workers"))
-        cluster.start_worker("one", "--no-nanny")
-        first.result(SECONDS)
-        running, pid = begun(engine, tmp_path / "running")
+def test_a_lost_scheduler_gives_back_what_runs_and_what_waits_waits(cluster: ClusterProcesses, tmp_path: Path) -> None:
+    with engine_on(cluster) as engine:
+        until(lambda: engine.health().workers == 2)
+        running = [begun(engine, tmp_path / f"running{number}") for number in range(2)]
         waiting = engine.submit(add, 1, 2)
         cluster.kill_scheduler()
-        assert isinstance(running.exception(SECONDS), SchedulerLostError)
-        until(lambda: not runs(pid))
+        for task, pid in running:
+            assert isinstance(task.exception(SECONDS), SchedulerLostError)
+            until(lambda pid=pid: not runs(pid))
+        until(lambda: engine.health().detail.startswith(f"the scheduler at {cluster.scheduler} cannot be reached"))
         assert not waiting.done()
         assert engine.health().workers == 0
-        cluster.kill_worker("one")
+        cluster.kill_worker("first")
         cluster.start_scheduler()
-        cluster.start_worker("one", "--no-nanny")
+        until(lambda: engine.health().detail.endswith("there are no workers"))
+        start_first(cluster)
         assert waiting.result(SECONDS) == 3
         assert engine.health().ready
 
