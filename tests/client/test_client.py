@@ -56,12 +56,6 @@ def test_big_samples_travel_as_npz_and_small_ones_inline(connect: Any, service: 
         assert np.array_equal(file["values"], x + 2 * y)
 
 
-@pytest.mark.parametrize("deadline", [0, -1, float("nan")])
-def test_a_deadline_is_positive(connect: Any, service: Any, deadline: float) -> None:
-    with pytest.raises(BadArgument, match="deadline"):
-        connect(service.url).generate("x", 5, deadline=deadline)
-
-
 def test_bad_input_is_shown_with_a_caret(connect: Any, service: Any) -> None:
     with pytest.raises(InvalidInput) as caught:
         connect(service.url).generate("1 + foo*x", 5)

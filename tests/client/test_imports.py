@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
+import json
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
-import pytest
+import equimesh_client
 
 BLOCKED = (
     *("equimesh", "equimesh_service", "scipy", "numba", "h5py", "meshio", "matplotlib", "fastapi", "starlette"),
@@ -22,62 +25,68 @@ sys.meta_path.insert(0, Blocker())
 """
 
 
-def run(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", BLOCKER + code], capture_output=True, text=True, timeout=300)
+# Says whether the blocker blocks, makes a mesh, and asks for what is not installed.
+CLIENT = """
+try:
+    import scipy
+except ImportError as error:
+    print(error)
+from equimesh_client import *
+with Client(sys.argv[1]) as client:
+    mesh = client.generate(lambda x, y: x * y, 5)
+    print(mesh.points.shape, mesh.quality.q_eq.max)
+    try:
+        mesh.to_meshio()
+    except BadArgument as error:
+        print(error)
+"""
+# Runs commands, one after the other: the code, the output and the errors of each.
+COMMANDS = """
+import contextlib, io, json
+from equimesh_cli import main
+found = []
+for words in json.loads(sys.argv[1]):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = main(words)
+        except SystemExit as end:
+            code = end.code
+    found.append([code, out.getvalue(), err.getvalue()])
+print(json.dumps(found))
+"""
 
 
-def test_the_blocker_blocks() -> None:
-    assert "blocked: scipy" in run("import scipy").stderr
+def run(code: str, argument: str) -> str:
+    """What a program prints to which only the base install is there."""
+    command = [sys.executable, "-c", BLOCKER + code, argument]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
 
 
 def test_the_client_makes_a_mesh_with_the_base_install(service: Any) -> None:
-    done = run(
-        "from equimesh_client import *\n"
-        f"with Client({service.url!r}) as client:\n"
-        "    mesh = client.generate(lambda x, y: x * y, 5)\n"
-        "    print(mesh.points.shape, mesh.quality.q_eq.max)\n"
-        "    try:\n"
-        "        mesh.to_meshio()\n"
-        "    except BadArgument as error:\n"
-        "        print(error)\n"
-    )
-    assert done.stderr == ""
-    assert done.stdout == ("(25, 2) 1.5\nto_meshio() needs meshio, which is not installed: pip install meshio\n")
+    assert run(CLIENT, service.url).splitlines() == [
+        *("blocked: scipy", "(25, 2) 1.5", "to_meshio() needs meshio, which is not installed: pip install meshio")
+    ]
 
 
-def test_the_command_generates_with_the_base_install(service: Any, tmp_path: Any) -> None:
-    arguments = ["generate", "x", "-n", "5", "-o", str(tmp_path / "m.vtu"), "--url", service.url]
-    done = run(f"from equimesh_cli import main; sys.exit(main({arguments!r}))")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert (tmp_path / "m.vtu").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "extra"),
-    [
-        (["solve", "x"], "solver"),
-        *((words, "service") for words in (["serve"], ["serve", "--port", "8000"], ["doctor"], ["demo"])),
-    ],
-)
-def test_what_needs_an_extra_says_which(arguments: list[str], extra: str) -> None:
-    done = run(f"from equimesh_cli import main; sys.exit(main({arguments!r}))")
-    assert done.returncode == 2
-    assert f"pip install 'equimesh[{extra}]'" in done.stderr
-    assert done.stderr.count("\n") == 1
-
-
-def test_a_service_elsewhere_is_examined_with_the_base_install() -> None:
-    done = run("from equimesh_cli import main; sys.exit(main(['doctor', '--url', 'http://127.0.0.1:9']))")
-    assert (done.returncode, done.stderr) == (1, "")
-    assert done.stdout.startswith("failed   ready        http://127.0.0.1:9 does not answer")
+def test_commands_with_the_base_install(service: Any, tmp_path: Path) -> None:
+    extras = {("solve", "x"): "solver"}
+    extras |= dict.fromkeys([("serve",), ("serve", "--port", "8000"), ("doctor",), ("demo",)], "service")
+    path = tmp_path / "m.vtu"
+    generate = ["generate", "x", "-n", "5", "-o", str(path), "--url", service.url]
+    commands = [generate, ["doctor", "--url", "http://127.0.0.1:9"], *extras]
+    (made, _, complaint), (code, report, _), *refused = json.loads(run(COMMANDS, json.dumps(commands)))
+    assert (made, complaint, path.exists()) == (0, "", True)
+    assert code == 1, "a service elsewhere is examined"
+    assert report.startswith("failed   ready        http://127.0.0.1:9 does not answer")
+    for (code, _, err), extra in zip(refused, extras.values(), strict=True):
+        assert (code, err.count("\n")) == (2, 1)
+        assert f"pip install 'equimesh[{extra}]'" in err
 
 
 def test_only_one_module_of_the_client_knows_httpx() -> None:
-    import ast
-    from pathlib import Path
-
-    import equimesh_client
-
     users = set()
     for path in Path(equimesh_client.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from typing import Any
 
 import pytest
 
 from equimesh_client import (
     BadArgument,
-    Conflict,
     DeadlineExceeded,
-    DownloadDamaged,
     InputProblem,
     ProblemError,
     Schwarz,
@@ -70,29 +67,6 @@ def test_wait_has_a_deadline_and_leaves_the_mesh_alone(connect: Any, service: An
     assert caught.value.mesh is not None
     assert caught.value.mesh.id == "m0"
     assert service.meshes["m0"]["status"] == "running"
-
-
-def test_a_finished_mesh_cannot_be_canceled(connect: Any, service: Any) -> None:
-    mesh = connect(service.url).generate("x", 5)
-    with pytest.raises(Conflict):
-        mesh.cancel()
-
-
-def test_a_download_is_whole_or_absent(connect: Any, service: Any, fault: Any, tmp_path: Any) -> None:
-    mesh = connect(service.url).generate("x", 5)
-    service.faults = [fault("GET .*/file", "half"), fault("GET .*/file", "damage")]
-    path = mesh.download(tmp_path / "mesh.npz")
-    assert path.read_bytes()[:2] == b"PK"
-    assert len(service.seen("GET", "file")) == 3
-    assert [p.name for p in tmp_path.iterdir()] == ["mesh.npz"]
-    service.faults = [fault("GET .*/file", "damage", times=99)]
-    before = hashlib.sha256(path.read_bytes()).hexdigest()
-    with pytest.raises(DownloadDamaged):
-        mesh.download(path)
-    with pytest.raises(DownloadDamaged):
-        mesh.arrays()
-    assert hashlib.sha256(path.read_bytes()).hexdigest() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["mesh.npz"]
 
 
 def test_a_download_that_is_refused_leaves_nothing(connect: Any, service: Any, fault: Any, tmp_path: Any) -> None:

@@ -31,6 +31,7 @@ def front(x: Any, y: Any, moved: float) -> Any:
     return np.tanh(15.0 * (x + y / 2 - 0.6 - moved))
 
 
+@pytest.mark.parametrize("connect", ["async"], indirect=True)
 def test_a_sequence_steps_and_ends(connect: Any, url: str) -> None:
     client = connect(url, timeout=30.0)
     sequence = client.sequences.start("tanh(15*(x + y/2 - 0.6))", (13, 17), keep=3)
@@ -112,6 +113,7 @@ def test_the_last_good_mesh_stays_after_bad_input(url: str) -> None:
         assert sequence.step(sequence.x).number == 1
 
 
+@pytest.mark.parametrize("connect", ["sync"], indirect=True)
 def test_settings_change_midway_and_sequences_are_listed(connect: Any, url: str) -> None:
     client = connect(url, timeout=30.0)
     sequence = client.sequences.start(monitor=Weight(rho="1 + x"), n=9)

@@ -80,7 +80,7 @@ def test_callers_beyond_the_workers_all_go_straight_to_one(http: httpx.Client, m
 
     until(lambda: straight(-1))
     with ThreadPoolExecutor(8) as callers:
-        assert all(callers.map(straight, range(40)))
+        assert all(callers.map(straight, range(16)))
 
 
 def test_a_mesh_that_takes_longer_is_in_the_store_while_it_runs(http: httpx.Client) -> None:
@@ -92,7 +92,7 @@ def test_a_mesh_that_takes_longer_is_in_the_store_while_it_runs(http: httpx.Clie
 
 
 def test_a_mesh_that_is_entered_while_it_runs_is_computed_once(http: httpx.Client) -> None:
-    more = {"tolerance": None, "max_iterations": 8}
+    more = {"tolerance": None, "max_iterations": 4}
     spec = {**SLOW, "label": "entered", "schwarz": {**SLOW["schwarz"], **more}}
     posted = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=60"})
     mesh = http.get(f"{posted.headers['location']}?wait=60").json()

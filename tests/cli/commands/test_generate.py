@@ -68,17 +68,6 @@ def test_generate_sends_what_was_asked(generate: Any, service: Any) -> None:
     }
 
 
-def test_generate_prints_the_certificate(generate: Any) -> None:
-    code, out, _ = generate("x", "-n", "5", "--label", "relaxed")
-    assert code == 0
-    for words in (
-        "  status                relaxed",
-        "0.7 requested, 0.35 reached",
-        "warning: The mesh adapts less than requested.",
-    ):
-        assert words in out
-
-
 def test_the_partial_mesh_of_a_failed_one(generate: Any, service: Any, tmp_path: Path) -> None:
     path = tmp_path / "mesh.npz"
     code, out, err = generate("x", "-n", "5", "--label", "fail", "--partial", "-o", str(path))
@@ -142,13 +131,6 @@ def test_json_is_one_object(generate: Any) -> None:
     assert said["mesh"]["status"] == "succeeded"
     assert said["quality"]["min_jacobian"] == 0.25
     assert said["files"] == []
-
-
-def test_bad_input_is_a_sentence_with_a_caret(generate: Any) -> None:
-    code, out, err = generate("1+foo", "-n", "5")
-    assert (code, out) == (2, "")
-    assert err.endswith("      1+foo\n        ^\n")
-    assert "Traceback" not in err
 
 
 def test_key_and_reuse(generate: Any, service: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -143,17 +143,6 @@ def test_a_record_without_optional_keys() -> None:
     assert repr(state) == "<MeshState m-1 queued>"
 
 
-def test_the_certificate_of_a_finished_mesh() -> None:
-    certificate = {
-        "status": "relaxed",
-        "warnings": ["coarse"],
-        "relaxed": [{"what": "a", "asked": 0.9, "reached": 0.5}],
-    }
-    state = MeshState({"id": "m-1", "status": "succeeded", "reused_from": "m-0", "certificate": certificate})
-    assert (state.is_finished, state.relaxed, state.warnings, state.reused_from) == (True, True, ("coarse",), "m-0")
-    assert [part.reached for part in state.certificate.relaxed] == [0.5] if state.certificate else False
-
-
 def test_a_relaxed_mesh_says_so(connect: Any, service: Any) -> None:
     client = connect(service.url)
     plain = client.generate("x", 8)

@@ -118,16 +118,6 @@ def test_a_spec_with_all_defaults() -> None:
     }
 
 
-def test_a_spec_with_other_options() -> None:
-    spec = mesh_spec({}, 8, {"domain": {"kind": "rectangle"}, "mode": "tight", "allow_relaxed": False, "label": "mine"})
-    assert [spec[name] for name in ("domain", "mode", "allow_relaxed", "label")] == [
-        {"kind": "rectangle"},
-        "tight",
-        False,
-        "mine",
-    ]
-
-
 def test_every_option_has_a_type_and_a_default() -> None:
     assert get_type_hints(MeshOptions).keys() == DEFAULTS.keys()
 

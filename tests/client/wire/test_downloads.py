@@ -216,18 +216,6 @@ def test_an_archive_without_its_files_writes_nothing(data: bytes, tmp_path: Path
     assert list(tmp_path.iterdir()) == []
 
 
-def test_references_follow_the_new_name(tmp_path: Path) -> None:
-    data = archive("mesh.h5", "mesh.xdmf", "facets.h5", "facets.xdmf")
-    assert unpack_xdmf(data, tmp_path / "m.xdmf") == tmp_path / "m.xdmf"
-    names = {
-        "m.h5": "mesh.h5:/0",
-        "m.xdmf": "m.h5:/0",
-        "m_facets.h5": "facets.h5:/0",
-        "m_facets.xdmf": "m_facets.h5:/0",
-    }
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == names
-
-
 def test_foam_is_unpacked_into_a_case_whose_other_files_stay(connect: Any, service: Any, tmp_path: Path) -> None:
     (tmp_path / "system").mkdir()
     (tmp_path / "system" / "controlDict").write_text("mine")

@@ -20,8 +20,6 @@ from equimesh_client import (
     AsyncMesh,
     Client,
     DeadlineExceeded,
-    Forbidden,
-    Gone,
     Mesh,
     MeshCanceled,
     MeshFailed,
@@ -99,14 +97,7 @@ def test_a_service_that_keeps_failing_is_given_up(connect: Any, service: Any, fa
     assert len(service.requests) == 4
 
 
-def test_an_internal_error_is_not_repeated(connect: Any, service: Any, fault: Any) -> None:
-    service.faults = [fault("capabilities", "status", status=500)]
-    with pytest.raises(ServerError):
-        connect(service.url).capabilities()
-    assert len(service.requests) == 1
-
-
-@pytest.mark.parametrize(("status", "kind"), [(401, Unauthorized), (403, Forbidden), (410, Gone), (507, StorageFull)])
+@pytest.mark.parametrize(("status", "kind"), [(401, Unauthorized), (500, ServerError), (507, StorageFull)])
 def test_what_does_not_get_better_is_not_repeated(
     connect: Any, service: Any, fault: Any, status: int, kind: type[ProblemError]
 ) -> None:
@@ -224,7 +215,7 @@ def test_events_come_once_each_over_dropped_connections(connect: Any, service: A
     assert len(requested) == 4
 
 
-@pytest.mark.parametrize("cut", range(0, 420, 29))
+@pytest.mark.parametrize("cut", [0, 1, 145, 290])
 def test_events_survive_a_cut_anywhere(connect: Any, service: Any, cut: int) -> None:
     mesh = connect(service.url).meshes.create(spec())
     service.cuts = [cut]

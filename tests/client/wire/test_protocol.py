@@ -50,7 +50,7 @@ from equimesh_client.wire.protocol import (
     problem_of,
     sha256_of,
 )
-from equimesh_client.wire.settings import Deadline, Settings, headers_with_key, pause_before_retry, retry_after_of
+from equimesh_client.wire.settings import Deadline, Settings, pause_before_retry, retry_after_of
 from equimesh_client.wire.stream import Event, EventParser, RawEvent, StreamPosition
 
 CALL = Call(method="GET", path="/")
@@ -271,23 +271,6 @@ def test_the_key_goes_with_every_request_and_nowhere_else(
     assert service.seen("GET", "elsewhere") == []
 
 
-def test_the_environment_gives_the_key_unless_there_is_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("EQUIMESH_KEY", " em_1_a ")
-    assert headers_with_key(None, None) == {"Authorization": "Bearer em_1_a"}
-    assert headers_with_key({"X": "1"}, "em_2_b") == {"X": "1", "Authorization": "Bearer em_2_b"}
-    assert headers_with_key(None, "") == {}
-    assert headers_with_key({"authorization": "Basic x"}, None) == {"authorization": "Basic x"}
-
-
-def test_a_key_that_cannot_be_one_is_refused_and_not_shown() -> None:
-    with pytest.raises(BadArgument, match="not both"):
-        headers_with_key({"authorization": "Basic x"}, "em_1_a")
-    for key in ("em 1", "em_\n1", "em_\u00e9"):
-        with pytest.raises(BadArgument, match="the key has a space") as caught:
-            headers_with_key(None, key)
-        assert key not in str(caught.value)
-
-
 # Decisions about retries, without a network.
 
 
@@ -353,11 +336,6 @@ def test_a_policy_has_no_negative_number() -> None:
 def test_a_url_that_is_none(connect: Any, url: str) -> None:
     with pytest.raises(BadArgument):
         connect(url)
-
-
-def test_headers_go_with_every_request(connect: Any, service: Any) -> None:
-    connect(service.url, headers={"Authorization": "Bearer me"}).generate("x", 5).events()
-    assert {request.headers["authorization"] for request in service.requests} == {"Bearer me"}
 
 
 def parsed(*chunks: bytes) -> list[RawEvent]:

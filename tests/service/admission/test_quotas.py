@@ -97,12 +97,15 @@ def test_keys_are_counted_apart_and_nobody_without_one() -> None:
     assert [unlimited.count_request(CALLER) for _ in range(5)] == [{}] * 5
 
 
-def test_answers_say_how_many_requests_are_left(guarded_service: Guarded) -> None:
+def test_answers_say_how_many_requests_are_left(guarded_service: Guarded, monkeypatch: pytest.MonkeyPatch) -> None:
+    count = Quotas.count_request
     with guarded_service.client("read") as client:
         answers = [client.get("/v1/samples/none"), client.get("/v1/meshes")]
         assert [answer.headers["ratelimit"].split(";")[1] for answer in answers] == ["r=599", "r=598"]
         assert answers[0].headers["ratelimit-policy"] == '"key";q=600;w=60'
-        refused = next(answer for _ in range(1200) if (answer := client.get("/v1/samples/none")).status_code == 429)
+        fifty: Any = lambda quotas, caller: [count(quotas, caller) for _ in range(50)][-1]  # noqa: E731
+        monkeypatch.setattr(Quotas, "count_request", fifty)
+        refused = next(answer for _ in range(24) if (answer := client.get("/v1/samples/none")).status_code == 429)
         assert refused.json()["type"] == "/problems/rate-limited"
         assert 1 <= int(refused.headers["retry-after"]) <= 61
         assert client.get("/readyz").status_code == 200

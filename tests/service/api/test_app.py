@@ -123,13 +123,6 @@ def test_an_app_is_made_without_touching_anything(settings: Settings) -> None:
 BROWSER = {"Accept": "text/html,application/xhtml+xml,application/xml;q=0.9,image/avif,image/webp,*/*;q=0.8"}
 
 
-def test_health(http: httpx.Client) -> None:
-    assert http.get("/livez").json() == {"status": "ok"}
-    ready = http.get("/readyz")
-    assert ready.status_code == 200
-    assert set(ready.json()["checks"].values()) == {"ok"}
-
-
 @pytest.mark.parametrize("name", ["invalid-input", "unauthorized"])
 def test_a_problem_is_a_page_in_a_browser_and_json_elsewhere(http: httpx.Client, name: str) -> None:
     page, plain = http.get(f"/problems/{name}", headers=BROWSER), http.get(f"/problems/{name}")

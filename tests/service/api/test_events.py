@@ -91,7 +91,7 @@ def test_a_parameter_that_is_no_number_is_refused(http: httpx.Client, finished: 
 def test_a_cut_at_any_byte_loses_nothing(url: str, http: httpx.Client, finished: dict[str, Any]) -> None:
     path, every = finished["links"]["events"], whole(http, finished["id"])
     length = len(raw(url, path))
-    for cut in np.random.default_rng(11).integers(1, length, 40):
+    for cut in np.random.default_rng(11).integers(1, length, 12):
         got = events(raw(url, path, most=int(cut)))
         assert got == every[: len(got)]
         rest = raw(url, path, str(len(got)) if got else None)

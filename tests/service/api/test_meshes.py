@@ -50,11 +50,6 @@ def test_the_file_itself_in_one_round_trip(http: httpx.Client, asked: dict[str, 
     assert (again.status_code, again.content) == (200, answer.content)
 
 
-def test_json_before_a_mesh_format_gives_json(http: httpx.Client) -> None:
-    accept = f"application/json, {FORMATS['vtu'].media_type};q=0.5, */*;q=0.1"
-    assert post(http, small(), Accept=accept, **WAIT).headers["content-type"] == "application/json"
-
-
 def test_the_list_is_paged(http: httpx.Client) -> None:
     ids = [post(http, small(label="paged")).json()["id"] for _ in range(5)]
     seen, url = [], "/v1/meshes?label=paged&limit=2"
@@ -150,21 +145,6 @@ def test_bad_keys_are_refused(http: httpx.Client, key: str) -> None:
     answer = http.post("/v1/meshes", json=small(), headers={"Idempotency-Key": key})
     assert answer.status_code == 400
     assert answer.json()["type"] == "/problems/malformed-header"
-
-
-@pytest.mark.parametrize("prefer", ["wait=abc", "wait=", ",,;="])
-def test_a_preference_that_cannot_be_read_is_refused(http: httpx.Client, prefer: str) -> None:
-    answer = http.post("/v1/meshes", json=small(), headers={"Prefer": prefer})
-    assert answer.status_code == 400
-    assert answer.json()["type"] == "/problems/malformed-header"
-    assert prefer in answer.json()["detail"]
-    assert "wait=30" in answer.json()["remedy"]
-
-
-def test_other_preferences_are_ignored(http: httpx.Client) -> None:
-    answer = http.post("/v1/meshes", json=small(), headers={"Prefer": "respond-async"})
-    assert answer.status_code in (201, 202)
-    assert "preference-applied" not in answer.headers
 
 
 @pytest.mark.parametrize(

@@ -177,6 +177,8 @@ def test_nothing_is_kept(http: httpx.Client, settings: Settings) -> None:
     assert http.post("/v1/previews", content=padded, headers={"Content-Type": "application/json"}).status_code == 200
     name = document["spec"]["monitor"]["u"]["samples"]
     assert http.get(f"/v1/samples/{name}").status_code == 404
+    query = {**UNSTORED, "format": "vtu"}
+    assert http.post("/v1/meshes", params=query, files=MULTIPART, data={"spec": json.dumps(spec)}).status_code == 200
     assert state() == before
     mesh = solved(
         http,
@@ -236,7 +238,7 @@ def unstored(http: httpx.Client, spec: dict[str, Any], **query: Any) -> httpx.Re
     return http.post("/v1/meshes", json=spec, params={**UNSTORED, **query})
 
 
-@pytest.mark.parametrize("format", sorted(em.io.FORMATS))
+@pytest.mark.parametrize("format", ["foam", "npz", "vtu", "xdmf"])
 def test_a_mesh_that_is_not_kept_has_the_file_of_one_that_is(http: httpx.Client, format: str) -> None:
     answer, mesh = unstored(http, small(), format=format), solved(http, small())
     assert answer.status_code == 200, answer.text
@@ -275,21 +277,6 @@ def test_what_is_refused_of_a_mesh_that_is_not_kept(http: httpx.Client) -> None:
     assert "a mesh of this service has at most 20000" in many.json()["errors"][0]["message"]
     kind = http.post("/v1/meshes", content=b"x", params=UNSTORED, headers={"Content-Type": "text/html"})
     assert kind.status_code == 415
-
-
-def test_nothing_is_kept_of_a_mesh_with_store_false(http: httpx.Client, settings: Settings) -> None:
-    def state() -> tuple[Any, set[str]]:
-        newest = http.get("/v1/meshes", params={"limit": 1}).json()["items"]
-        left = {path.name for path in settings.data_dir.rglob("*") if "sqlite" not in path.name}
-        return newest, left | stored_names(settings)
-
-    before = state()
-    spec = {"monitor": {"u": {"samples": "upload"}}, "domain": {"kind": "rectangle", "x": [0, 8], "y": [0, 8]}}
-    answer = http.post(
-        "/v1/meshes", params={**UNSTORED, "format": "vtu"}, files=MULTIPART, data={"spec": json.dumps(spec)}
-    )
-    assert answer.status_code == 200, answer.text
-    assert state() == before
 
 
 def test_a_mesh_that_is_not_kept_ends_at_its_wait(http: httpx.Client) -> None:

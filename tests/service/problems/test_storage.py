@@ -63,7 +63,7 @@ def fill(folder: Path) -> Path:
 
 async def read_only(folder: Path, wanted: bool) -> None:
     """Make a disk take no writes, or take them again; it must not be written to at this moment."""
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 300.0
     while True:
         done = subprocess.run(["mount", "-o", f"remount,{'ro' if wanted else 'rw'}", folder], capture_output=True)
         if done.returncode == 0:
@@ -198,7 +198,7 @@ async def _database_without_writes(http: httpx.AsyncClient, data: Path, service:
     service.lock.close()
     service.engine.close()
     service.side_workers.close()
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 300.0
     while time.monotonic() < deadline:
         service.store.close()
         # With the log that a killed process leaves, the database can be opened for reading on such a disk.
