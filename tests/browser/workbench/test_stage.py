@@ -163,7 +163,7 @@ def test_a_large_mesh_is_dragged_at_the_rate_of_the_screen(
     assert page.get_attribute(STAGE, "data-uploads") == uploads  # nodes stay where they are
 
 
-@pytest.mark.parametrize("layout", ["both meshes", "one mesh"])
+@pytest.mark.parametrize("layout", ["both meshes", pytest.param("one mesh", marks=pytest.mark.everything)])
 def test_pictures_show_what_is_seen(page: Page, tmp_path: Path, layout: str) -> None:
     page.wait_for_selector(DRAWN)
     page.get_by_role("button", name=layout).click()
