@@ -5,9 +5,7 @@ from __future__ import annotations
 import base64
 import re
 import sys
-from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 
@@ -71,11 +69,6 @@ def test_it_is_drawn_on_the_axes_that_are_given(front: em.Solution) -> None:
 def test_the_name_of_a_file_is_no_axes(front: em.Solution) -> None:
     with pytest.raises(em.BadValues, match=r"axes = 'front\.png': .* \.plot\(\)\.figure\.savefig"):
         front.plot("front.png")  # type: ignore[arg-type]
-
-
-def test_write_takes_the_format_of_the_suffix(front: em.Solution, tmp_path: Path) -> None:
-    (path,) = front.write(tmp_path / "mesh.vtu", cells="triangle")
-    assert meshio.read(path).cells_dict["triangle"].shape == (2 * 16 * 16, 3)
 
 
 def test_a_metric_without_u_has_no_gain() -> None:

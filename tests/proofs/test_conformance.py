@@ -209,16 +209,6 @@ def test_files_in_every_format(client: Any, tmp_path: Path) -> None:
     assert all(np.allclose(here.point_data[name], file.point_data[name]) for name in file.point_data)
 
 
-@BLOCKING
-def test_pictures(client: Any, tmp_path: Path) -> None:
-    mesh = client.generate(PAPER, 12, **TABLE_1)
-    assert mesh.plot()._repr_svg_().lstrip().startswith("<?xml")
-    for kind in ("mesh", "quality", "convergence", "comparison"):
-        assert mesh.plot(tmp_path / f"{kind}.png", kind)._repr_png_().startswith(b"\x89PNG")
-    with pytest.raises(InvalidInput):
-        mesh.plot(kind="nothing")
-
-
 def test_the_spec_makes_the_same_mesh(client: Any) -> None:
     label = f"made {time.time_ns()}"
     mesh = client.generate("c*x*y", (9, 7), parameters={"c": 2.0}, label=label, b=0.1)
@@ -298,11 +288,6 @@ def test_every_monitor_on_every_domain(client: Any, monitor: Any, domain: Any) -
     assert mesh.quality.interpolation_error["gain_l2"] == pytest.approx(certificate.interpolation_gain["l2"], rel=0.3)
     if isinstance(domain, AnnulusSector) or domain is BEND:
         assert np.allclose(np.hypot(mesh.x, mesh.y)[[0, -1]], [[1], [2]])
-
-
-def test_two_ways_to_say_one_domain(client: Any) -> None:
-    meshes = [client.generate(FRONT, 12, domain=domain, mode="tight", a=0.7) for domain in (AnnulusSector(), BEND)]
-    assert abs(meshes[0].x - meshes[1].x).max() < 1e-8  # a Coons patch of two arcs and two radii is the sector
 
 
 @BLOCKING

@@ -123,11 +123,6 @@ def test_no_body_breaks_the_service(http: httpx.Client, body: bytes) -> None:
             assert answer.headers["content-type"] == "application/problem+json"
 
 
-def test_the_service_is_still_well(http: httpx.Client) -> None:
-    assert http.get("/readyz").status_code == 200
-    assert http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()["status"] == "succeeded"
-
-
 # Bodies ------------------------------------------------------------------------------------------------------
 
 # The size of a body of each kind, and of one on each route; all other bodies are short ones, which no worker reads.

@@ -139,36 +139,6 @@ def test_without_adaptation_lines_have_equal_lengths(domain: str) -> None:
     assert distance(solution.mesh, map_mesh(em.Mesh.uniform(problem.grid), problem.domain)) < 1e-12
 
 
-def test_similar_domains_have_similar_meshes() -> None:
-    """The unit of length and the origin do not matter to a weight."""
-    square = em.Problem(monitor=em.Weight(rho=em.Expression("1 + 9*x*y")), grid=em.Grid(n_xi=17, n_eta=17))
-    large = em.Problem(
-        monitor=em.Weight(rho=em.Expression("1 + 9*(x - 3)/5*(y + 1)/5")),
-        grid=square.grid,
-        domain=em.Rectangle(x=(3.0, 8.0), y=(-1.0, 4.0)),
-    )
-    one, other = em.solve(square, mode=em.Mode.TIGHT), em.solve(large, mode=em.Mode.TIGHT)
-    assert distance(one.reference, other.reference) < 1e-11
-    assert abs(other.mesh.x - (3.0 + 5.0 * one.mesh.x)).max() < 1e-10
-    assert one.certificate.min_jacobian == pytest.approx(other.certificate.min_jacobian)
-
-
-def test_a_rectangle_is_a_quadrilateral() -> None:
-    straight = {
-        "bottom": [[0.0, 0.0], [2.0, 0.0]],
-        "right": [[2.0, 0.0], [2.0, 1.0]],
-        "top": [[0.0, 1.0], [2.0, 1.0]],
-        "left": [[0.0, 0.0], [0.0, 1.0]],
-    }
-    patch = em.Quadrilateral(**{side: em.Curve.through(points) for side, points in straight.items()})
-    grid = em.Grid(n_xi=25, n_eta=17)
-    meshes = [
-        em.solve(em.Problem(monitor=MONITORS["arc_length"], grid=grid, domain=domain), mode=em.Mode.TIGHT).mesh
-        for domain in (patch, em.Rectangle(x=(0.0, 2.0)))
-    ]
-    assert distance(*meshes) < 1e-10
-
-
 @pytest.mark.parametrize("condition", [em.Classical(), em.LinearRobin(), em.NonlinearRobin()], ids=lambda c: c.name)
 @pytest.mark.parametrize(("monitor", "domain"), [("arc_length", "annulus"), ("weight", "square")])
 def test_the_schwarz_limit_is_the_single_domain_mesh(

@@ -196,12 +196,6 @@ def test_summary_is_plain_json() -> None:
 # Measures of the shape of cells: exact values on cells made by hand.
 
 
-@pytest.mark.parametrize("ratio", [1.0, 3.0, 0.2])
-def test_rectangles(ratio: float) -> None:
-    mesh = one_quad((0, 0), (ratio, 0), (ratio, 1), (0, 1))
-    assert shape_regularity(mesh)[0, 0] == pytest.approx((ratio + 1 / ratio) / 2)
-
-
 def test_a_rectangle_that_is_square_in_the_metric_is_aligned() -> None:
     # u = 2x, a = 1, b = 0: M = diag(5, 1), so a cell sqrt(5) times as tall as wide is a square to M.
     mesh = one_quad((0, 0), (0.2, 0), (0.2, 0.2 * math.sqrt(5)), (0, 0.2 * math.sqrt(5)))
@@ -423,9 +417,3 @@ def test_corners_areas_and_values() -> None:
     assert turned == there
     assert {*cells.cuts} == {int(np.flatnonzero(whole.cells == k)[0]) for k in plain.cuts}
     assert isinstance(cells_of(grid), BilinearCells)
-
-
-def test_the_l_has_its_area() -> None:
-    cells = QuadCells(l_shape(bend=0.0))
-    assert cells.total_area == pytest.approx(3.0)
-    assert cells.all_valid

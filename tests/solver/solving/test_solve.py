@@ -103,16 +103,6 @@ def test_measures_do_not_depend_on_what_is_read_first() -> None:
         assert np.array_equal(second.data().q_eq, q_eq)
 
 
-def test_convergence_is_plain_numbers() -> None:
-    convergence = em.solve(PAPER, em.Schwarz(tolerance=1e-6)).convergence()
-    first, last = convergence["iterations"][0], convergence["iterations"][-1]
-    assert first["change"] is None
-    assert first["error"] is None
-    assert type(last["max_q_eq"]) is float
-    assert last["subdomains"][0]["status"] == "converged"
-    assert convergence["predicted_rate"] == 0.0
-
-
 def test_what_counts_as_success() -> None:
     assert {status for status in em.Status if status.succeeded} == {
         em.Status.CONVERGED,

@@ -91,13 +91,6 @@ def test_what_a_service_refuses_is_refused_with_the_same_path(part: str, name: s
     assert re.sub(r"(\.\d+)+$", "", path) == re.sub(r"(\.\d+)+$", "", pointer[1:].replace("/", "."))
 
 
-def test_a_document_is_an_object_with_a_monitor() -> None:
-    for document, field in (({}, "monitor"), ([], "")):
-        with pytest.raises(InputError) as caught:
-            build(document)  # type: ignore[arg-type]
-        assert caught.value.field == field
-
-
 def test_samples_are_found_by_their_names() -> None:
     asked = []
     mesh = solve(build({"monitor": {"kind": "arc_length", "u": U}, "grid": {"n_xi": 8, "n_eta": 8}}).problem).mesh
