@@ -80,7 +80,12 @@ UNEVEN = [{**STEP["blocks"][0], "cells": [6, 5]}, *STEP["blocks"][1:]]
 # By the part of the document with the mistake.
 REFUSALS: dict[str, dict[str, Refusal]] = {
     "document": {
-        "no object": (small(grid=[8, 8]), "/grid", "must be a JSON object"),
+        "no object": (small(grid=[8, 8]), "/grid", 'must be a JSON object, such as {"n_xi": 33, "n_eta": 33}'),
+        "samples in place of their id": (
+            small(monitor={"kind": "arc_length", "u": {"samples": {"grid": GRID}}}),
+            "/monitor/u/samples",
+            "as grid, nodal, scattered or block_nodes",
+        ),
         "unknown key": (small(labell="x"), "/labell", "known are"),
         "unknown inner key": (small(grid={"n_x": 8}), "/grid/n_x", "n_xi, n_eta"),
     },
@@ -410,6 +415,11 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
             on_step(grid={"points": 99}, monitor={"kind": "nodal_solution", "u": ON_STEP, "adjoint": ON_STEP}),
             "/grid/points",
             "leave points out",
+        ),
+        "triangles for a functional": (
+            on_step(monitor={"kind": "nodal_solution", "u": ON_STEP, "adjoint": ON_STEP}, cells="triangle"),
+            "/monitor/adjoint",
+            "errors are those on quadrilaterals",
         ),
         **{
             f"cells {cells}": (

@@ -349,6 +349,14 @@ def test_geometries_are_measured_with_fronts_on_their_window() -> None:
     assert geometry.mean([2.0, 8.0]) == pytest.approx(4.0)
 
 
+def test_chosen_counts_are_compared_with_those_of_the_domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(geometry, "BUDGETS", {"layer": geometry.BUDGETS["layer"]})
+    l2, h1 = geometry.budget(200)
+    assert l2.value > 2.0
+    assert h1.value > 1.2
+    assert "chosen" in l2.note
+
+
 def test_the_roads_are_counted() -> None:
     """The files that calls visit come in the order of their paths, and exist."""
     counted = {count.name: count for count in road.roads(posted=False)}

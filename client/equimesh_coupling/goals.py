@@ -43,6 +43,7 @@ POINT_NODES = 4
 NEEDS_ADJOINT = "with a goal, return WithAdjoint(u, z), or WithAdjoint(u, matrix=A, fixed=nodes), which solves for z"
 NEEDS_GOAL = "an adjoint needs a goal, whose error it tells: give goal=Goal(...), or return u alone"
 NO_DUAL_DEGREE = "an adjoint is known on elements of degree 1 alone: leave the degree out, or solve without a goal"
+NO_DUAL_TRIANGLES = "with an adjoint errors are those on quadrilaterals: leave cells='triangle' out"
 CONSTANT = "the functional is constant: no value of the solution changes it, so that its adjoint is zero everywhere"
 
 
@@ -188,7 +189,7 @@ def check_goal(goal: object, tolerance: object, degree: object, points: object =
     if degree not in (None, 1):
         raise ValueError(f"degree = {degree}: {NO_DUAL_DEGREE}")
     if cells == "triangle":
-        raise ValueError("cells = 'triangle': with a goal errors are those on quadrilaterals; leave cells out")
+        raise ValueError(NO_DUAL_TRIANGLES)
     if points is not None:
         raise ValueError("points finds the mesh for a norm of the error: give n with a goal, on blocks neither")
     if tolerance is not None and not (is_number(tolerance) and 0.0 < tolerance < math.inf):

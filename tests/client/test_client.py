@@ -18,7 +18,7 @@ def spec(**more: Any) -> dict[str, Any]:
 
 
 def test_reuse_can_be_declined(connect: Any, service: Any) -> None:
-    client = connect(service.url)
+    client = connect(f"{service.url}/v1/")  # the address of its interface, too
     client.generate("x", 5)
     client.generate("x", 5, reuse=False)
     client.meshes.create(spec(), reuse=False)

@@ -118,14 +118,14 @@ class BrokenStream(Exception):
 
 
 def base_url(url: str) -> str:
-    """The URL without a slash at its end. Raises :class:`BadArgument` when it is no http(s) URL."""
+    """The URL without a slash or ``/v1`` at its end. Raises :class:`BadArgument` when it is no http(s) URL."""
     try:
         parsed = httpx.URL(url)
     except (httpx.InvalidURL, TypeError) as error:
         raise BadArgument(f"{url!r} is not a URL: {error}") from error
     if parsed.scheme not in ("http", "https") or not parsed.host:
         raise BadArgument(f"{url!r} is not the URL of a service, such as http://127.0.0.1:8000")
-    return url.rstrip("/")
+    return url.rstrip("/").removesuffix("/v1")
 
 
 def _options(url: str, headers: Mapping[str, str]) -> dict[str, Any]:

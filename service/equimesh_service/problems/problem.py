@@ -184,16 +184,35 @@ def _at_most(entry: Mapping[str, Any]) -> str:
     return f"this must be at most {entry['ctx']['le']}"
 
 
-_OBJECT = "this must be a JSON object"
+_EXAMPLES = {"grid": ', such as {"n_xi": 33, "n_eta": 33}'}
+_PLACES_OF_SAMPLES = (
+    "this must be a text, the id of uploaded samples or upload: give samples in the document as grid, nodal, scattered"
+    " or block_nodes in place of samples"
+)
+
+
+def _last_of(entry: Mapping[str, Any]) -> str:
+    """The key of the value that is wrong; empty for the document itself."""
+    return str((entry.get("loc") or [""])[-1])
+
+
+def _object(entry: Mapping[str, Any]) -> str:
+    return "this must be a JSON object" + _EXAMPLES.get(_last_of(entry), "")
+
+
+def _text(entry: Mapping[str, Any]) -> str:
+    return _PLACES_OF_SAMPLES if _last_of(entry) == "samples" else "this must be a text"
+
+
 _NUMBER = "this must be a number"
 _WHOLE_NUMBER = "this must be a whole number"
 _SWITCH = "this must be true or false"
 _SENTENCES: Mapping[str, str | Callable[[Mapping[str, Any]], str]] = {
-    "model_type": _OBJECT,
-    "dataclass_type": _OBJECT,
-    "dict_type": _OBJECT,
+    "model_type": _object,
+    "dataclass_type": _object,
+    "dict_type": _object,
     "list_type": "this must be a list",
-    "string_type": "this must be a text",
+    "string_type": _text,
     "string_unicode": "this text holds half of a surrogate pair; send whole characters",
     "string_too_long": _length_of_text,
     "string_pattern_mismatch": _pattern,

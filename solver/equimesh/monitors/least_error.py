@@ -24,7 +24,7 @@ from equimesh.monitors.metrics import NORMS, Curvature
 from equimesh.monitors.monitor import AnyDomain, Monitor, Probe, bound_copy, is_bound_to, require_orthogonality, weaken
 from equimesh.numerics.types import Array
 from equimesh_coupling.elements import MAX_DEGREE, element_shape
-from equimesh_coupling.goals import CONSTANT, NO_DUAL_DEGREE
+from equimesh_coupling.goals import CONSTANT, NO_DUAL_DEGREE, NO_DUAL_TRIANGLES
 from equimesh_schema.document import is_number, is_whole
 
 CELLS = ("quad", "triangle")
@@ -329,8 +329,7 @@ class NodalSolution:
     """The degree of the elements at whose nodes the values are, 1 to 4, on triangles 1 or 2."""
     cells: Literal["quad", "triangle"] = "quad"
     """The cells of the elements. On triangles of degree 2 the inner value of each quadrilateral is that at the middle
-    of the diagonal along which :meth:`~equimesh.meshes.mesh.Mesh.triangles` cuts it. With an ``adjoint`` errors are
-    those on quadrilaterals."""
+    of the diagonal along which :meth:`~equimesh.meshes.mesh.Mesh.triangles` cuts it."""
     earlier: Field | None = None
     """Values of the same solver on an earlier mesh that resolves u, of degree 1: they tell whose error leads in L2."""
     adjoint: Field | None = None
@@ -351,6 +350,8 @@ class NodalSolution:
             return
         if self.degree != 1:
             raise InputError(NO_DUAL_DEGREE, field="degree")
+        if self.cells == "triangle":
+            raise InputError(NO_DUAL_TRIANGLES, field="adjoint")
         nodes = self.nodal.mesh
         if not isinstance(self.adjoint, NodalField | QuadField) or self.adjoint.mesh.node_shape != nodes.node_shape:
             raise InputError(NOT_DUAL, field="adjoint")

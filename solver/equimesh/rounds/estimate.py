@@ -25,7 +25,7 @@ from equimesh.quality.elements import CellKind
 from equimesh.quality.ritz import projection
 from equimesh.rounds.recovery import Recovery, on_domain
 from equimesh_coupling.adaptation import MAX_UNRESOLVED_SHARE
-from equimesh_coupling.goals import CONSTANT, NO_DUAL_DEGREE
+from equimesh_coupling.goals import CONSTANT, NO_DUAL_DEGREE, NO_DUAL_TRIANGLES
 from equimesh_schema import ErrorProducts
 
 MAX_POLYNOMIAL_SHARES: Mapping[Norm, float] = {"l2": 0.02, "h1": 0.07}
@@ -121,15 +121,15 @@ class ErrorEstimate:
     ) -> ErrorEstimate:
         """From ``values`` at the nodes of elements of a ``degree`` on ``mesh``, a mesh of ``domain``.
 
-        With the values of an ``adjoint`` at the same nodes cells are quadrilaterals, the error of the gradient is the
-        root of the sum over the cells of the products of both errors, and its norm the root of the product of both.
-        Where ``earlier`` values are not :func:`are_of_poisson`, the estimate is the error of the interpolant alone.
+        With the values of an ``adjoint`` at the same nodes, on quadrilaterals, the error of the gradient is the root of
+        the sum over the cells of the products of both errors, and its norm the root of the product of both. Where
+        ``earlier`` values are not :func:`are_of_poisson`, the estimate is the error of the interpolant alone.
 
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
         :class:`~equimesh.errors.InputError` for a folded mesh, one of another domain, and an adjoint that is zero or of
         degree 2.
         """
-        recovery = Recovery.of(mesh, values, domain, degree, cells if adjoint is None else "quad")
+        recovery = Recovery.of(mesh, values, domain, degree, cells)
         plain, size, products = recovery.estimate("l2", threads, of_solver=False), recovery.gradient_norm(), None
         is_of_poisson = earlier is None or are_of_poisson(earlier, recovery.u, plain, cells)
         estimate = recovery.of_solver(plain, threads) if is_of_poisson else plain
@@ -137,6 +137,8 @@ class ErrorEstimate:
         if adjoint is not None:
             if degree != 1:
                 raise InputError(NO_DUAL_DEGREE, field="degree")
+            if cells == "triangle":
+                raise InputError(NO_DUAL_TRIANGLES, field="cells")
             dual = Recovery.of(mesh, adjoint, domain)
             if not dual.values.any():
                 raise InputError(CONSTANT, field="adjoint")

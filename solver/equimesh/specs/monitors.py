@@ -144,7 +144,11 @@ def samples_in(folder: Path) -> FindSamples:
             data = file.read_bytes()
         except (OSError, ValueError) as error:
             raise SamplesError(f"{file}: {getattr(error, 'strerror', None) or error}") from error
-        return read_samples(data, file.name, column=column, box=box)
+        try:
+            return read_samples(data, file.name, column=column, box=box)
+        except SamplesError as error:
+            named = error.message if file.name in error.message else f"{file.name}: {error.message}"
+            raise SamplesError(named, field=error.field, columns=error.columns) from error
 
     return find
 

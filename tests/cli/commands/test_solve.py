@@ -148,6 +148,10 @@ def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], 
     assert (said["status"], len(said["convergence"]["iterations"])) == ("not_converged", 3)
     (tmp_path / "u.csv").write_text("x,y,u\n0,0,1\n")
     assert main(["solve", "--samples", str(tmp_path / "u.csv")]) == 2
+    (tmp_path / "bad.csv").write_text("x,y,u\n0,0,?\n")
+    capsys.readouterr()
+    assert main(["solve", "--samples", str(tmp_path / "bad.csv")]) == 2
+    assert "bad.csv: line 2 of the csv file" in capsys.readouterr().err
 
 
 def test_solve_asks_which_column_is_u(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
