@@ -317,8 +317,11 @@ class Objective:
 
         Such a node is a corner or on a side where u is like the square root of the distance, and cannot leave it.
         """
-        if not math.isfinite(float(nodal.u.sum())):
+        total = float(nodal.u.sum())
+        if not math.isfinite(total):
             return False
+        if math.isfinite(total + float(nodal.u_x.sum()) + float(nodal.u_y.sum())):
+            return True
         bad = np.flatnonzero(~np.isfinite(nodal.u_x + nodal.u_y))
         if bad.size:
             cells = self.cells.places[self.cells.starts[bad]] // 4

@@ -144,7 +144,7 @@ def _along(u: Field, patch: Patch, lines: Sequence[Array], few: Sequence[Array])
 
 def product(s: Array, t: Array) -> Array:
     """The mesh of straight lines, shape ``(2, nodes)``."""
-    return np.stack([q.reshape(-1) for q in np.meshgrid(s, t, indexing="ij")])
+    return np.stack([np.repeat(s, t.size), np.tile(t, s.size)])
 
 
 def resampled(line: Array, count: int, *, closed: bool = False) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +86,11 @@ class InterpolationErrors:
         """Whether the L2 errors on both meshes are rounding."""
         return max(self.l2, self.l2_uniform) <= self.rounding[0]
 
+    def against(self, plain: InterpolationErrors | Norms) -> InterpolationErrors:
+        """The errors of a mesh that was measured alone, next to the ``plain`` ones of the uniform or initial mesh."""
+        resolved = (self.resolved[0] and plain.resolved[0], self.resolved[1] and plain.resolved[1])
+        return replace(self, l2_uniform=plain.l2, h1_uniform=plain.h1, resolved=resolved)
+
     def estimated_gain(self, norm: str) -> float:
         """The gain in ``norm``, ``"l2"`` or ``"h1"``, by the best estimate of the errors: also where not resolved."""
         if norm == "l2":
@@ -118,15 +123,15 @@ def compared(cells: Cells, here: Norms, there: Norms) -> InterpolationErrors:
     """The errors ``here``, on ``cells``, next to those ``there``, on the uniform mesh."""
     return InterpolationErrors(
         l2=here.l2,
-        l2_uniform=there.l2,
+        l2_uniform=math.nan,
         h1=here.h1,
-        h1_uniform=there.h1,
+        h1_uniform=math.nan,
         rounding=noise(cells, here.size),
+        resolved=here.resolved,
         size=here.size,
         variation=here.variation,
         largest=here.largest,
-        resolved=(here.resolved[0] and there.resolved[0], here.resolved[1] and there.resolved[1]),
-    )
+    ).against(there)
 
 
 NO_ERROR = LargestError(0.0, math.nan, math.nan)

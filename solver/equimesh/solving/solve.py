@@ -39,6 +39,7 @@ from equimesh.solving.single_domain import (
 from equimesh.solving.solution import AnySolution, OnBlocks, Solution, SolveError, degree_of
 from equimesh.solving.status import Announcer, Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.sweeps.deviation import deviation
+from equimesh_schema import Candidate
 
 # Largest deviation of squared metric lengths from the mean of their line, as a share of it, at which a given mesh is
 # near enough to start from: a front may have moved by half a cell.
@@ -316,7 +317,7 @@ class Best:
             chosen = replace(problem, monitor=found.chosen.monitor)
             solution = self._member(chosen, found.chosen.coarse).solve(chosen, initial, rest)
             rest = options.part(None, doing="another monitor")
-            solution = replace(solution, comparison=found.comparison)
+            solution = _compared(solution, found.comparison)
             if found.least_error is None:
                 break
             found = found.least_error
@@ -365,6 +366,13 @@ def count_subdomains(problem: Problem[Any], schwarz: Schwarz) -> int:
     if descent and descent.rectilinear:
         raise InputError(NO_STRAIGHT_LINES, field="monitor.rectilinear")
     return int(schwarz.owner_of_cells(problem.grid).max()) + 1
+
+
+def _compared(solution: AnySolution, comparison: tuple[Candidate, ...]) -> AnySolution:
+    """The solution with the candidates among which its monitor was chosen; what was measured stays known."""
+    found = replace(solution, comparison=comparison)
+    vars(found).update({name: value for name, value in vars(solution).items() if name not in vars(found)})
+    return found
 
 
 def _is_no_worse(solution: AnySolution, auto: Auto, found: Choice) -> bool:

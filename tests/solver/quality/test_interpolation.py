@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,6 +80,11 @@ def test_gains_compare_with_the_uniform_mesh_of_the_domain() -> None:
     assert error.gain_l2 == error.l2_uniform / error.l2 > 1.5
     assert error.gain_h1 == error.h1_uniform / error.h1 > 1.2
     assert (error.l2_uniform, error.h1_uniform) == (same.l2, same.h1)
+    alone, there = (measure_errors(mesh, u, alone=True) for mesh in (adapted, plain))
+    assert math.isnan(alone.gain_l2)
+    assert alone.against(there) == error
+    hidden = replace(there, resolved=(False, True))
+    assert alone.against(hidden).resolved == (False, True)
     worse = Mesh(*sector.map(uniform(12).x ** 0.7, uniform(12).y))
     assert measure_errors(worse, u, uniform=plain).gain_l2 < 0.9
 

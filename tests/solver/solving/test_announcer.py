@@ -70,7 +70,8 @@ def test_an_observer_that_says_when_it_is_due_gets_the_same_records_but_only_tho
 def test_the_comparison_of_monitors_is_told() -> None:
     told = told_by(em.Problem(monitor=em.Auto(u=U), grid=GRID))
     first = [event.phase.split(":")[0] for event in told if event.phase.startswith("comparing")]
-    assert list(dict.fromkeys(first)) == [f"comparing monitors, {number} of 3" for number in (1, 2, 3)]
+    # The second candidate, straight lines, is left out.
+    assert list(dict.fromkeys(first)) == [f"comparing monitors, {number} of 3" for number in (1, 3)]
 
 
 def test_relaxed_equations_are_told_without_a_share() -> None:

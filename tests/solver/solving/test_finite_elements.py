@@ -31,6 +31,7 @@ def test_a_solver_gets_more_on_less_oblique_cells() -> None:
     assert better.solver_gain is not None
     assert better.solver_gain.l2 > 2.0 * plain.solver_gain.l2
     assert better.faces.non_orthogonality < auto.MODERATE_ANGLE < plain.faces.non_orthogonality
+    assert "interpolation" in vars(better)  # measured for the comparison, and not again for the certificate
     assert better.certificate.solver_gain == better.solver_gain
 
 
@@ -69,6 +70,12 @@ def test_the_candidates_are_told_with_what_a_solver_gets() -> None:
     again = em.LeastError(u=monitor.u, **taken.settings)
     mesh = em.solve(em.Problem(monitor=again, grid=solution.problem.grid), threads=1, check=False).mesh
     assert mesh.distance(solution.mesh) == 0.0
+
+
+def test_straight_lines_that_cannot_be_chosen_are_left_out() -> None:
+    oblique, upright = (chosen(text).comparison for text in ("tanh(20*(x + y/2 - 0.75))", "tanh(20*(x - 0.4))"))
+    assert not any("rectilinear" in one.settings for one in oblique)
+    assert any("rectilinear" in one.settings for one in upright)
 
 
 def test_where_no_candidate_is_better_for_a_solver_the_mesh_is_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
