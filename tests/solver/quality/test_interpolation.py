@@ -15,7 +15,7 @@ from equimesh.monitors.metrics import ArcLength
 from equimesh.quality import measures
 from equimesh.quality.interpolation import MAX_PROBES_PER_CELL, PROBES, probe_errors
 from equimesh.quality.measures import equidistribution, measure, measure_errors
-from solver.quality.handmade import CONSTANT, ERRORS, PAPER, SLOPE, TANH20, Analytic, constant, folded, uniform, wavy
+from solver.quality.handmade import CONSTANT, ERRORS, SLOPE, TANH20, Analytic, constant, uniform, wavy
 
 
 def test_interpolation_error_by_hand() -> None:
@@ -97,11 +97,6 @@ def test_rounding_is_no_gain_and_no_loss() -> None:
         assert measure_errors(wavy(41, 30), u).gain_h1 == 1.0
     tiny = em.Expression("1e-9*sin(5*x)")
     assert measure_errors(wavy(), tiny).gain_l2 != 1.0
-
-
-def test_a_folded_mesh_gains_nothing() -> None:
-    error = measure_errors(folded(), PAPER)
-    assert error.gain_l2 == error.gain_h1 == 0.0
 
 
 def test_interpolation_error_falls_at_second_order_and_its_gradient_at_first() -> None:
