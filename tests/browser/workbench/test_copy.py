@@ -175,7 +175,8 @@ def test_a_program_names_the_class_of_every_kind_of_monitor(page: Page) -> None:
 
 
 def test_a_number_of_points_is_an_option_and_a_target(page: Page) -> None:
-    for asked in ({"grid": {"points": 400}}, {"target": {"error": None, "max_points": 400}}):
+    points, blocks = {"grid": {"points": 400}}, {"domain": {"kind": "blocks", "vertices": {}, "blocks": []}}
+    for asked in (points, {**points, **blocks}, {"target": {"error": None, "max_points": 400}}):
         command, program, _ = page.evaluate(WRITTEN, {"monitor": {"u": "x"}, **asked})
         assert "--points 400" in command
         assert "max_points=400" in program

@@ -38,7 +38,7 @@ export function commandOf(spec, { url, format, hasKey }) {
     ...(u !== undefined && !isFormula ? [`--samples ${quoted(fileOf(u))}`] : []),
     namesOf(names),
     monitorOf(monitor),
-    target ? targetOf(target) : hasBlocks(spec.domain) ? "" : gridOf(spec.grid),
+    target ? targetOf(target) : hasBlocks(spec.domain) && !spec.grid?.points ? "" : gridOf(spec.grid),
     domain.option,
     schwarzOf(spec.schwarz),
     [...MESH.filter((name) => spec[name] !== undefined).map((name) => option(name, spec[name])), ...(spec.allow_relaxed === false ? ["--no-relax"] : [])].join(" "),

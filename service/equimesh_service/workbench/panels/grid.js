@@ -40,7 +40,9 @@ export function create(section, app) {
     choiceField(app, "Error", ["target", "norm"], { fallback: "l2", choices: [["l2", "of u (L2)"], ["h1", "of its gradient (H1)"]] }),
     numberField(app, "At most so many points", ["target", "max_points"], { optional: true, min: 25, step: 1, placeholder: "limit of the service" }));
   const given = field("Grid given by", by, { inline: true });
-  const own = element("p", { class: "hint" }, "The blocks of the domain have cells of their own.");
+  const own = element("div", {},
+    element("p", { class: "hint" }, "The blocks of the domain have cells of their own."),
+    numberField(app, "Points for which they are chosen", ["grid", "points"], { optional: true, min: 25, step: 1, placeholder: "as they are" }));
   section.append(given, own, points, target,
     faultLine(app, (pointer) => ["/grid", "/target", ""].includes(pointer)), more(app));
   follow(app, [], (spec) => {
