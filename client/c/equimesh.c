@@ -446,7 +446,7 @@ int equimesh_round(equimesh *service, const double *u, const char *norm, const c
         print_values(&spec, u, mesh);
         print(&spec, "}}},\"grid\":{\"n_xi\":%lld,\"n_eta\":%lld}", (long long)mesh->n_xi, (long long)mesh->n_eta);
     } else {
-        print(&spec, "{\"block_nodes\":{\"points\":");
+        print(&spec, "{\"block_nodes\":{\"nodes\":");
         for (int64_t k = 0; k < mesh->points; k++) {
             print(&spec, "%s[", k == 0 ? "[" : ",");
             print_number(&spec, mesh->x[k]);

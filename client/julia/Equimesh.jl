@@ -59,7 +59,7 @@ function next_mesh(url::AbstractString, mesh::Mesh, u::AbstractArray; norm = "l2
         values = (nodal = (x = mesh.x, y = mesh.y, values = u),)
         grid = (grid = (n_xi = size(u, 1), n_eta = size(u, 2)),)
     else
-        values = (block_nodes = (points = hcat(mesh.x, mesh.y), values = u),)
+        values = (block_nodes = (nodes = hcat(mesh.x, mesh.y), values = u),)
         grid = NamedTuple()
     end
     monitor = (kind = "nodal_solution", norm = norm, u = values)

@@ -40,7 +40,7 @@ function mesh = next_round (url, mesh, u, further)
     u = sprintf ('{"nodal":{"x":%s,"y":%s,"values":%s}}', rows (mesh.x), rows (mesh.y), rows (u));
     grid = sprintf (',"grid":{"n_xi":%d,"n_eta":%d}', size (mesh.x, 1), size (mesh.x, 2));
   else
-    u = sprintf ('{"block_nodes":{"points":%s,"values":[%s]}}', rows (mesh.points), list (u));
+    u = sprintf ('{"block_nodes":{"nodes":%s,"values":[%s]}}', rows (mesh.points), list (u));
     grid = '';
   end
   members = text_of (further);
