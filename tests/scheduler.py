@@ -9,9 +9,9 @@ from xdist.scheduler import LoadScopeScheduling
 from xdist.workermanage import WorkerController
 
 TESTS = Path(__file__).parent
-# Folders whose tests share a service or a browser of the session, and how many processes at most start one; those that
-# take longest come first.
-SHARED = {"service": 2, "browser": 1, "fuzz": 1, "client": 1}
+# Folders whose tests share a service, a browser or a cluster of the session, and how many processes at most start one;
+# those that take longest come first.
+SHARED = {"service": 2, "browser": 1, "cluster_package": 1, "fuzz": 1, "client": 1}
 # Files that take long, most of them by waiting: begun early, so that no single one is waited for at the end.
 LONG = (
     *("test_durability", "test_replicas", "test_deployment", "test_faults", "test_backup", "test_base_install"),
