@@ -57,8 +57,12 @@ int main(int count, char **arguments)
             double *fields[] = {field};
             if (carries)
                 failed = equimesh_step(service, &sequence, u, 1, names, fields, &mesh) || equimesh_end(service, &sequence);
-            else
-                failed = equimesh_round(service, u, "l2", NULL, &mesh);
+            else {
+                char *domain = strstr(spec, "\"domain\""); /* the last member */
+                if (domain != NULL)
+                    domain[strlen(domain) - 1] = '\0';
+                failed = equimesh_round(service, u, "l2", domain, &mesh);
+            }
         }
         printf("%s\t", name);
         if (failed)

@@ -11,7 +11,7 @@ program conformance
   type(equimesh_mesh) :: mesh, empty
   type(equimesh_sequence) :: sequence
   real(real64), allocatable :: u(:), fields(:, :)
-  integer :: unit, status
+  integer :: unit, status, domain
   call get_command_argument(1, path)
   open (newunit=unit, file=trim(path), status='old', action='read')
   do
@@ -39,7 +39,9 @@ program conformance
         call equimesh_step(service, sequence, u, ['T'], fields, mesh, error)
         if (.not. allocated(error)) call equimesh_end(service, sequence, error)
       else
-        call equimesh_round(service, u, mesh, error)
+        domain = index(spec, '"domain"')  ! the last member
+        if (domain > 0) call equimesh_round(service, u, mesh, error, more=spec(domain:len(spec) - 1))
+        if (domain == 0) call equimesh_round(service, u, mesh, error)
       end if
     end if
     if (allocated(error)) then

@@ -1,6 +1,16 @@
 # Runs the cases of a file, a line each: name, address, action, spec, between tabs. Prints a line for each.
 include(ARGS[1])
 
+# The domain of the cases on blocks.
+const BEND = (
+    kind = "blocks",
+    vertices = (a = [0, 0], b = [1, 0], c = [2, 0], d = [0, 1], e = [1, 1], f = [2, 1]),
+    blocks = [
+        (corners = ["a", "b", "e", "d"], cells = [4, 4]),
+        (corners = ["b", "c", "f", "e"], cells = [4, nothing]),
+    ],
+)
+
 """A sum that changes with each value and with their order, along the rows of a matrix."""
 weighed(values::AbstractMatrix) = weighed(vec(permutedims(values)))
 weighed(values::AbstractVector) = sum(k * Float64(value) for (k, value) in enumerate(values))
@@ -25,7 +35,8 @@ function result_of(url, action, spec)
     if action == "diverge"
         u[1, 2:3] .= (NaN, -Inf)
     end
-    return numbers_of(Equimesh.next_mesh(url, mesh, u))
+    more = mesh.x isa Matrix ? NamedTuple() : (domain = BEND,)
+    return numbers_of(Equimesh.next_mesh(url, mesh, u; more...))
 end
 
 for line in eachline(ARGS[2])

@@ -20,7 +20,9 @@ for k = 1:numel (lines)
       mesh = equimesh ('generate', url, spec);
       u = mesh.x .* mesh.x .* mesh.x + mesh.y;
       if strcmp (action, 'diverge'), u(1, 2) = NaN; u(1, 3) = -Inf; end
-      if ~strcmp (action, 'generate'), mesh = equimesh ('round', url, mesh, u); end
+      further = ['{' spec(strfind (spec, '"domain"'):end)];
+      if isempty (strfind (spec, '"domain"')), further = struct (); end
+      if ~strcmp (action, 'generate'), mesh = equimesh ('round', url, mesh, u, further); end
     end
     printf ("%s\t%d %d %d %.17g %.17g %.17g", name, numel (mesh.x), rows (mesh.cells), columns (mesh.cells), ...
             weighed (mesh.x), weighed (mesh.y), weighed (mesh.cells - 1));

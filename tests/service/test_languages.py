@@ -53,6 +53,7 @@ CASES = {
     "triangles": Case(action="generate", spec={**FRONT, "cells": "triangle"}),
     "blocks": Case(action="generate", spec={"monitor": {"kind": "least_error", "u": "x*x*y"}, "domain": BEND}),
     "a round": Case(action="round", spec=FRONT),
+    "a round on blocks": Case(action="round", spec={"monitor": {"kind": "least_error", "u": "x*x*y"}, "domain": BEND}),
     "a step": Case(action="step", spec=FRONT),
     "a step on blocks": Case(action="step", spec={"monitor": {"kind": "least_error", "u": "x*x*y"}, "domain": BEND}),
     "a mesh that takes longer": Case(action="generate", spec=FRONT, url="slow"),
@@ -90,7 +91,9 @@ def by_python(case: Case, url: str) -> str:
                 if case.action == "diverge":
                     u[0, 1:3] = np.nan, -np.inf
                 nodal = {"x": x.tolist(), "y": y.tolist(), "values": u.tolist()}
-                spec["monitor"] = {"kind": "nodal_solution", "u": {"nodal": nodal}}
+                of_blocks = {"nodes": mesh.points.tolist(), "values": u.tolist()}
+                source = {"nodal": nodal} if x.ndim == 2 else {"block_nodes": of_blocks}
+                spec["monitor"] = {"kind": "nodal_solution", "u": source}
                 mesh = client.meshes.create(spec, wait=30).wait(progress=False).arrays()
             return numbers_of(mesh)
         except EquimeshClientError as error:
