@@ -228,14 +228,14 @@ def side_skewness(start: tuple[float, float], end: tuple[float, float], centre: 
 
 
 @compiled
-def survey_rows(nodes: Pair, span: tuple[int, int, bool], parts: Array, kept: Array, out: Array) -> None:
+def survey_rows(nodes: Pair, span: tuple[int, int, bool], parts: Array, kept: Array, to: int, out: Array) -> None:
     """The shapes of the rows of cells ``span[0]`` to before ``span[1]``, and the faces that begin there.
 
     ``span[2]`` says whether the last row of nodes is on a side; the first is where it is row 0. ``out`` gets the
     smallest determinant at a corner, NaN where a coordinate is not finite, and the area; of the inner faces the
     smallest cosine, their sum and their number; the largest skewness of a face. ``parts`` are set to those of the
-    measures by :func:`fill_parts`, and the measures go to ``kept`` if that has rows. All but the first is nothing
-    unless that is positive.
+    measures by :func:`fill_parts`; these go to ``kept`` if that has rows, from ``to`` on. All is nothing unless the
+    first of ``out`` is positive.
     """
     (x, y), (first, last, to_side) = nodes, span
     rows, columns = x.shape[0] - 1, x.shape[1] - 1
@@ -270,7 +270,7 @@ def survey_rows(nodes: Pair, span: tuple[int, int, bool], parts: Array, kept: Ar
         join_parts(parts, found)
         for r in range(len(kept)):
             for j in range(columns):
-                kept[r, (i - first) * columns + j] = measured[r, j]
+                kept[r, to + (i - first) * columns + j] = measured[r, j]
         size += sum_of_row(here)
         for is_eta in range(2):  # the edges along xi, and those along eta with which the row begins
             n, k = columns - 1 + is_eta, 1 - is_eta
@@ -321,6 +321,7 @@ def survey_shapes(
     count: int,
     parts: Array,
     kept: Array,
+    to: int,
 ) -> None:
     """The shapes of ``count`` cells from ``place`` on, as :func:`survey_rows`; no faces.
 
@@ -340,7 +341,7 @@ def survey_shapes(
         join_parts(parts, found)
         for r in range(len(kept)):
             for k in range(size):
-                kept[r, begin + k] = rows[r, k]
+                kept[r, to + begin + k] = rows[r, k]
 
 
 SHAPES = ("q_geo", "scaled_jacobian", "skewness", "aspect_ratio", "size_ratio")
@@ -380,23 +381,22 @@ class Shapes:
         parts, found = np.empty((len(strips), len(SHAPES), 4)), np.empty((len(strips), 6))
         nodes = cells.grid_nodes
 
-        def share(work: Callable[[slice, slice, int], None]) -> None:
+        def share(work: Callable[[slice, int, int], None]) -> None:
             def of_thread(thread: int, threads: int) -> None:
                 for number in range(thread, len(strips), threads):
                     span = slice(strips[number][0] * columns, strips[number][1] * columns)
-                    work(cells.places(span), slice(span.start - own.start, span.stop - own.start), number)
+                    work(cells.places(span), span.start - own.start, number)
 
             share_blocks(of_thread, own.stop - own.start, threads)
 
-        def rows(places: slice, to: slice, number: int) -> None:
+        def rows(places: slice, to: int, number: int) -> None:
             first, last = places.start // columns, places.stop // columns
             span = first, last, strips[number][1] == cells.shape[0]
-            survey_rows(nodes, span, parts[number], kept[:, to], found[number])
+            survey_rows(nodes, span, parts[number], kept, to, found[number])
 
-        def others(places: slice, to: slice, number: int) -> None:
-            survey_shapes(
-                nodes, cells.tables, known, places.start, places.stop - places.start, parts[number], kept[:, to]
-            )
+        def others(places: slice, to: int, number: int) -> None:
+            count = places.stop - places.start
+            survey_shapes(nodes, cells.tables, known, places.start, count, parts[number], kept, to)
 
         faces, is_plain = None, False
         with np.errstate(all="ignore"):

@@ -93,12 +93,12 @@ def align_row(x0: Array, x1: Array, y0: Array, y1: Array, metric: Array, out: Ar
 
 @compiled
 def align_rows(
-    nodes: Pair, first: int, last: int, metric: tuple[Array, Array, Array], parts: Array, kept: Array
+    nodes: Pair, first: int, last: int, metric: tuple[Array, Array, Array], parts: Array, kept: Array, to: int
 ) -> None:
     """Shares and alignments of the rows of valid cells ``first`` to ``last - 1``: ``parts`` as of all measures.
 
     ``metric`` is that at the nodes of these rows, or the mean over their cells. As many measures as ``kept`` has rows
-    go there.
+    go there, from ``to`` on.
     """
     (x, y), columns = nodes, nodes[0].shape[1] - 1
     shares, mean, rows, found = np.empty((4, columns)), np.empty((3, columns)), np.empty((2, columns)), np.empty((2, 4))
@@ -121,12 +121,19 @@ def align_rows(
         join_parts(parts, found)
         for r in range(len(kept)):
             for j in range(columns):
-                kept[r, k * columns + j] = rows[r, j]
+                kept[r, to + k * columns + j] = rows[r, j]
 
 
 @compiled
 def align_cells(
-    nodes: Pair, cells: IntArray, known: tuple[Array, BoolArray], place: int, mean: Array, parts: Array, kept: Array
+    nodes: Pair,
+    cells: IntArray,
+    known: tuple[Array, BoolArray],
+    place: int,
+    mean: Array,
+    parts: Array,
+    kept: Array,
+    to: int,
 ) -> float:
     """As :func:`align_rows` for any cells from ``place`` on, one for each ``mean`` metric, shape ``(3, n)``.
 
@@ -150,7 +157,7 @@ def align_cells(
             total += rows[0, k] if valid[first + k] else 0.0
         for r in range(len(kept)):
             for k in range(size):
-                kept[r, begin + k] = rows[r, k]
+                kept[r, to + begin + k] = rows[r, k]
     return total
 
 
@@ -203,14 +210,16 @@ class Survey:
                 for number in range(thread, len(strips), threads):
                     first, last = strips[number]
                     span = slice(first * columns, last * columns)
-                    place, to = cells.places(span).start, kept[:, span.start - own.start : span.stop - own.start]
+                    place, to = cells.places(span).start, span.start - own.start
                     if others is None:
                         begin = place // columns
-                        align_rows(nodes, begin, begin + last - first, metrics.rows(first, last), parts[number], to)
+                        align_rows(
+                            nodes, begin, begin + last - first, metrics.rows(first, last), parts[number], kept, to
+                        )
                         shares[number] = parts[number, 0, 2]
                     else:
                         mean = metrics.means(first, last)
-                        shares[number] = align_cells(nodes, *others, place, mean, parts[number], to)
+                        shares[number] = align_cells(nodes, *others, place, mean, parts[number], kept, to)
 
         share_blocks(work, own.stop - own.start, threads)
         found = cells.rows.joined(np.column_stack([shares, parts.reshape(len(strips), -1)]))
