@@ -75,8 +75,6 @@ MORE_SLOPE_POINTS = 1
 The error of a solver depends on the gradient of u."""
 MORE_POINTS = {1: 0, 2: 1, 3: 1, 4: 2}
 """Gauss points a direction in addition for elements of each degree."""
-LEAN_POINTS = 3
-"""Gauss points a direction in whose place a solver's error is measured at seven points of a cell, a fifth fewer."""
 FINER_POINTS = 4
 """Gauss points a direction of the rule that checks that of a mesh, and replaces it where the two differ."""
 MAX_RULE_CHANGE = 0.1
@@ -446,8 +444,7 @@ class LeastErrorSolve:
             weights = replace(weights, obliqueness=self.obliqueness, largest_cotangent=limit)
         elif self.monitor.obliqueness > 0.0:
             weights = replace(weights, obliqueness=self.monitor.obliqueness, largest_cotangent=MODERATE_COTANGENT)
-        is_lean = of_solver and kind == "quad" and points == LEAN_POINTS
-        rule = Rule(norm=norm, cells=kind, points=points, degree=self.monitor.degree, is_lean=is_lean)
+        rule = Rule(norm=norm, cells=kind, points=points, degree=self.monitor.degree)
         chart, start = self.nest.chart(level), self.nest.first_mesh(origin, level)
         kind_of_error = ProjectedObjective if of_solver else objective_of(self.monitor.u)
         objective = kind_of_error(self.monitor.u, chart, cells, start, weights, rule, self.threads)

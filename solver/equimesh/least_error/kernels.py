@@ -27,7 +27,6 @@ from equimesh.quality.elements import (
     determinant,
     gradient,
     quadrilateral,
-    seven_point_quadrilateral,
     triangle,
 )
 from equimesh_coupling.parts import ANYWHERE, CUTS, better_cuts
@@ -494,14 +493,10 @@ class Rule:
     cells: CellKind = "quad"
     points: int = 3
     degree: int = 1
-    is_lean: bool = False
-    """Whether quadrilaterals have seven points in place of 3 x 3, for which they have the same order."""
 
     @cached_property
     def element(self) -> Element:
         """The reference element with its quadrature."""
-        if self.is_lean:
-            return seven_point_quadrilateral()
         return quadrilateral(self.points) if self.cells == "quad" else triangle(finer=self.degree > 1)
 
     @cached_property

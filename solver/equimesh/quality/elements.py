@@ -6,7 +6,6 @@ the corners (0, 0), (1, 0), (0, 1).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import cache, lru_cache
 from typing import Literal, NamedTuple, TypeAlias
@@ -96,24 +95,7 @@ def gradient(s: float, t: float, by: Jacobian, factor: float) -> tuple[float, fl
 @cache
 def quadrilateral(points: int) -> Element:
     """The bilinear element with the Gauss rule of this many ``points`` a direction."""
-    return _bilinear(*CellPoints.gauss(points))
-
-
-@cache
-def seven_point_quadrilateral() -> Element:
-    """The same with seven points, by which polynomials of total degree 5 are integrated exactly.
-
-    J. Radon, *Zur mechanischen Kubatur*, Monatsh. Math. 52 (1948). The Gauss rule of that degree has nine points. The
-    squared error of a quadratic u has degree 4 on a parallelogram.
-    """
-    far, near, side = math.sqrt(14.0 / 15.0), math.sqrt(3.0 / 5.0), math.sqrt(1.0 / 3.0)
-    s = 0.5 + 0.5 * np.array([0.0, 0.0, 0.0, near, near, -near, -near])
-    t = 0.5 + 0.5 * np.array([0.0, far, -far, side, -side, side, -side])
-    return _bilinear(s, t, np.array([2.0 / 7.0, *[5.0 / 63.0] * 2, *[5.0 / 36.0] * 4]))
-
-
-def _bilinear(s: Array, t: Array, weights: Array) -> Element:
-    """The bilinear element with points at s and t."""
+    s, t, weights = CellPoints.gauss(points)
     return Element(
         shape=np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=1),
         along_s=np.stack([t - 1, 1 - t, t, -t], axis=1),

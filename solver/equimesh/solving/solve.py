@@ -21,7 +21,8 @@ from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
-from equimesh.solving.auto import Choice, choose_monitor, least_errors, solve_for_finite_volumes, uniform_solution
+from equimesh.solving.auto import Choice, choose_monitor, least_errors
+from equimesh.solving.finite_volumes import solve_for_finite_volumes, uniform_solution
 from equimesh.solving.least_error import (
     comparison_share,
     is_no_worse,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
-from equimesh.least_error.iteration import LEAN_POINTS, LeastErrorSolve
+from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.least_error.kernels import Rule, Values
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.projection import ProjectedObjective, are_finite, is_projected, unknowns_of
@@ -68,18 +67,6 @@ def test_the_error_is_that_of_the_ritz_projection() -> None:
     _, mesh, _ = objective_of(solve)
     there = ritz_errors(coarsened(mesh_of(mesh, em.Grid(n_xi=N, n_eta=N))), U)
     assert objective.error(mesh) == pytest.approx(there.l2, rel=1e-10)
-
-
-def test_fine_grids_have_seven_points_a_cell_with_nearly_the_error_of_nine() -> None:
-    solve = replace(solve_of(em.Rectangle()), grid=em.Grid(n_xi=33, n_eta=33))
-    level, first = solve.levels[-1], solve.nest.uniform()
-    objective, mesh = solve._objective(level, first, "l2"), solve.nest.initial(level)
-    assert objective._rule.points_per_cell == 7
-    ninefold = ProjectedObjective(
-        U, solve.nest.chart(level), objective.cells, mesh, objective.weights, Rule(points=LEAN_POINTS)
-    )
-    assert objective.error(mesh) == pytest.approx(ninefold.error(mesh), rel=5e-3)
-    assert solve._objective(level, first, "h1")._rule.points_per_cell == 9
 
 
 def test_in_the_norm_of_the_gradient_and_on_fine_grids_the_error_is_that_of_interpolation() -> None:

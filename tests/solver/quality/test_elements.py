@@ -15,14 +15,12 @@ from equimesh.quality.elements import (
     nodes_of,
     quadrilateral,
     rule,
-    seven_point_quadrilateral,
     triangle,
 )
 from solver.bent import bent, objective_on, uniform
 
 ELEMENTS = {
     **{f"quad {n}": quadrilateral(n) for n in (2, 3, 4, 5)},
-    "quad of seven points": seven_point_quadrilateral(),
     "triangle": triangle(),
     "finer triangle": triangle(finer=True),
 }
@@ -52,18 +50,6 @@ def test_shape_functions_and_their_derivatives_belong_to_the_points(name: str) -
     for got, parts in zip((element.shape, element.along_s, element.along_t), expected, strict=True):
         for corner, part in enumerate(parts):
             assert got[:, corner] == pytest.approx(part, abs=1e-14)
-
-
-def test_seven_points_are_exact_to_total_degree_five_alone() -> None:
-    element = seven_point_quadrilateral()
-    s, t = (element.shape @ CORNERS[4]).T
-    wrong = {
-        p + q
-        for p in range(8)
-        for q in range(8)
-        if abs(element.weights @ (s**p * t**q) - 1.0 / ((p + 1) * (q + 1))) > 1e-14
-    }
-    assert min(wrong) == 6
 
 
 @pytest.mark.parametrize(("finer", "degree"), [(False, 4), (True, 6)])

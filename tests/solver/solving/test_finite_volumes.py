@@ -11,7 +11,7 @@ import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.quality.faces import check_cells, poisson_error
-from equimesh.solving.auto import USUAL_BOUND
+from equimesh.solving.finite_volumes import USUAL_BOUND
 
 
 def gain(solution: em.Solution, u: em.Expression) -> float:
