@@ -35,6 +35,7 @@ from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array
 from equimesh.single_domain.continuation import Relaxation
 from equimesh.single_domain.level import (
+    MAX_ERROR_FROM_MESH,
     MAX_SWEEPS,
     Level,
     LevelSolution,
@@ -330,8 +331,8 @@ def single_domain_steps(
         yield from Climb(problem, mode, threads, square).by_sweeps(only_requested=False)
 
 
-def steps_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[Step]:
-    """Sweeps to a tight tolerance from a mesh near the solution, such as the mesh of an earlier time step.
+def steps_from(problem: Problem, start: Mesh, *, mode: Mode = Mode.TIGHT, threads: int = 1) -> Iterator[Step]:
+    """Sweeps from a mesh near the solution, such as the mesh of an earlier time step; on closed lines tight ones.
 
     Where the sweeps do not converge, the steps of :func:`single_domain_steps` without a start follow.
     """
@@ -340,10 +341,11 @@ def steps_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[S
         return
     own = Mesh(start.x.copy(), start.y.copy())
     label = Step(level=0, levels=1, grid=problem.grid, step=0, residual=math.nan, mesh=own)
-    memory = np.empty(memory_needed(problem.grid.shape))
-    last = yield from Level(problem, label, None, True, memory, Rows.whole(problem.grid.shape, threads)).steps()
+    memory, rows = np.empty(memory_needed(problem.grid.shape)), Rows.whole(problem.grid.shape, threads)
+    level = Level(problem, label, None, mode is Mode.TIGHT, memory, rows, start_error=MAX_ERROR_FROM_MESH)
+    last = yield from level.steps()
     if last is None:
-        yield from single_domain_steps(problem, mode=Mode.TIGHT, threads=threads)
+        yield from single_domain_steps(problem, mode=mode, threads=threads)
     else:
         yield last
 

@@ -118,6 +118,8 @@ Steps: TypeAlias = Generator[Step, None, Step | None]
 
 # Algebraic error on a coarsest level that only serves as a start, in units of its spacing.
 MAX_START_ERROR = 0.01
+# The same where a given mesh is the start of the level that ends the solve. Nested iteration leaves more.
+MAX_ERROR_FROM_MESH = 1e-3
 # Sweeps of one level, from a coarser solution and from the uniform mesh.
 MAX_SWEEPS = 100
 MAX_COLD_SWEEPS = 40
@@ -155,6 +157,8 @@ class Level:
     tight: bool
     memory: Array
     rows: Rows
+    start_error: float = MAX_START_ERROR
+    """The algebraic error, in units of the spacing, where no coarser solution tells that of the grid."""
 
     def steps(self) -> Steps:
         """Sweeps; returns the last step, or ``None`` where the iteration does not converge to a valid mesh."""
@@ -225,7 +229,7 @@ class Level:
             known=coarse is not None and is_refined(grid, coarse.grid),
             has_coarse=coarse is not None,
             tolerance=max(self._tight_deviation, smallest_residual(self.problem.metric, grid.shape)),
-            start_error=MAX_START_ERROR * min(grid.d_xi, grid.d_eta),
+            start_error=self.start_error * min(grid.d_xi, grid.d_eta),
             contraction=1.0 if coarse is None else coarse.step.contraction,
             per_gap=1.0 if coarse is None else refinement(grid, coarse.grid) - 1.0,
         )

@@ -147,8 +147,8 @@ def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions, 
     if map_of(problem.monitor) == "gradient":
         return last_of(gradient_map_steps(problem), options, SweepProgress(doing="solving for the map"))
     if isinstance(initial, Mesh):
-        steps = iteration.steps_from(problem, initial, threads=options.threads)
-        return last_of(steps, options, SweepProgress(mode=Mode.TIGHT))
+        steps = iteration.steps_from(problem, initial, mode=mode, threads=options.threads)
+        return last_of(steps, options, SweepProgress(mode=mode))
     if initial is Initial.UNIFORM:
         return last_of_newton(problem, Mesh.uniform(problem.grid), options, mode)
     steps = iteration.single_domain_steps(problem, mode=mode, threads=options.threads)

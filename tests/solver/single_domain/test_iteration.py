@@ -12,7 +12,7 @@ import equimesh as em
 from cases import FUNCTIONS, problem
 from equimesh.single_domain import iteration
 from equimesh.single_domain.iteration import single_domain_steps, steps_from
-from equimesh.single_domain.level import TIGHT_DEVIATION, Mode, Step
+from equimesh.single_domain.level import MAX_ERROR_FROM_MESH, TIGHT_DEVIATION, Mode, Step
 from equimesh.sweeps.deviation import deviation
 from equimesh.sweeps.sweep import ALGEBRAIC_SHARE
 from solver.sweeps.windows import distance
@@ -186,6 +186,14 @@ def test_a_solve_from_the_mesh_before_takes_few_sweeps() -> None:
     assert again.step <= 3
     assert again.mesh.distance(end.mesh) < 1e-12
     assert last(problem, start=em.Mesh.uniform(problem.grid)).mesh.distance(end.mesh) < 1e-12
+
+
+def test_a_solve_from_a_near_mesh_leaves_an_error_far_below_that_of_its_cells() -> None:
+    before, case = em.solve(problem("tanh20", 33)).reference, problem("tanh20", 33, a=0.65)
+    (*_, usual), (*_, tight) = (list(steps_from(case, before, mode=mode)) for mode in (Mode.DISCRETIZATION, Mode.TIGHT))
+    assert usual.is_exact
+    assert 0.0 < usual.mesh.distance(tight.mesh) < MAX_ERROR_FROM_MESH / 32
+    assert 2 * usual.step < tight.step
 
 
 def test_threads_change_nothing() -> None:
