@@ -431,6 +431,7 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
                 ([[6, 4]], "equal at common edges"),
                 ([[6, 4], [12, 5], [12, 4]], "equal at common edges"),
                 ([[60, 4], [12, 4], [12, 4]], "nodes, and there are"),
+                ([[2**63, 4], [12, 4], [12, 4]], "whole numbers from 1 to"),
             )
         },
         "an error": (on_step(target={"error": 1e-3}), "/target/error", "give max_points alone"),

@@ -122,18 +122,29 @@ def with_cells(blocks: Blocks, block_cells: Any, most: int) -> Blocks:
 
     Raises :class:`~equimesh.errors.SamplesError` for others than the blocks can have.
     """
-    wanted = np.asarray(block_cells)
-    fits = wanted.shape == (blocks.layout.block_count, 2) and wanted.dtype.kind in "iuf" and bool((wanted >= 1).all())
-    counts = blocks.layout.counts_of([(i + 1, j + 1) for i, j in wanted]) if fits else None
-    if counts is None or not np.array_equal(np.floor(wanted), wanted):
+    wanted = _counts(block_cells, most)
+    is_one_each = wanted.shape == (blocks.layout.block_count, 2)
+    counts = blocks.layout.counts_of([(i + 1, j + 1) for i, j in wanted]) if is_one_each else None
+    if counts is None:
         raise SamplesError(
             f"block_cells are two whole numbers for each of {blocks.layout.block_count} blocks, along i and along j,"
             " equal at common edges: send those of the mesh of the values",
-            field="block_cells",
+            field=OF_BLOCKS,
         )
     if (needed := blocks.layout.with_counts(counts).node_count) > most:
-        raise SamplesError(f"a mesh of these cells has {needed} nodes, and there are {most}", field="block_cells")
+        raise SamplesError(f"a mesh of these cells has {needed} nodes, and there are {most}", field=OF_BLOCKS)
     return blocks if np.array_equal(counts, blocks.layout.counts) else blocks.with_counts(counts)
+
+
+def _counts(block_cells: Any, most: int) -> IntArray:
+    found = real_array(block_cells, OF_BLOCKS, ndim=2)
+    if not bool(((found >= 1) & (found <= most) & (np.floor(found) == found)).all()):
+        raise SamplesError(
+            f"block_cells are whole numbers from 1 to {most}, which is the number of nodes: send those of the mesh of"
+            " the values",
+            field=OF_BLOCKS,
+        )
+    return found.astype(np.int64)
 
 
 def block_nodes(*, nodes: Any, values: Any, block_cells: Any = None) -> BlockNodes:
@@ -147,7 +158,7 @@ def block_nodes(*, nodes: Any, values: Any, block_cells: Any = None) -> BlockNod
             f"nodes have the shape {points.shape} and values {found.shape}: give a row x, y and a value for each node",
             field="values",
         )
-    cells = None if block_cells is None else np.asarray(block_cells)
+    cells = None if block_cells is None else _counts(block_cells, len(found))
     return BlockNodes(nodes=points, values=found, block_cells=cells)
 
 

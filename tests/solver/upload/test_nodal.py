@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 
 import numpy as np
 import pytest
@@ -82,3 +83,7 @@ def test_values_at_nodes_of_blocks_are_a_function_on_their_domain() -> None:
         block_nodes(nodes=mesh.points, values=np.full(len(mesh.points), np.nan))
     with pytest.raises(em.SamplesError, match="a value for each node"):
         block_nodes(nodes=mesh.points, values=given["values"][1:])
+    for cells in ([[math.inf, 4]], [[4], [4, 4]], [[2**63, 4]], [[2**70, 4]], [[4.5, 4]], [[0, 4]], "text"):
+        with pytest.raises(em.SamplesError) as refused:
+            block_nodes(**given, block_cells=cells)
+        assert refused.value.field == "block_cells"
