@@ -17,7 +17,7 @@ from equimesh import specs
 from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.columns import Limits
 from equimesh_schema.mesh import Grid
-from equimesh_schema.monitors import AnyMonitor
+from equimesh_schema.monitors import AnyMonitor, NodalSolution
 from equimesh_schema.schwarz import Schwarz
 from equimesh_schema.sources import UPLOAD
 from equimesh_service.admission.callers import Caller, quota_problem
@@ -417,7 +417,9 @@ class ServiceAdmission(Admission):
         """As :meth:`Admission._check`; a slow check runs in a side worker, once for each monitor and domain."""
         if spec.is_quick:
             return check(spec.canonical, {})
-        if not sent and spec.monitor_digest in self.known:
+        # The points of a round on blocks are those of its values: they are known once it is built.
+        has_points = not (spec.has_blocks and isinstance(spec.spec.monitor, NodalSolution))
+        if has_points and not sent and spec.monitor_digest in self.known:
             return None
         with self._found(rows) as paths:
             built = self.work("", check, spec.canonical, {**paths, **sent})

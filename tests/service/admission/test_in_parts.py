@@ -7,17 +7,25 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NoReturn
 
+import numpy as np
 import pytest
 
+import equimesh as em
 from equimesh_schema.monitors import MONITORS
 from equimesh_service import Settings
 from equimesh_service.admission import admit, tasks
 from equimesh_service.admission.admit import NO_PARTS, assign_parts
+from equimesh_service.admission.callers import ANYONE
 from equimesh_service.admission.formats import check_format, check_head, check_part, check_whole, known_format
 from equimesh_service.assembly.samples import convert_mesh
+from equimesh_service.assembly.upload import Upload
 from equimesh_service.errors import TimeLimitError
+from equimesh_service.files.address import files_address
 from equimesh_service.problems.problem import Problem
 from equimesh_service.spec.mesh import read_spec
+from equimesh_service.worker.job import Storage
+from refusals import STEP
+from service.requests import npz
 
 U = {"expression": "x*y"}
 CURVATURE = {"kind": "curvature", "u": U}
@@ -165,3 +173,27 @@ def test_what_takes_too_long_has_a_remedy_for_what_was_sent(function: Any, remed
     with pytest.raises(Problem) as caught:
         admit.ServiceAdmission.work(admission, "/domain/file", function)
     assert remedy in str(caught.value.detail)
+
+
+def test_a_round_of_too_many_points_is_refused_again(tmp_path: Path) -> None:
+    class AtOnce:
+        def submit(self, _: str, function: Any, *arguments: Any, time_limit: float) -> Any:  # noqa: ARG002
+            return SimpleNamespace(result=lambda: function(*arguments))
+
+    here = Settings(data_dir=tmp_path, max_points=200)  # the cells of the domain have fewer
+    storage = Storage(here.database, files_address(here))
+    store, files = storage.store(), storage.files()
+    store.prepare()
+    files.prepare(alone=True)
+    workers: Any = AtOnce()
+    admission = admit.ServiceAdmission(here, store, files, side_workers=workers, while_waiting=lambda _: nullcontext())
+    mesh = em.Blocks.of(STEP).refined(2).mesh
+    cells = [[n - 1 for n in block.shape] for block in mesh.blocks]
+    values = npz(nodes=mesh.points, values=mesh.x, block_cells=np.array(cells))
+    row = admission.keep(Upload(data=values, filename="u.npz"), ANYONE)[0]
+    monitor = {"kind": "nodal_solution", "u": {"samples": row.id}}
+    for _ in range(2):
+        with pytest.raises(Problem) as caught:
+            admission.admit({"monitor": monitor, "domain": STEP}, None, ANYONE)
+        assert caught.value.errors[0].pointer == "/monitor/u"
+        assert f"{mesh.x.size} points" in caught.value.errors[0].message
