@@ -93,7 +93,7 @@ class Target:
     def largest_cells(self, domain: Domain) -> float:
         """The number of cells a side of the largest allowed grid."""
         cells = math.sqrt(self.most)
-        while cells > MIN_CELLS and self.grid(domain, cells).points > self.most:
+        while self.grid(domain, cells).points > self.most:
             cells -= 0.5
         return cells
 
@@ -255,7 +255,7 @@ class _Search:
         needed = float(last.cells * (margin * last.error / target.aimed) ** (1.0 / self.order))
         most = target.largest_cells(domain)
         if needed <= most:
-            return max(needed, float(MIN_CELLS))
+            return min(max(needed, float(MIN_CELLS)), most)
         best = self.predicted(last, most)
         if best <= target.aimed and target.grid(domain, most) != last.grid:
             return most
