@@ -113,6 +113,19 @@ def test_the_loop_of_the_client_finds_the_counts_that_the_solver_finds(connect: 
 
 
 @pytest.mark.parametrize("connect", ["sync"], indirect=True)
+def test_the_first_grid_of_a_number_of_points_has_the_shape_of_the_domain(connect: Connect, url: str) -> None:
+    seen = list[tuple[int, ...]]()
+
+    def solve(mesh: Any) -> np.ndarray:
+        seen.append(x_of(mesh).shape)
+        return front(mesh)
+
+    long = {"kind": "rectangle", "x": [0, 4], "y": [0, 1]}
+    connect(url).adapt(solve, domain=long, points=256, rounds=1)
+    assert seen[0][0] > 3 * seen[0][1]
+
+
+@pytest.mark.parametrize("connect", ["sync"], indirect=True)
 def test_a_solver_that_fails_later_keeps_the_best_mesh(connect: Connect, url: str) -> None:
     calls: list[Any] = []
 

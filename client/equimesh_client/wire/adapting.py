@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -139,13 +138,8 @@ class AdaptLoop(Generic[M]):
         return verdict_on(self.done, self.rounds, self.norm, self.tolerance).is_done
 
     def first(self) -> GenerateArguments:
-        """The request for the uniform mesh, on blocks the initial one."""
-        if self.points is None:
-            return self._request("0", LeastError(), self.n)
-        if has_own_points(self.domain):
-            return self._request("0", LeastError(), None, points=self.points)
-        side = math.isqrt(self.points)
-        return self._request("0", LeastError(), (side, side))
+        """The request for the uniform mesh, on blocks the initial one; of ``points`` in the shape of the domain."""
+        return self._request("0", LeastError(), self.n, points=self.points)
 
     def receive(self, arrays: MeshArrays, returned: object) -> RoundAnswer:
         """What the solver has ``returned`` on the mesh with these ``arrays``.
