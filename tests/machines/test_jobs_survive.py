@@ -133,4 +133,4 @@ def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(
             until(lambda: not any(runs(pid) for pid in saboteur.processes))
         finally:
             store.close()
-    assert "Traceback" not in service.log
+    assert not service.has_traceback

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import signal
 import socket
 import subprocess
@@ -18,6 +19,11 @@ import httpx
 
 _START_SECONDS = 300.0
 _STOP_SECONDS = 120.0
+_CUT_OFF = re.compile(
+    r"Traceback \(most recent call last\):\n  File \"<string>\", line 1, in <module>\n"
+    r"  File \"[^\"\n]*forkserver\.py\", line \d+, in main\n(?: {4}.*\n|  File .*\n)+EOFError\n"
+)
+"""What a fork server prints where its service is killed while it requests a process from it."""
 
 
 @dataclass
@@ -55,6 +61,11 @@ class ServiceProcess:
     def log(self) -> str:
         """The output of all its processes so far."""
         return (self.folder / "log").read_text()
+
+    @property
+    def has_traceback(self) -> bool:
+        """Whether a process printed one, besides a fork server that lost a service that was killed."""
+        return "Traceback" in _CUT_OFF.sub("", self.log)
 
     def start(self) -> None:
         """Start, without waiting until it is ready."""

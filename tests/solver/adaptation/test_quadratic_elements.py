@@ -90,7 +90,7 @@ def test_values_at_the_nodes_of_elements_adapt_the_mesh_and_need_the_degree(degr
         ({"degree": 5}, "degree = 5: give 1 to 4"),
         ({"degree": 3, "cells": "triangle"}, "degree = 3: on triangles elements have degree 1 or 2"),
         ({"cells": "hexagon"}, "cells = 'hexagon': choose 'quad' or 'triangle'"),
-        ({"cells": "triangle", "goal": em.Goal.point(0.5, 0.5)}, "with a goal errors are those on quadrilaterals"),
+        ({"cells": "triangle", "goal": em.Goal.point(0.5, 0.5)}, "with an adjoint errors are those on quadrilaterals"),
     ],
 )
 def test_elements_that_no_round_knows_are_refused(given: Any, sentence: str) -> None:
