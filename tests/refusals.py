@@ -405,7 +405,7 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
         "no list of groups": (on_step(schwarz={"groups": ["upper"]}), "/schwarz/groups", "a list of lists"),
         "few points": (on_step(grid={"points": 30}), "/grid/points", "the coarsest mesh of these blocks has 65 points"),
         "points and n_xi": (on_step(grid={"points": 99, "n_xi": 9}), "/grid/points", "give one of them"),
-        "points and groups": (on_step(grid={"points": 99}, schwarz={}), "/grid/points", "leave the target out"),
+        "points and groups": (on_step(grid={"points": 99}, schwarz={}), "/grid/points", "give no number of points"),
         "error of a round": (
             on_step(target={"error": 1}, monitor={"kind": "nodal_solution", "u": ON_STEP}),
             "/target/error",

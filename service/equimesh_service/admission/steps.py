@@ -299,7 +299,7 @@ def check_first_spec(admitted: AdmittedSpec) -> AdmittedSpec:
     Raises a 422 problem for a target, and for a mesh in parts.
     """
     if admitted.spec["target"] is not None:
-        message = "the meshes of a sequence keep their points: give a grid, or cells of blocks, in place of the target"
+        message = "the meshes of a sequence keep their points: give n_xi and n_eta, or cells of blocks, and no target"
         raise problem_at("/target", message)
     if admitted.nodes is not None and admitted.spec["schwarz"] is not None:
         raise problem_at("/schwarz", "the steps of a sequence on blocks are solved whole: leave schwarz out")

@@ -294,7 +294,7 @@ def adapt(
     _check(solve, rounds, norm, degree, cells)
     is_blocks = isinstance(domain, Blocks)
     if is_blocks and n is not None:
-        raise InputError(f"n = {str(n)[:40]!r}: {NO_DIRECTIONS}", field="n")
+        raise InputError(f"n = {n!r:.40}: {NO_DIRECTIONS}", field="n")
     if points is not None and n is not None:
         raise InputError(POINTS_OR_N, field="points")
     given, threads = None if is_blocks or points is not None else _grid(n), thread_count(threads)

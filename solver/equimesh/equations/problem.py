@@ -246,6 +246,13 @@ SLIDING_NODES = "the nodes on the curves of blocks slide for the least error: le
 """Why a boundary condition is refused on blocks."""
 
 
+def require_monitor(monitor: object) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for what is no monitor, such as a class or a text."""
+    if isinstance(monitor, type) or not callable(getattr(monitor, "metric", None)):
+        message = f"monitor = {str(monitor)[:40]!r} is no monitor: give one, such as Auto(u=...)"
+        raise InputError(message, field="monitor")
+
+
 def require_domain(domain: object) -> None:
     """Raise :class:`~equimesh.errors.InputError` for what is neither a domain with four sides nor one of blocks."""
     if not isinstance(domain, Blocks) and not all(
@@ -294,11 +301,7 @@ class Problem(Generic[D]):
         """Refuse what a domain with four sides cannot have."""
         if not isinstance(self.grid, Grid):
             raise InputError(f"grid = {self.grid!r}: give Grid(n_xi=..., n_eta=...)", field="grid")
-        if isinstance(self.monitor, type) or not callable(getattr(self.monitor, "metric", None)):
-            raise InputError(
-                f"monitor = {str(self.monitor)[:40]!r} is no monitor: give one, such as Auto(u=...)",
-                field="monitor",
-            )
+        require_monitor(self.monitor)
         require_domain(self.domain)
         if is_closed(self.domain) and isinstance(self.monitor, NodalSolution):
             raise InputError(NO_NODAL_SOLUTION, field="monitor")

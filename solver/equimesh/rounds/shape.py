@@ -65,14 +65,17 @@ def require_budget(points: object, domain: Domain | Blocks = UNIT_SQUARE, name: 
     """
     layout = layout_of(domain)
     fewest = layout.with_counts(least_counts(layout)).node_count
-    if is_whole(points) and int(str(points)) >= fewest:
+    if not is_whole(points):
+        message = f"{name} = {points!r:.40}: give a whole number, of at least {fewest} points in all"
+        raise InputError(message, field=name)
+    if int(str(points)) >= fewest:
         return int(str(points))
     coarsest = f"a grid has at least {fewest} points, {MIN_CELLS + 1} a direction"
     if isinstance(domain, Blocks):
         coarsest = (
             f"the coarsest mesh of these blocks has {fewest} points, {MIN_CELLS} cells along each edge or its own"
         )
-    raise InputError(f"{name} = {str(points)[:40]}: {coarsest}; give a whole number of them", field=name)
+    raise InputError(f"{points} points are too few: {coarsest}", field=name)
 
 
 def layout_of(domain: Domain | Blocks) -> Layout:

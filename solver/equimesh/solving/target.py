@@ -11,7 +11,7 @@ import numpy as np
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
-from equimesh.equations.problem import Boundary, Problem
+from equimesh.equations.problem import Boundary, Problem, require_domain, require_monitor
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
@@ -72,7 +72,8 @@ class Target:
         least = (MIN_CELLS + 1) ** 2
         if self.max_points is not None and not (is_whole(self.max_points) and self.max_points >= least):
             raise InputError(
-                f"max_points = {self.max_points!r}: at least {least} points are needed", field="max_points"
+                f"max_points = {self.max_points!r:.40}: give a whole number, of at least {least} points in all",
+                field="max_points",
             )
 
     @property
@@ -121,6 +122,11 @@ def solve_to(
     :class:`~equimesh.errors.InputError` for a target out of reach of ``target.max_points``, which names the error
     that the largest allowed grid would give.
     """
+    if not isinstance(target, Target):
+        raise InputError(f"target = {target!r:.40}: give Target(max_points=4000) or Target(error=1e-3)", field="target")
+    require_monitor(monitor)
+    if not isinstance(domain, Blocks):
+        require_domain(domain)
     if isinstance(options.get("initial"), Mesh):
         raise InputError("a target chooses the grid, so that there is no mesh to start from", field="initial")
     if isinstance(monitor, NodalSolution):

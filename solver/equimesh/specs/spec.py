@@ -122,9 +122,7 @@ def no_meshes(name: str, settings: Mapping[str, Any]) -> Blocks:  # noqa: ARG001
 
 ON_BLOCKS = tuple(kind for kind, made in DOMAINS.documents.items() if made.HAS_BLOCKS)
 """The kinds of domains that have blocks."""
-NO_TARGET = (
-    "the subdomains of a Schwarz iteration are parts of a grid that is known: give a grid in place of the target"
-)
+NO_TARGET = "the subdomains of a Schwarz iteration are parts of a grid that is known: give n_xi and n_eta"
 
 
 def usual_grid(**given: int) -> Grid:
@@ -362,7 +360,8 @@ def _check_budget(target: Target, problem: Problem[Any], schwarz: Schwarz | None
     if target.error is not None:
         raise InputError(NO_GRID, field="target.error")
     if schwarz is not None:
-        raise InputError("subdomains are groups of blocks whose cells are known: leave the target out", field="target")
+        message = "subdomains are groups of blocks whose cells are known: give no number of points, and no target"
+        raise InputError(message, field="target")
     if isinstance(problem.monitor, NodalSolution):
         _check_target_of_a_round(target, problem.monitor)
     with within("target"):

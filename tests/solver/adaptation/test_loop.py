@@ -341,7 +341,7 @@ def test_a_loop_on_blocks_adapts_to_values_and_to_averages() -> None:
 def test_what_cannot_be_used_on_blocks_is_refused() -> None:
     with pytest.raises(em.InputError, match=r"leave n out .*, or give points"):
         em.adapt(lambda mesh: mesh.x, 9, domain=DOMAIN)
-    with pytest.raises(em.InputError, match="points = 50: the coarsest mesh of these blocks has 65 points"):
+    with pytest.raises(em.InputError, match="50 points are too few: the coarsest mesh of these blocks has 65 points"):
         em.adapt(lambda mesh: mesh.x, points=50, domain=DOMAIN)
     with pytest.raises(em.InputError, match=r"n = None: give a number of points a direction, .*; points=4000 finds"):
         em.adapt(lambda mesh: mesh.x)

@@ -300,7 +300,7 @@ def test_a_number_of_points_chooses_the_counts_of_blocks() -> None:
     even = em.solve(em.Problem(monitor=monitor, domain=domain), threads=1)
     assert 250 < len(solution.mesh.points) <= 300
     assert solution.interpolation.l2 < 0.6 * even.interpolation.l2
-    with pytest.raises(em.InputError, match="max_points = 40: the coarsest mesh of these blocks has 65 points"):
+    with pytest.raises(em.InputError, match="40 points are too few: the coarsest mesh of these blocks has 65 points"):
         em.solve_to(em.Target(max_points=40), monitor=monitor, domain=domain)
     with pytest.raises(em.InputError, match="give max_points alone") as refused:
         em.solve_to(em.Target(error=1e-3), monitor=monitor, domain=domain)
