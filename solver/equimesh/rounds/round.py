@@ -102,10 +102,15 @@ def next_mesh(known: ErrorEstimate, norm: Norm, threads: int = 1, of: Grid | Blo
     On blocks it is the best one in L2 where the values do not resolve the solution: a descent on the error of the
     gradient stays near the mesh of the values there. Candidates are descents from the mesh of the values, on a grid
     also meshes of straight lines, on blocks descents from the initial mesh of the domain. The mesh is one ``of``
-    another grid, or of blocks with other counts, where that is given.
+    another grid, or of blocks with other counts, where that is given; the same one where these have more points.
     """
     before, domain = known.recovery.mesh, known.recovery.domain
-    kept = NextMesh(reference=before, chosen=KEPT, norm=norm, candidates={}, gain=1.0, moved_cells=0.0)
+    reference = before
+    if isinstance(of, Grid) and of.points < before.x.size:
+        reference = on_grid(before, of)
+    if isinstance(of, Blocks) and of.layout.node_count < before.x.size:
+        reference = of.mesh
+    kept = NextMesh(reference=reference, chosen=KEPT, norm=norm, candidates={}, gain=1.0, moved_cells=0.0)
     if known.is_exact:
         return kept
     of_solver = known.is_for_solver and norm == "l2"

@@ -136,3 +136,13 @@ def test_a_round_chooses_the_counts_of_at_most_so_many_points() -> None:
     assert 150 < sharp.mesh.x.size <= 200  # in proportion, until the values resolve u
     with pytest.raises(em.InputError, match="leave points out"):
         em.adapt_round(mesh, values, DOMAIN, points=400, adjoint=values)
+
+
+def test_a_mesh_of_more_points_than_allowed_is_not_kept_where_its_values_are_exact() -> None:
+    mesh = em.Mesh.uniform(em.Grid(20))
+    assert em.adapt_round(mesh, mesh.x, points=50).mesh.x.size <= 50
+    blocks = l_shape(300)
+    fine = blocks.refined(2).mesh
+    found = em.adapt_round(fine, fine.x, blocks.with_counts_of(fine), points=300).mesh
+    assert found.x.size <= 300
+    assert not found.is_folded
