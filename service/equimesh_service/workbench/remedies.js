@@ -1,5 +1,6 @@
 // What a visitor can do about a problem, as buttons that do it.
 
+import { hasBlocks } from "./sides.js";
 import { START } from "./store.js";
 
 // The points a side of the service, where a spec says nothing.
@@ -49,7 +50,8 @@ function named({ pointer = "", message }) {
   return name ? message.replace(/^this key/, `the key '${name}'`) : message;
 }
 
-function usualGrid(spec) {
+function usualGrid({ grid: _, ...spec }) {
+  if (hasBlocks(spec.domain)) return { text: "Take the cells of the blocks", spec };
   const { n_xi: n, n_eta: m } = START.spec.grid;
   return { text: `Take ${n} × ${m} points`, spec: { ...spec, grid: { n_xi: n, n_eta: m } } };
 }

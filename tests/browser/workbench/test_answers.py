@@ -173,6 +173,8 @@ def test_remedies_of_problems(page: Page) -> None:
     assert remedies({"type": "/problems/folded"}, monitor={"u": "x"}, **large) == [fewer]
     wrong = {"errors": [{"pointer": "/grid/n_xi", "message": "n_xi = -5"}]}
     assert remedies(wrong) == [{"text": "Take 33 × 33 points", "grid": {"n_xi": 33, "n_eta": 33}}]
+    few = remedies(wrong, grid={"points": 30}, domain={"kind": "blocks"})
+    assert [(one["text"], "grid" in one) for one in few] == [("Take the cells of the blocks", False)]
     classical = {"subdomains": [2, 2], "transmission": {"kind": "classical"}}
     assert [one["schwarz"] for one in remedies({"type": "/problems/not-converged"}, schwarz=classical)] == [
         {"subdomains": [2, 2]},
