@@ -43,24 +43,26 @@ class NodalField:
 
     mesh: Mesh
     values: Array
-    _map: MeshMap
+    mesh_map: MeshMap
     _spline: Bicubic
 
     def __init__(self, *, mesh: Mesh, values: npt.ArrayLike) -> None:
         checked = nodal_values(values, mesh)
         for name, value in {
-            "mesh": mesh, "values": checked, "_map": MeshMap.of(mesh), "_spline": through(checked),
+            "mesh": mesh, "values": checked, "mesh_map": MeshMap.of(mesh), "_spline": through(checked),
         }.items():  # fmt: skip
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
         """u and its partial derivatives up to ``order``, each of the points' shape: see ``Field.evaluate``."""
         x, y = np.broadcast_arrays(x, y)
-        places = self._map.locate(x, y)
+        if order == 0 and np.array_equal(x, self.mesh.x) and np.array_equal(y, self.mesh.y):
+            return (self.values.copy(),)
+        places = self.mesh_map.locate(x, y)
         parts = list(self._derivatives(places, order))
         if not places.smooth.all():
             rough = np.flatnonzero(~places.smooth)
-            for part, bilinear in zip(parts, in_cells(self._map.mesh, self.values, places, rough), strict=False):
+            for part, bilinear in zip(parts, in_cells(self.mesh_map.mesh, self.values, places, rough), strict=False):
                 part[rough] = bilinear
         nowhere = np.isnan(x) | np.isnan(y)
         if not nowhere.any():
@@ -72,7 +74,7 @@ class NodalField:
 
     def _derivatives(self, places: Places, order: int) -> tuple[Array, ...]:
         """By the chain rule from those over the grid."""
-        patches = self._spline.polynomials, self._map.x.polynomials, self._map.y.polynomials
+        patches = self._spline.polynomials, self.mesh_map.x.polynomials, self.mesh_map.y.polynomials
         if order == 1 and patches[0] is not None and patches[1] is not None and patches[2] is not None:
             rows, axes = np.empty((3, places.s.size)), (self._spline.along_x, self._spline.along_y)
             slopes_on_mesh(places.s, places.t, *axes, patches[0], (patches[1], patches[2]), rows)
@@ -80,7 +82,8 @@ class NodalField:
         u, *of_u = self._spline.evaluate(places.s, places.t, order)
         if order == 0:
             return (u,)
-        (_, *of_x), (_, *of_y) = (part.evaluate(places.s, places.t, order) for part in (self._map.x, self._map.y))
+        along = self.mesh_map.x, self.mesh_map.y
+        (_, *of_x), (_, *of_y) = (part.evaluate(places.s, places.t, order) for part in along)
         (x_s, x_t), (y_s, y_t) = of_x[:2], of_y[:2]
         with np.errstate(all="ignore"):  # where it is not smooth, these values are replaced
             per_det = 1.0 / (x_s * y_t - x_t * y_s)

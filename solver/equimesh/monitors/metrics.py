@@ -179,7 +179,7 @@ class ArcLength:
         """The size of the domain over the range of u, from the finite values of u; 0 where there is no range."""
         probe = Probe.of_closure(domain, RANGE_CELLS)
         with np.errstate(all="ignore"):
-            (u,) = self.u.evaluate(probe.x, probe.y)
+            (u,) = self.u.evaluate(probe.x.reshape(RANGE_CELLS + 1, -1), probe.y.reshape(RANGE_CELLS + 1, -1))
         known = u[np.isfinite(u)]
         if known.size == 0:
             return 1.0

@@ -107,9 +107,9 @@ def _jacobians(old: Mesh, new: Mesh) -> tuple[Array, Array, Array]:
 
 def _corner_areas(points: Array, cells: IntArray) -> Array:
     """The products of the two edges at each corner of ``cells``, with their nodes at ``points``."""
-    corners = points[cells]
-    ahead, behind = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
-    return np.asarray(ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0])
+    x, y = (points[:, axis][cells.T] for axis in (0, 1))
+    dx, dy = (np.roll(q, -1, axis=0) - q for q in (x, y))
+    return np.asarray(np.roll(dx, 1, axis=0) * dy - np.roll(dy, 1, axis=0) * dx)
 
 
 def largest_jump(values: Array, cells: IntArray) -> float:

@@ -14,9 +14,8 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain, map_mesh, tied
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.fields.mesh_map import reference_of
 from equimesh.fields.nodal_field import HermiteField, NodalField
-from equimesh.fields.on_domain import OnDomain
+from equimesh.fields.on_domain import OnDomain, reference_on
 from equimesh.fields.quad_field import QuadField
 from equimesh.inputs import describe_value
 from equimesh.meshes.mesh import Grid, Mesh
@@ -118,7 +117,7 @@ def first_mesh(begin: AnySolution | Mesh | None, domain: Domain | Blocks) -> tup
         reference = begin.reference
     else:
         require_valid(mesh)
-        reference = reference_of(mesh, domain)
+        reference = reference_on(mesh, domain)
     mesh = tied(mesh, domain)
     if not _is_of(domain, mesh, reference):
         raise InputError("the first mesh of a sequence must be one of the problem's domain", field="mesh")
@@ -325,7 +324,9 @@ class Sequence:
         same = old.node_shape == solution.mesh.node_shape
         moved = cells_moved(old, solution.mesh) if same else None
         self._refuse_outrun(moved)
-        carried = carry(old, given, solution.mesh)
+        u = monitor.u
+        known = u.mesh_map if isinstance(u, NodalField) and _is_same(u.mesh, old) else None
+        carried = carry(old, given, solution.mesh, known)
         notes = list(self._about_moves(solution, moved))
         notes += about_integrals((old, solution.mesh), given, carried)
         step = SequenceStep(

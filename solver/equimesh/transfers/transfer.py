@@ -98,15 +98,18 @@ MAX_BEYOND = 0.25
 """How far, as a share of a cell, the cubics go on where a curved side lies beyond the edges of the mesh."""
 
 
-def transfer_spline(mesh: Mesh, fields: Mapping[str, Array], new_mesh: Mesh) -> dict[str, Array]:
+def transfer_spline(
+    mesh: Mesh, fields: Mapping[str, Array], new_mesh: Mesh, known: MeshMap | None = None
+) -> dict[str, Array]:
     """Values at the nodes of ``mesh``, shape ``(n_xi, n_eta, ...)``, interpolated to those of ``new_mesh``, by name.
 
     As :class:`~equimesh.fields.nodal_field.NodalField`: accurate to O(h^4), exact for linear functions; not monotone,
-    so that an under-resolved front may overshoot by a few percent, and integrals are kept to the order only.
+    so that an under-resolved front may overshoot by a few percent, and integrals are kept to the order only. ``known``
+    is the map of ``mesh``, where somebody has it.
     """
     if not mesh.is_grid:
         return _by_cubics(mesh, fields, new_mesh)
-    places = MeshMap.of(mesh).locate(new_mesh.x, new_mesh.y)
+    places = (known or MeshMap.of(mesh)).locate(new_mesh.x, new_mesh.y)
     rough = np.flatnonzero(~places.smooth)
     moved = {}
     for name, values in fields.items():
@@ -162,15 +165,20 @@ def named(fields: Any) -> dict[str, MeshValues]:
     return {name: mesh_values(field) for name, field in fields.items()}
 
 
-def carry(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh) -> dict[str, Array]:
-    """The fields on the new mesh, as by :func:`transfer`, between two valid meshes of one domain."""
+def carry(
+    mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh, known: MeshMap | None = None
+) -> dict[str, Array]:
+    """The fields on the new mesh, as by :func:`transfer`, between two valid meshes of one domain.
+
+    ``known`` is the map of the first, where somebody has it.
+    """
     checked = {name: field.on(mesh, name) for name, field in given.items()}
     if not checked:
         return {}
     if have_seams(mesh, new_mesh):
         return _carry_across_seams((mesh, new_mesh), checked, given)
     at_nodes = {name: values for name, values in checked.items() if given[name].location == "nodes"}
-    moved = transfer_spline(mesh, at_nodes, new_mesh) if at_nodes else {}
+    moved = transfer_spline(mesh, at_nodes, new_mesh, known) if at_nodes else {}
     if any(field.transfer == "conservative" for field in given.values()):
         overlaps = Overlaps.of(mesh, new_mesh)
         for name, field in given.items():

@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.domains.domain import map_mesh
-from equimesh.fields.mesh_map import MeshMap, reference_of
+from equimesh.fields.mesh_map import MeshMap, find_cells, reference_of
 from solver.fields.bent_meshes import ANYWHERE, largest, smooth_mesh
 
 
@@ -51,6 +51,14 @@ def test_the_place_of_a_point_does_not_depend_on_the_others(front: em.Mesh, shap
     rows, alone = of.locate(x, y), [of.locate(*point) for point in zip(x.ravel(), y.ravel(), strict=True)]
     assert np.array_equal(rows.s, [place.s[0] for place in alone])
     assert np.array_equal(rows.t, [place.t[0] for place in alone])
+
+
+def test_a_point_of_an_edge_has_the_cell_that_begins_nearer() -> None:
+    """Of that of the point before it, here 3, and that of the point above, here 2."""
+    mesh = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    cells = np.empty(4, np.int64), np.empty(4, np.int64)
+    find_cells((np.array([0.4, 0.3, 0.4, 0.375]), np.full(4, 0.3)), (mesh.x, mesh.y), 2, cells)
+    assert cells[0].tolist() == [3, 2, 3, 3]
 
 
 def test_points_that_are_not_finite_have_a_place_all_the_same() -> None:

@@ -68,6 +68,7 @@ def test_a_mesh_follows_values_at_its_own_nodes(front: em.Mesh) -> None:
     moved = em.Expression("tanh(40*(x + y/2 - 0.76))")
     grid = em.Grid(n_xi=33, n_eta=33)
     u = em.NodalField(mesh=front, values=moved.evaluate(front.x, front.y)[0])
+    assert np.array_equal(u.evaluate(front.x, front.y)[0], u.values)
     by_nodes = em.solve(em.Problem(monitor=em.ArcLength(u=u), grid=grid), initial=front)
     by_formula = em.solve(em.Problem(monitor=em.ArcLength(u=moved), grid=grid))
     assert np.abs(by_nodes.mesh.x - by_formula.mesh.x).max() < 2e-3
