@@ -22,7 +22,7 @@ from equimesh.fields.periodic import repeated
 from equimesh.inputs import choice
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, require_monitor
 from equimesh.numerics.types import Array, IntArray
 
 # The physical boundary of the unit square: the conditions that place its nodes along each side.
@@ -244,13 +244,6 @@ OWN_CELLS = "the blocks of the domain have numbers of cells of their own: leave 
 """Why a grid is refused on blocks."""
 SLIDING_NODES = "the nodes on the curves of blocks slide for the least error: leave the boundary out"
 """Why a boundary condition is refused on blocks."""
-
-
-def require_monitor(monitor: object) -> None:
-    """Raise :class:`~equimesh.errors.InputError` for what is no monitor, such as a class or a text."""
-    if isinstance(monitor, type) or not callable(getattr(monitor, "metric", None)):
-        message = f"monitor = {str(monitor)[:40]!r} is no monitor: give one, such as Auto(u=...)"
-        raise InputError(message, field="monitor")
 
 
 def require_domain(domain: object) -> None:

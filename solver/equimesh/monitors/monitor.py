@@ -156,6 +156,13 @@ class Monitor(Protocol):
         ...
 
 
+def require_monitor(monitor: object) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for what is no monitor, such as a class or a text."""
+    if isinstance(monitor, type) or not callable(getattr(monitor, "metric", None)):
+        message = f"monitor = {str(monitor)[:40]!r} is no monitor: give one, such as Auto(u=...)"
+        raise InputError(message, field="monitor")
+
+
 @runtime_checkable
 class OfDerivatives(Protocol):
     """A bound monitor whose metric at a point depends on u and its derivatives there, and on nothing else.

@@ -24,7 +24,7 @@ from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh, MeshRows
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, require_monitor
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import (
     AnyMesh,
@@ -160,6 +160,7 @@ def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss:
     estimated from every 5th, 13th, 34th or 89th cell, most often to a percent, on the uniform mesh, too. Beyond
     ``MAX_GAUSS_CELLS`` the metric is that at the corners of the cells. Not finite where u or its gradient is not.
     """
+    require_monitor(monitor)
     return measure_all(mesh, monitor, uniform=uniform, gauss=gauss)
 
 
@@ -170,6 +171,8 @@ def measure_each(
 
     A mesh that several fields share is measured by one monitor for each field.
     """
+    for one in monitors:
+        require_monitor(one)
     shapes = Shapes.of(cells_of(mesh))
     return tuple(measure_all(mesh, one, uniform=uniform, gauss=gauss, shapes=shapes) for one in monitors)
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
-from equimesh.equations.problem import Boundary, Problem, require_domain, require_monitor
+from equimesh.equations.problem import Boundary, Problem, require_domain
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.monitors.metrics import NORMS
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, require_monitor
 from equimesh.rounds.shape import best_counts, counts_within, proportions, require_budget, with_counts
 from equimesh.solving.solution import Solution, degree_of
 from equimesh.solving.solve import Round, solve, solve_by

@@ -331,6 +331,14 @@ def test_threads_and_single_measures_agree() -> None:
     assert two.interpolation_error.gain_l2 == 1.0
 
 
+def test_a_field_in_place_of_a_monitor_is_refused() -> None:
+    mesh = wavy(5, 5)
+    with pytest.raises(InputError, match="is no monitor: give one"):
+        measure(mesh, TANH20)
+    with pytest.raises(InputError, match="is no monitor: give one"):
+        measure_each(mesh, [MONITOR, TANH20])
+
+
 def test_fields_that_share_a_mesh_share_its_shapes(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, found, of = wavy(61, 45), [], Shapes.of
     monitors = [em.ArcLength(u=u, scaled=False) for u in (TANH20, em.Expression("x*y"), em.Expression("sin(9*x)"))]
