@@ -190,7 +190,7 @@ def test_a_solve_that_takes_too_long_is_ended(tmp_path: Path) -> None:
 
 
 def test_limits_of_memory_and_of_the_queue_and_a_stop_of_the_service(tmp_path: Path) -> None:
-    settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error", memory_limit=48, max_queue=2)
+    settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error", memory_limit=96, max_queue=2)
     with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
         large = {**DEEP, "grid": {"n_xi": 220, "n_eta": 220}}
         large = http.post("/v1/meshes", json=large, headers={"Prefer": "wait=30"}).json()
@@ -198,7 +198,7 @@ def test_limits_of_memory_and_of_the_queue_and_a_stop_of_the_service(tmp_path: P
         # A library that gets no memory may end its process: the worker is lost, and another one tries.
         if large["error"]["type"] != "/problems/worker-lost":
             assert large["error"]["type"] == "/problems/memory-limit"
-            assert "48 MiB" in large["error"]["detail"]
+            assert "96 MiB" in large["error"]["detail"]
         with pytest.raises(FolderInUseError), running(settings):
             pass
         last = http.post("/v1/meshes", json=SLOW).json()
