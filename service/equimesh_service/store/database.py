@@ -25,6 +25,7 @@ from sqlalchemy import (
     Column,
     Connection,
     MetaData,
+    RootTransaction,
     String,
     Table,
     create_engine,
@@ -37,7 +38,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL, ExceptionContext, make_url
-from sqlalchemy.exc import ArgumentError
+from sqlalchemy.exc import ArgumentError, DBAPIError
 
 from equimesh_service.errors import NewerDatabaseError, UnusableDatabaseError
 from equimesh_service.store.schema import Prepared, artifacts, blobs, keys, meshes, metadata, samples
@@ -203,22 +204,40 @@ class Database:
                 yield outer
             return
         calls = list[Callable[[], None]]()
-        with (
-            self._turns,
-            self._engine.connect().execution_options(writes=True, synced=durable) as connection,
-            connection.begin(),
-        ):
-            if not durable and connection.dialect.name == "postgresql":
-                connection.execute(text("SET LOCAL synchronous_commit TO off"))
-            if self._server_clock is not None:
-                self._server_clock.follow(connection)
-            self._outer.connection, self._outer.calls = connection, calls
-            try:
-                yield connection
-            finally:
-                self._outer.connection = None
+        with self._turns:
+            transaction = self._begin(durable)
+            with transaction.connection as connection, transaction:
+                if not durable and connection.dialect.name == "postgresql":
+                    connection.execute(text("SET LOCAL synchronous_commit TO off"))
+                if self._server_clock is not None:
+                    self._server_clock.follow(connection)
+                self._outer.connection, self._outer.calls = connection, calls
+                try:
+                    yield connection
+                finally:
+                    self._outer.connection = None
         for call in calls:
             _follow(call)
+
+    def _begin(self, durable: bool) -> RootTransaction:
+        """Begin a writing transaction.
+
+        As long as one connection of a process is open that was opened while the disk took no writes, SQLite refuses
+        writes by all others, which share its index of the log. It is closed when its reader ends.
+        """
+        latest = time.monotonic() + _BUSY_SECONDS
+        while True:
+            connection = self._engine.connect().execution_options(writes=True, synced=durable)
+            try:
+                return connection.begin()
+            except BaseException as error:
+                connection.close()
+                if not (_is_read_only(error) and self._takes_writes()) or time.monotonic() > latest:
+                    raise
+            time.sleep(0.01)
+
+    def _takes_writes(self) -> bool:
+        return os.access(self._engine.url.database or "", os.W_OK)
 
     @contextmanager
     def join(self) -> Iterator[Connection]:
@@ -342,9 +361,16 @@ def _drop_read_only(_connection: Any, record: Any) -> None:
 
 def _drop_all_read_only(context: ExceptionContext) -> None:
     """Close all connections after a refused write: the disk may have changed while one of them was opened."""
-    code = getattr(context.original_exception, "sqlite_errorcode", 0)
-    if code & 0xFF == sqlite3.SQLITE_READONLY:
+    if _is_read_only(context.original_exception):
         context.is_disconnect = True
+        if context.execution_context is not None:
+            # SQLite keeps a closed connection until its last statement is gone.
+            context.execution_context.cursor.close()
+
+
+def _is_read_only(error: BaseException) -> bool:
+    cause = error.orig if isinstance(error, DBAPIError) else error
+    return getattr(cause, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_READONLY
 
 
 def _begin_sqlite(connection: Connection) -> None:

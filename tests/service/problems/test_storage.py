@@ -15,6 +15,7 @@ from typing import Any
 
 import httpx
 import pytest
+from sqlalchemy import text
 
 from equimesh_service import Settings
 from equimesh_service.api.app import create_app
@@ -212,7 +213,11 @@ async def _database_without_writes(http: httpx.AsyncClient, data: Path, service:
     _expect(await http.delete(mesh["links"]["self"]), 503, "unavailable")
     await _not_ready(http, "store")
     assert (await http.get(mesh["links"]["self"])).status_code == 200
-    await read_only(data, False)
-    assert (await http.post("/v1/meshes", json=small())).status_code == 202
+    with service.store.database.read() as reading:  # a reader from before the disk is back
+        reading.execute(text("SELECT * FROM meshes")).first()
+        await read_only(data, False)
+        posted = asyncio.create_task(http.post("/v1/meshes", json=small()))
+        await asyncio.sleep(0.5)
+    assert (await posted).status_code == 202
     assert (await http.get(mesh["links"]["quality"])).status_code == 200
     assert (await http.delete(mesh["links"]["self"])).status_code == 204
