@@ -342,7 +342,7 @@ def clock(settings: Settings) -> Finding | None:
     """Whether this machine's clock agrees with the database; None where there is nothing to compare with."""
     if not has_tables(settings):
         return None
-    from equimesh_service.store.database import describe_skew
+    from equimesh_service.store.clock import describe_skew
 
     with open_inspection(settings) as inspection:
         ahead = inspection.clock_skew()

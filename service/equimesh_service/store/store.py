@@ -5,7 +5,8 @@ from collections.abc import Callable
 from sqlalchemy import false, update
 
 from equimesh_service.store import database
-from equimesh_service.store.database import Database, describe_skew, skew
+from equimesh_service.store.clock import describe_skew, skew
+from equimesh_service.store.database import Database
 from equimesh_service.store.keys import KeyStore, QuotaStore
 from equimesh_service.store.meshes import MeshesStore, SequencesStore
 from equimesh_service.store.queue import QueueStore
