@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from equimesh.fields.expression import Field
+from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 from equimesh.quality.cells import Cells, ChosenCells, MeshCells
 from equimesh.quality.elements import CORNERS, Basis, CellKind, Element, basis, finer_rule, lagrange, rule, shapes_at
@@ -89,7 +90,7 @@ def squared_errors(
     result = np.empty((len(bases), 2, chosen.numbers.size))
     for block, found in _samples(cells, chosen, u, bases, element, kind):
         for k, errors in enumerate(found.errors()):
-            result[k, :, block] = errors.squares().reshape(2, block.stop - block.start, -1).sum(axis=-1)
+            result[k, :, block] = errors[:2].reshape(2, block.stop - block.start, -1).sum(axis=-1)
     return result
 
 
@@ -107,35 +108,66 @@ class _Errors(NamedTuple):
         return np.stack([(self.shares * self.value**2).sum(axis=0), (self.shares * slopes).sum(axis=0)])
 
 
+@compiled
+def add_squares(weights: Array, slopes: Array, u: Array, gradient: Pair, interpolants: Array, out: Array) -> None:
+    """To ``out`` of every element the integrals of the squared error of an interpolant and of its gradient.
+
+    ``slopes`` are the derivatives of x and of y by s and t, shape ``(2, 2, points, elements)``; ``interpolants`` the
+    value and its derivatives by s and t, ``(3, points, elements)``. The last of three rows becomes the largest error.
+    """
+    squares, slope_squares, largest = out[0], out[1], out[2]
+    for p in range(weights.size):
+        weight, here, u_x, u_y = weights[p], u[p], gradient[0][p], gradient[1][p]
+        x_s, x_t, y_s, y_t = slopes[0, 0, p], slopes[0, 1, p], slopes[1, 0, p], slopes[1, 1, p]
+        value, v_s, v_t = interpolants[0, p], interpolants[1, p], interpolants[2, p]
+        for k in range(squares.size):
+            det = x_s[k] * y_t[k] - x_t[k] * y_s[k]
+            error = value[k] - here[k]
+            error_x = (v_s[k] * y_t[k] - v_t[k] * y_s[k]) / det - u_x[k]
+            error_y = (v_t[k] * x_s[k] - v_s[k] * x_t[k]) / det - u_y[k]
+            share = weight * det
+            squares[k] += share * error * error
+            slope_squares[k] += share * (error_x * error_x + error_y * error_y)
+            largest[k] = max(largest[k], abs(error))
+
+
 class _Sample(NamedTuple):
-    """u with its gradient in some elements: at the points of a rule, and after them at the nodes of some bases."""
+    """u with its gradient at the points of a rule in some elements, and u at the nodes of some bases.
+
+    ``corners`` of shape ``(2, corners, elements)`` are x and y, ``slopes`` those of :func:`add_squares`. The corners
+    are nodes of all bases: ``nodal`` has u there, and after that u at the other nodes of each.
+    """
 
     element: Element
     bases: Sequence[Basis]
-    corners: Pair
+    corners: Array
+    slopes: Array
     u: Array
-    slopes: Pair
+    gradient: Pair
+    nodal: Array
 
     @classmethod
-    def of(cls, u: Field, element: Element, bases: Sequence[Basis], corners: Pair) -> _Sample:
-        """u at all points and nodes, evaluated at once."""
-        places = np.concatenate([element.shape, *(one.places for one in bases)])
-        values, u_x, u_y = u.evaluate(places @ corners[0], places @ corners[1], order=1)
-        return cls(element, bases, corners, values, (u_x, u_y))
+    def of(cls, u: Field, element: Element, bases: Sequence[Basis], corners: Array) -> _Sample:
+        """u at all points, and at all nodes."""
+        count, shared = element.weights.size, corners.shape[1]
+        x, y = np.matmul(element.shape, corners)
+        values, u_x, u_y = u.evaluate(x, y, order=1)
+        slopes = np.matmul(np.concatenate([element.along_s, element.along_t]), corners).reshape(2, 2, count, -1)
+        places = np.concatenate([bases[0].places, *(one.places[shared:] for one in bases[1:])])
+        (nodal,) = u.evaluate(*np.matmul(places, corners))
+        return cls(element, bases, corners, slopes, values, (u_x, u_y), nodal)
 
-    def errors(self) -> Iterator[_Errors]:
-        """The errors for each basis."""
-        element, (x, y), count = self.element, self.corners, self.element.weights.size
-        x_s, y_s, x_t, y_t = element.along_s @ x, element.along_s @ y, element.along_t @ x, element.along_t @ y
-        det = x_s * y_t - x_t * y_s
-        shares, first = element.weights[:, None] * det, count
+    def errors(self) -> Iterator[Array]:
+        """For each basis the integrals of both squared errors, and the largest error, shape ``(3, elements)``."""
+        shared = first = self.corners.shape[1]
+        u, u_x, u_y = (np.ascontiguousarray(part) for part in (self.u, *self.gradient))
         for one in self.bases:
-            nodal = self.u[first : first + len(one.places)]
-            first += len(one.places)
-            v_s, v_t = one.along_s.T @ nodal, one.along_t.T @ nodal
-            along_x = (v_s * y_t - v_t * y_s) / det - self.slopes[0][:count]
-            along_y = (v_t * x_s - v_s * x_t) / det - self.slopes[1][:count]
-            yield _Errors(shares, one.value.T @ nodal - self.u[:count], along_x, along_y)
+            last = first + len(one.places) - shared
+            nodal = np.concatenate([self.nodal[:shared], self.nodal[first:last]])
+            first, functions = last, np.concatenate([one.value, one.along_s, one.along_t], axis=1)
+            interpolants, out = (functions.T @ nodal).reshape(3, *u.shape), np.zeros((3, u.shape[1]))
+            add_squares(self.element.weights, self.slopes, u, (u_x, u_y), interpolants, out)
+            yield out
 
 
 def _samples(
@@ -153,17 +185,18 @@ def _samples(
             yield block, _Sample.of(u, element, bases, corners)
 
 
-def corners_of(cells: Cells, numbers: IntArray, kind: CellKind = "quad", through: Mapping[int, int] = ANYWHERE) -> Pair:
-    """x and y of the corners of cells, or of the triangles into which they are cut, shape ``(corners, elements)``.
+def corners_of(
+    cells: Cells, numbers: IntArray, kind: CellKind = "quad", through: Mapping[int, int] = ANYWHERE
+) -> Array:
+    """x and y of the corners of cells, or of the triangles into which they are cut, shape ``(2, corners, elements)``.
 
     The cells at the places in ``through`` have the cut given there.
     """
     corners = cells.corners(numbers).reshape(2, 4, -1)
     if kind == "quad":
-        return corners[0], corners[1]
+        return corners
     cuts = CUTS[better_cuts(corners.transpose(2, 1, 0), through)].reshape(-1, 3)
-    triangles = corners[:, cuts.T, np.repeat(np.arange(numbers.size), 2)]
-    return triangles[0], triangles[1]
+    return np.asarray(corners[:, cuts.T, np.repeat(np.arange(numbers.size), 2)])
 
 
 # The errors of the interpolant of one degree on a whole mesh, by two rules, and by parts of cells where these differ.
@@ -229,13 +262,12 @@ def _norms(cells: Cells, u: Field, degree: int, kind: CellKind) -> Norms:
     for block, found in _samples(cells, chosen, u, [one], element, kind):
         where = slice(per_cell * block.start, per_cell * block.stop)
         (errors,) = found.errors()
-        sums[:, where], corners[:, :, where] = errors.squares(), np.stack(found.corners)
-        values[:, where] = found.u[len(element.weights) :]
-        ends = min(ends[0], float(found.u.min())), max(ends[1], float(found.u.max()))
-        sizes = np.abs(errors.value)
-        if float(sizes.max()) > peak.value:
-            worst = int(sizes.max(axis=0).argmax())
-            peak = LargestError(float(sizes.max()), *(float(q[:, worst].mean()) for q in found.corners))
+        sums[:, where], corners[:, :, where], values[:, where] = errors[:2], found.corners, found.nodal
+        for part in (found.u, found.nodal):
+            ends = min(ends[0], float(part.min())), max(ends[1], float(part.max()))
+        worst = int(errors[2].argmax())
+        if errors[2, worst] > peak.value:
+            peak = LargestError(float(errors[2, worst]), *map(float, found.corners[:, :, worst].mean(axis=1)))
     extremes = Extremes.of(cells.rows, values, ends, peak)
     allowed = noise(cells, extremes.size)
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
