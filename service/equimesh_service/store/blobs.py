@@ -15,7 +15,7 @@ from sqlalchemy import Row, bindparam, delete, select
 
 from equimesh_service.files.port import Files, ListedFile, Removed, StoredFile, digest_of, key_of
 from equimesh_service.store.database import Database, insert_new
-from equimesh_service.store.schema import blobs
+from equimesh_service.store.schema import Prepared, blobs
 
 _log = logging.getLogger(__name__)
 # Files of up to so many bytes are rows.
@@ -25,8 +25,8 @@ _LISTED_AT_ONCE = 1000
 # Statements are built once, since building them takes longer than executing them.
 _HERE = blobs.c.sha256 == bindparam("file")
 _READ = select(blobs.c.content).where(_HERE)
-_MEASURE = select(blobs.c.size).where(_HERE)
-_DELETE = delete(blobs).where(_HERE)
+_MEASURE = Prepared(select(blobs.c.size).where(_HERE))
+_DELETE = Prepared(delete(blobs).where(_HERE))
 _LIST = (
     select(blobs.c.sha256, blobs.c.size, blobs.c.created_at)
     .where(blobs.c.sha256 > bindparam("after"))
@@ -81,7 +81,7 @@ class BlobFiles:
     def holds(self, file: StoredFile) -> bool:
         """Whether a published file is there, with all its bytes."""
         with self.database.read() as connection:
-            size = connection.execute(_MEASURE, {"file": file.sha256}).scalar()
+            size = _MEASURE.execute(connection, {"file": file.sha256}).scalar()
         return size == file.size if size is not None else self.larger.holds(file)
 
     def require(self, sha256: str) -> None:
@@ -89,7 +89,7 @@ class BlobFiles:
         if sha256 in self.not_stored:
             return
         with self.database.read() as connection:
-            size = connection.execute(_MEASURE, {"file": sha256}).scalar()
+            size = _MEASURE.execute(connection, {"file": sha256}).scalar()
         if size is None:
             self.larger.require(sha256)
 
@@ -131,7 +131,7 @@ class BlobFiles:
         """Remove a file that no row names any more; a copy in the other storage is swept up later."""
         key_of(sha256)  # refuses what is no SHA-256
         with self.database.join() as connection:
-            removed = connection.execute(_DELETE, {"file": sha256}).rowcount
+            removed = _DELETE.execute(connection, {"file": sha256}).rowcount
         if not removed:
             self.larger.remove(sha256)
 

@@ -17,29 +17,34 @@ from equimesh_service.store.schema import (
     artifacts,
     blobs,
     events,
-    idempotency,
     mesh_samples,
     meshes,
     removals,
     samples,
-    samples_keys,
     sequences,
     steps,
 )
 
 # Statements are built once, since building them takes longer than executing them.
-_REMOVE = delete(artifacts).where(artifacts.c.mesh_id == bindparam("mesh"), artifacts.c.name == bindparam("file"))
+_REMOVE = Prepared(
+    delete(artifacts).where(artifacts.c.mesh_id == bindparam("mesh"), artifacts.c.name == bindparam("file"))
+)
 _INSERT = Prepared(insert(artifacts))
 # The most small files that are removed in one transaction.
 _MOST_TOGETHER = 16
 _FIND_REMOVAL = select(removals.c.sha256).where(removals.c.sha256 == bindparam("file")).limit(1)
+_HAS_BLOB = Prepared(select(blobs.c.size).where(blobs.c.sha256 == bindparam("file")))
+_NAMING = [
+    Prepared(select(table.c.sha256).where(table.c.sha256 == bindparam("file")).limit(1))
+    for table in (artifacts, samples)
+]
 
 
 def insert_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artifact]) -> None:
     """Give a mesh files, in place of older ones of the same names; none is removed before the transaction ends."""
     lock(connection, (file.sha256 for file in files))
     for file in files:
-        connection.execute(_REMOVE, {"mesh": mesh_id, "file": file.name})
+        _REMOVE.execute(connection, {"mesh": mesh_id, "file": file.name})
     add_artifacts(connection, mesh_id, files)
 
 
@@ -68,8 +73,7 @@ def remove_unused(database: Database, files: Iterable[str], remove_file: Callabl
     """
     left = sorted(set(files))
     with database.read() as connection:
-        known = connection.execute(select(blobs.c.sha256).where(blobs.c.sha256.in_(left))).scalars() if left else ()
-        small = sorted(known)
+        small = [name for name in left if _HAS_BLOB.execute(connection, {"file": name}).first() is not None]
     together = [small[first : first + _MOST_TOGETHER] for first in range(0, len(small), _MOST_TOGETHER)]
     for names in [*together, *([name] for name in left if name not in small)]:
         with database.write(durable=False) as connection:
@@ -80,10 +84,11 @@ def remove_unused(database: Database, files: Iterable[str], remove_file: Callabl
 
 def find_unnamed(connection: Connection, files: Iterable[str]) -> set[str]:
     """The names of ``files`` that are in no row."""
-    known = set(files)
-    in_artifacts = select(artifacts.c.sha256).where(artifacts.c.sha256.in_(known))
-    in_samples = select(samples.c.sha256).where(samples.c.sha256.in_(known))
-    return known.difference(connection.execute(in_artifacts).scalars(), connection.execute(in_samples).scalars())
+
+    def is_named(file: str) -> bool:
+        return any(query.execute(connection, {"file": file}).first() is not None for query in _NAMING)
+
+    return {file for file in files if not is_named(file)}
 
 
 # How exactly the time of the last use of samples is stored.
@@ -199,25 +204,37 @@ class Deletion:
     sequences: set[str]
 
 
+# One mesh at a time: a step deletes one, and an index finds it.
+_OF_MESH: Any = bindparam("mesh")
+_LOCK_MESH = Prepared(select(meshes.c.id).where(meshes.c.id == _OF_MESH).with_for_update())
+_FILES = Prepared(select(artifacts.c.sha256).where(artifacts.c.mesh_id == _OF_MESH))
+_USED = Prepared(select(mesh_samples.c.samples_id).where(mesh_samples.c.mesh_id == _OF_MESH))
+_SEQUENCE = Prepared(select(steps.c.sequence_id).where(steps.c.mesh_id == _OF_MESH))
+_DELETE_MESH = Prepared(delete(meshes).where(meshes.c.id == _OF_MESH))
+_IS_UNUSED = ~select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples.c.id).exists()
+_UNUSED = select(samples.c.sha256).where(samples.c.id == bindparam("name"), _IS_UNUSED)
+_FIND_UNUSED, _LOCK_UNUSED = Prepared(_UNUSED), Prepared(_UNUSED.with_for_update())
+_DELETE_SAMPLES = Prepared(delete(samples).where(samples.c.id == bindparam("name")))
+
+
 def lock_meshes(connection: Connection, names: Iterable[str]) -> list[str]:
     """Lock meshes, so that no worker gives them a file from now on; returns those that are there."""
-    query = select(meshes.c.id).where(meshes.c.id.in_(set(names))).order_by(meshes.c.id).with_for_update()
-    return list(connection.execute(query).scalars())
+    return [name for name in sorted(set(names)) if _LOCK_MESH.execute(connection, {"mesh": name}).first() is not None]
 
 
 def delete_meshes(connection: Connection, names: Iterable[str], now: float) -> Deletion:
-    """Delete the rows of meshes, and note that their files may be removed.
+    """Delete meshes with all rows that refer to them, and note that their files may be removed.
 
     u at the nodes of an earlier mesh, which a step came with, goes with the last mesh that was made of it.
     """
     found = lock_meshes(connection, names)
-    held = set(connection.execute(select(artifacts.c.sha256).where(artifacts.c.mesh_id.in_(found))).scalars())
-    used = connection.execute(select(mesh_samples.c.samples_id).where(mesh_samples.c.mesh_id.in_(found))).scalars()
-    nodal = {name for name in used if name.startswith(NODAL)}
-    moved = set(connection.execute(select(steps.c.sequence_id).where(steps.c.mesh_id.in_(found))).scalars())
-    for table in (events, artifacts, idempotency, mesh_samples, steps):
-        connection.execute(delete(table).where(table.c.mesh_id.in_(found)))
-    connection.execute(delete(meshes).where(meshes.c.id.in_(found)))
+    held, nodal, moved = set[str](), set[str](), set[str]()
+    for name in found:
+        here = {"mesh": name}
+        held.update(_FILES.execute(connection, here).scalars())
+        nodal.update(used for used in _USED.execute(connection, here).scalars() if used.startswith(NODAL))
+        moved.update(_SEQUENCE.execute(connection, here).scalars())
+        _DELETE_MESH.execute(connection, here)
     held |= _delete_unused(connection, nodal)
     note_removals(connection, held, now)
     return Deletion(meshes=set(found), files=held, sequences=moved)
@@ -237,12 +254,14 @@ def delete_ended(connection: Connection, names: Iterable[str] | None = None) -> 
 
 def _delete_unused(connection: Connection, names: Iterable[str]) -> set[str]:
     """Delete those samples that no mesh uses any more; returns their files."""
-    unused = ~select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples.c.id).exists()
-    query = select(samples.c.id, samples.c.sha256).where(samples.c.id.in_(set(names)), unused).order_by(samples.c.id)
-    if not connection.execute(query.with_for_update()).all():
-        return set()
-    # Looked at again, now that they are locked: a mesh may have begun to use them.
-    found = {row.id: row.sha256 for row in connection.execute(query)}
-    connection.execute(delete(samples_keys).where(samples_keys.c.samples_id.in_(found.keys())))
-    connection.execute(delete(samples).where(samples.c.id.in_(found.keys())))
-    return set(found.values())
+    files = set[str]()
+    for name in sorted(set(names)):
+        here = {"name": name}
+        if _LOCK_UNUSED.execute(connection, here).first() is None:
+            continue
+        # Looked at again, now that they are locked: a mesh may have begun to use them.
+        found = _FIND_UNUSED.execute(connection, here).scalar()
+        if found is not None:
+            _DELETE_SAMPLES.execute(connection, here)
+            files.add(found)
+    return files

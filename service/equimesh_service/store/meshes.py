@@ -46,6 +46,7 @@ from equimesh_service.store.rows import (
 )
 from equimesh_service.store.samples import insert_samples
 from equimesh_service.store.schema import (
+    Prepared,
     artifacts,
     events,
     idempotency,
@@ -57,6 +58,23 @@ from equimesh_service.store.schema import (
 )
 
 _SHOWN_SEQUENCES = [sequences.c[name] for name in ("id", "key_id", "keep", "created_at", "used_at")]
+_HERE = sequences.c.id == bindparam("sequence")
+# Built once, since building them takes longer than executing them.
+_SHOW_SEQUENCE = Prepared(
+    select(*_SHOWN_SEQUENCES, steps.c.number, steps.c.mesh_id, meshes.c.status)
+    .select_from(sequences.join(steps, steps.c.sequence_id == sequences.c.id))
+    .join(meshes, meshes.c.id == steps.c.mesh_id)
+    .where(_HERE)
+    .order_by(steps.c.number.desc())
+)
+_LOCK_SEQUENCE = Prepared(select(sequences.c.id).where(_HERE).with_for_update())
+_USE_SEQUENCE = Prepared(update(sequences).where(_HERE).values(used_at=bindparam("now")))
+_TAKEN = Prepared(
+    select(steps.c.number, steps.c.mesh_id, meshes.c.status)
+    .select_from(steps.join(meshes, meshes.c.id == steps.c.mesh_id))
+    .where(steps.c.sequence_id == bindparam("sequence"))
+)
+_INSERT_STEP = Prepared(insert(steps))
 
 
 class SequencesStore:
@@ -69,17 +87,8 @@ class SequencesStore:
 
     def get(self, sequence_id: str) -> SequenceRow | None:
         """The sequence with this id, at its last step that has not failed."""
-        joined = sequences.join(steps, steps.c.sequence_id == sequences.c.id).join(
-            meshes, meshes.c.id == steps.c.mesh_id
-        )
-        query = (
-            select(*_SHOWN_SEQUENCES, steps.c.number, steps.c.mesh_id, meshes.c.status)
-            .select_from(joined)
-            .where(sequences.c.id == sequence_id)
-            .order_by(steps.c.number.desc())
-        )
         with self._read() as connection:
-            rows = connection.execute(query).all()
+            rows = _SHOW_SEQUENCE.execute(connection, {"sequence": sequence_id}).all()
         if not rows:
             return None
         return SequenceRow(**next((row for row in rows if row.status not in (FAILED, CANCELED)), rows[0])._mapping)
@@ -164,17 +173,15 @@ def take_turn(connection: Connection, step: NewStep, now: float) -> list[str]:
         begun = {"id": step.sequence_id, "key_id": step.key_id, "keep": step.keep, "created_at": now, "used_at": now}
         connection.execute(insert(sequences).values(begun))
         return []
-    here = sequences.c.id == step.sequence_id
-    if connection.execute(select(sequences.c.id).where(here).with_for_update()).first() is None:
+    here = {"sequence": step.sequence_id}
+    if _LOCK_SEQUENCE.execute(connection, here).first() is None:
         raise StepTakenError
-    joined = steps.join(meshes, meshes.c.id == steps.c.mesh_id)
-    query = select(steps.c.number, steps.c.mesh_id, meshes.c.status).select_from(joined)
-    found = connection.execute(query.where(steps.c.sequence_id == step.sequence_id)).all()
+    found = _TAKEN.execute(connection, here).all()
     status = {int(row.number): str(row.status) for row in found}
     failed = status.get(step.number, FAILED) in (FAILED, CANCELED)
     if status.get(step.number - 1) != SUCCEEDED or max(status) > step.number or not failed:
         raise StepTakenError
-    connection.execute(update(sequences).where(here).values(used_at=now))
+    _USE_SEQUENCE.execute(connection, {**here, "now": now})
     leaving = [row for row in found if row.number == step.number or row.number <= step.number - step.keep]
     return lock_meshes(connection, [str(row.mesh_id) for row in leaving])
 
@@ -197,9 +204,9 @@ def insert_step(connection: Connection, new: NewMesh, step: NewStep) -> None:
         "fields": None if step.fields is None else step.fields.sha256,
         "settings": None if step.settings is None else dict(step.settings),
     }
-    connection.execute(insert(steps).values(row))
+    _INSERT_STEP.execute(connection, row)
     if step.fields is not None:
-        insert_artifacts(connection, new.id, [step.fields])
+        add_artifacts(connection, new.id, [step.fields])
         step.publish(removal_lookup(connection))
 
 

@@ -27,6 +27,7 @@ from sqlalchemy import (
     Table,
     Text,
     TypeDecorator,
+    Update,
 )
 
 metadata = MetaData()
@@ -234,7 +235,7 @@ class Prepared:
     texts of each statement: for the dialects, and for the names of the values.
     """
 
-    statement: Insert | Delete | Select[Any]
+    statement: Insert | Delete | Update | Select[Any]
     _texts: dict[tuple[str, ...], _Text] = field(default_factory=dict)
 
     def execute(self, connection: Connection, *rows: Mapping[str, Any]) -> CursorResult[Any]:
@@ -260,7 +261,9 @@ class _Text:
     makers: Mapping[str, Callable[[Any], Any] | None]
 
     @classmethod
-    def of(cls, statement: Insert | Delete | Select[Any], connection: Connection, row: Mapping[str, Any]) -> _Text:
+    def of(
+        cls, statement: Insert | Delete | Update | Select[Any], connection: Connection, row: Mapping[str, Any]
+    ) -> _Text:
         dialect = connection.dialect
         compiled: Any = statement.compile(dialect=dialect, column_keys=[*row])
         named = compiled.bind_names.items()
