@@ -205,7 +205,15 @@ class Admission:
         if upload is not None or files:
             self._remember(spec.monitor_digest)
         hashes = {row.id: row.sha256 for row in rows.values()}
-        return AdmittedSpec(spec.canonical, hashes, spec.points_digest, built=built, upload=new, nodes=nodes)
+        return AdmittedSpec(
+            spec.canonical,
+            hashes,
+            spec.points_digest,
+            built=built,
+            upload=new,
+            nodes=nodes,
+            target_pointer=spec.target_pointer,
+        )
 
     def _mesh_row(self, spec: CheckedSpec, mesh: Upload | None, caller: Caller) -> SamplesRow | None:
         """The row of the mesh that came with a spec, which is stored now; raises a 422 problem for one without it."""

@@ -300,7 +300,7 @@ def check_first_spec(admitted: AdmittedSpec) -> AdmittedSpec:
     """
     if admitted.spec["target"] is not None:
         message = "the meshes of a sequence keep their points: give n_xi and n_eta, or cells of blocks, and no target"
-        raise problem_at("/target", message)
+        raise problem_at(admitted.target_pointer, message)
     if admitted.nodes is not None and admitted.spec["schwarz"] is not None:
         raise problem_at("/schwarz", "the steps of a sequence on blocks are solved whole: leave schwarz out")
     if admitted.is_in_parts:

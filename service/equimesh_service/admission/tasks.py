@@ -49,6 +49,7 @@ class AdmittedSpec:
     upload: NewSamples | None = None  # samples that are not stored yet
     nodes: int | None = None  # of a mesh of blocks: its points
     uploads: int = 0  # the files that came with the request
+    target_pointer: str = "/target"  # where its target was sent
 
     @property
     def problem(self) -> BuiltSpec:

@@ -153,7 +153,7 @@ def _shorten(spec: CheckedSpec, folder: Path, limits: SpecLimits) -> ShortSpec:
             name = f"inline-{secrets.token_hex(8)}"  # no other spec can name it
             summaries[name] = _write(source, pointer, _file(folder, name))
             document = _replaced(document, pointer.split("/")[1:], {"samples": name})
-    return ShortSpec(read_spec(document), folder, summaries, built)
+    return ShortSpec(replace(read_spec(document), target_pointer=spec.target_pointer), folder, summaries, built)
 
 
 def _file(folder: Path, name: str) -> Path:

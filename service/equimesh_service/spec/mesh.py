@@ -33,6 +33,8 @@ class CheckedSpec:
     spec: MeshSpec
     sources: Mapping[str, AnySource]
     canonical: Mapping[str, Any]
+    target_pointer: str = "/target"
+    """Where its target was sent: a number of points of the grid is one, too."""
 
     @property
     def stored(self) -> dict[str, str]:
@@ -128,13 +130,13 @@ class CheckedSpec:
 
 def read_spec(document: Any) -> CheckedSpec:
     """The spec in a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
-    spec = validate(MeshSpec, document)
+    spec, target_pointer = validate(MeshSpec, document), "/target"
     if spec.grid is not None and spec.grid.points is not None:
         fault = fault_of_points(document)
         if fault is not None:
             raise problem_at("/" + fault[0].replace(".", "/"), fault[1])
         document = with_target(document)
-        spec = validate(MeshSpec, document)
+        spec, target_pointer = validate(MeshSpec, document), "/grid/points"
     if spec.target is not None:
         if document.get("grid") is not None:
             raise problem_at("/target", "a target takes the place of the grid: give one of them")
@@ -149,7 +151,7 @@ def read_spec(document: Any) -> CheckedSpec:
     canonical = to_json(spec)
     if canonical["grid"] is not None:  # as in releases without it; a grid that has it became a target
         del canonical["grid"]["points"]
-    return CheckedSpec(spec, dict(sources_of(spec.monitor)), canonical)
+    return CheckedSpec(spec, dict(sources_of(spec.monitor)), canonical, target_pointer)
 
 
 def read_expression_check(document: Any) -> ExpressionCheck:

@@ -206,8 +206,9 @@ def test_what_is_wrong_with_a_step_is_told_where(http: httpx.Client) -> None:
         refused = http.post(steps, json=step)
         assert refused.status_code == 422, refused.text
         assert refused.json()["errors"][0]["pointer"] == pointer
-    aimed = {"monitor": {"u": "x*y"}, "target": {"error": 0.1}}
-    assert http.post("/v1/sequences", json=aimed).json()["errors"][0]["pointer"] == "/target"
+    for more, pointer in (({"target": {"error": 0.1}}, "/target"), ({"grid": {"points": 99}}, "/grid/points")):
+        refused = http.post("/v1/sequences", json={"monitor": {"u": "x*y"}, **more})
+        assert refused.json()["errors"][0]["pointer"] == pointer
     assert http.post(steps, content=b"x", headers={"Content-Type": "text/csv"}).status_code == 415
     assert http.get(sequence["links"]["self"]).json()["step"] == 0
 
