@@ -118,14 +118,21 @@ class BrokenStream(Exception):
 
 
 def base_url(url: str) -> str:
-    """The URL without a slash or ``/v1`` at its end. Raises :class:`BadArgument` when it is no http(s) URL."""
+    """The URL without a slash or ``/v1`` at its end; a path before that is kept.
+
+    Raises :class:`BadArgument` when it is no http(s) URL, or that of a page or a mesh of the service.
+    """
     try:
         parsed = httpx.URL(url)
     except (httpx.InvalidURL, TypeError) as error:
         raise BadArgument(f"{url!r} is not a URL: {error}") from error
     if parsed.scheme not in ("http", "https") or not parsed.host:
         raise BadArgument(f"{url!r} is not the URL of a service, such as http://127.0.0.1:8000")
-    return url.rstrip("/").removesuffix("/v1")
+    path = parsed.path.rstrip("/").removesuffix("/v1").rstrip("/")
+    if "/v1/" in f"{path}/" or "?" in url or "#" in url:
+        start = url.partition("#")[0].partition("?")[0].partition("/v1/")[0].rstrip("/")
+        raise BadArgument(f"{url!r} is the URL of a part of a service: give that of the service, such as {start}")
+    return str(parsed.copy_with(path=path or "/")).rstrip("/")
 
 
 def _options(url: str, headers: Mapping[str, str]) -> dict[str, Any]:

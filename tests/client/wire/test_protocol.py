@@ -52,6 +52,7 @@ from equimesh_client.wire.protocol import (
 )
 from equimesh_client.wire.settings import Deadline, Settings, pause_before_retry, retry_after_of
 from equimesh_client.wire.stream import Event, EventParser, RawEvent, StreamPosition
+from equimesh_client.wire.transport import base_url
 
 CALL = Call(method="GET", path="/")
 
@@ -332,10 +333,20 @@ def test_a_policy_has_no_negative_number() -> None:
         RetryPolicy(retries=-1)
 
 
-@pytest.mark.parametrize("url", ["127.0.0.1:8000", "ftp://x", "http://", "nonsense", "http://[::1"])
+OTHER_URLS = ["127.0.0.1:8000", "ftp://x", "http://", "nonsense", "http://[::1"]
+PARTS_OF_A_SERVICE = ["http://h/v1/meshes", "http://h?x=1", "http://h/#x"]
+
+
+@pytest.mark.parametrize("url", [*OTHER_URLS, *PARTS_OF_A_SERVICE])
 def test_a_url_that_is_none(connect: Any, url: str) -> None:
     with pytest.raises(BadArgument):
         connect(url)
+
+
+@pytest.mark.parametrize("end", ["", "/", "/v1", "/v1/"])
+def test_the_path_of_a_service_is_kept(end: str) -> None:
+    assert base_url(f"https://host:8000/a%20b{end}") == "https://host:8000/a%20b"
+    assert base_url(f"http://[::1]:8000{end}") == "http://[::1]:8000"
 
 
 def parsed(*chunks: bytes) -> list[RawEvent]:
