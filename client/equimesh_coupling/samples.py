@@ -73,9 +73,7 @@ def _pieces(u: object, box: Box) -> dict[str, Array]:
         if keys == {"points", "values"}:
             return _check_finite({"points": _array("points", u["points"]), "values": _array("values", u["values"])})
         if {"nodes", "values"} <= keys <= {"nodes", "values", "block_cells"}:
-            cells: dict[str, npt.NDArray[Any]] = {
-                name: _array(name, u[name]).astype(np.int64) for name in keys & {"block_cells"}
-            }
+            cells = {name: _whole(name, u[name]) for name in keys & {"block_cells"}}
             return _at_nodes(_array("nodes", u["nodes"]), _array("values", u["values"])) | cells
         raise BadValues(
             f"samples have the keys x, y, values, or points, values, or nodes, values; not {', '.join(map(str, u))}"
@@ -127,6 +125,14 @@ def _at_nodes(nodes: Array, values: Array) -> dict[str, Array]:
     if nodes.shape != (values.size, 2) or values.ndim != 1:
         raise BadValues(f"nodes of shape (n, 2) have values of shape (n,), not {nodes.shape} and {values.shape}")
     return _check_finite({"nodes": nodes, "values": values})
+
+
+def _whole(name: str, value: object) -> npt.NDArray[Any]:
+    """An array of whole numbers."""
+    given = _array(name, value)
+    if not (np.isfinite(given).all() and np.array_equal(given, np.floor(given)) and (np.abs(given) < 2**63).all()):
+        raise BadValues(f"{name} are numbers of cells along both directions of every block: give whole numbers")
+    return given.astype(np.int64)
 
 
 def _array(name: str, value: object) -> Array:

@@ -117,6 +117,8 @@ NAN[1, 2] = np.nan
         (np.ones((3, 1)), "at least 2"),
         (np.ones((3, 3)) * 1j, "complex"),
         (np.ma.masked_equal(np.eye(3), 1.0), "masked"),
+        ({"nodes": np.eye(2), "values": [1, 2], "block_cells": [[4.5, 4]]}, "whole numbers"),
+        ({"nodes": np.eye(2), "values": [1, 2], "block_cells": [[np.inf, 4]]}, "whole numbers"),
         (lambda x, y: x + 1j * y, "complex"),
         ([["a", "b"]], "real numbers"),
         ([[1, 2], [3]], "real numbers"),
