@@ -61,6 +61,7 @@ AT = [k / 4 for k in range(5)]
 NODAL: dict[str, Any] = {"nodal": {"x": [[at] * 5 for at in AT], "y": [AT] * 5, "values": [AT] * 5}}
 BENT: dict[str, Any] = {"nodal": {**NODAL["nodal"], "y": [[at**2 for at in AT]] * 5}}
 ZERO: dict[str, Any] = {"nodal": {**NODAL["nodal"], "values": [[0] * 5] * 5}}
+FIVE = {"n_xi": 5, "n_eta": 5}
 LEAST: dict[str, Any] = {"kind": "least_error", "u": {"expression": "tanh(9*(y - x))"}}
 
 
@@ -259,6 +260,15 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
             "/monitor/adjoint",
             "a metric knows no functional",
         ),
+        **{
+            f"{name} of a round": ({**monitor("nodal_solution", u=NODAL), **more}, pointer, words)
+            for name, more, pointer, words in (
+                ("boundary", {"grid": FIVE, "boundary": "orthogonal"}, "/boundary", "slide for the least error"),
+                ("start", {"grid": FIVE, "initial": "uniform"}, "/initial", "leave initial out"),
+                ("start for points", {"grid": {"points": 25}, "initial": "uniform"}, "/initial", "leave initial out"),
+                ("norm", {"grid": None, "target": {"norm": "h1", "max_points": 25}}, "/target/norm", "norm of the mon"),
+            )
+        },
         "degree inside": (both(ARC, {"u": X, "degree": 2}), "/monitor/monitors/1/degree", "a metric knows no elements"),
         "degree of finite volumes": (
             small(monitor={"u": X, "for": "finite_volume", "degree": 2}),
@@ -410,6 +420,11 @@ REFUSALS: dict[str, dict[str, Refusal]] = {
             on_step(target={"error": 1}, monitor={"kind": "nodal_solution", "u": ON_STEP}),
             "/target/error",
             "give max_points alone",
+        ),
+        "start of a round": (
+            on_step(initial="uniform", monitor={"kind": "nodal_solution", "u": ON_STEP}),
+            "/initial",
+            "leave initial out",
         ),
         "points for a functional": (
             on_step(grid={"points": 99}, monitor={"kind": "nodal_solution", "u": ON_STEP, "adjoint": ON_STEP}),

@@ -12,7 +12,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from functools import lru_cache
+from functools import lru_cache, wraps
 from itertools import pairwise
 from numbers import Integral
 from pathlib import PurePath
@@ -23,6 +23,7 @@ from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeGuard, TypeVar
 
 Json: TypeAlias = dict[str, Any]
 T = TypeVar("T")
+C = TypeVar("C", bound=Callable[..., Any])
 
 
 class NullForNan:
@@ -126,6 +127,29 @@ def is_whole(value: object) -> TypeGuard[int]:
 def is_number(value: object) -> TypeGuard[int | float]:
     """Whether a value is a real number, of Python or a whole one of NumPy; True and False are none."""
     return isinstance(value, float | Integral) and not isinstance(value, bool)
+
+
+def hinted(**hints: str) -> Callable[[C], C]:
+    """A decorator of a function or a class: arguments with these names are refused with what to give in their place.
+
+    The decorated one raises :class:`TypeError`, as without it.
+    """
+
+    def decorated(made: C) -> C:
+        call: Callable[..., Any] = vars(made)["__init__"] if isinstance(made, type) else made
+
+        @wraps(call)
+        def hinting(*arguments: Any, **given: Any) -> Any:
+            for name in given.keys() & hints.keys():
+                raise TypeError(f"{made.__name__}() has no argument {name!r}; {hints[name]}")
+            return call(*arguments, **given)
+
+        if not isinstance(made, type):
+            return hinting  # type: ignore[return-value]
+        made.__init__ = hinting  # type: ignore[misc]
+        return made
+
+    return decorated
 
 
 def real_or_nan(value: Any) -> float:

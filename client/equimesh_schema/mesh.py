@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, TypeAlias
 
-from equimesh_schema.document import LATER, Document, Either, Limits, Parameters, Words, is_whole
+from equimesh_schema.document import LATER, Document, Either, Limits, Parameters, Words, hinted, is_whole
 from equimesh_schema.domains import Domain, Rectangle
 from equimesh_schema.monitors import Monitor, Norm
 from equimesh_schema.schwarz import Schwarz
@@ -62,12 +62,13 @@ class Grid(Document):
     numbers of points or cells with the least error are found."""
 
 
+@hinted(points="did you mean 'max_points'?")
 @dataclass(frozen=True, kw_only=True)
 class Target(Document):
     """An interpolation error of u in place of a grid."""
 
     norm: Norm = "l2"
-    """The norm of the error: l2 of u, or h1, of its gradient."""
+    """The norm of the error: l2 of u, or h1, of its gradient; of a round that of its monitor."""
     error: float | None = None
     """The requested error, positive, in the units of u; null: the least one on max_points points."""
     max_points: int | None = None
@@ -118,8 +119,8 @@ def fault_of_points(document: Mapping[str, Any]) -> tuple[str, str] | None:
         return "grid.points", "points takes the place of n_xi and n_eta: give one of them"
     if document.get("target") is not None:
         return "target", "a target takes the place of the grid: give one of them"
-    if not is_whole(points) or points < MIN_GRID_POINTS:
-        return "grid.points", f"a grid whose shape is found has at least {MIN_GRID_POINTS} points, 5 a direction"
+    if not is_whole(points):
+        return "grid.points", f"give a whole number of points, at least {MIN_GRID_POINTS} on a grid"
     return None
 
 

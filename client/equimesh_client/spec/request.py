@@ -217,7 +217,9 @@ def complete_options(options: MeshOptions, method: Callable[..., object]) -> Mes
 
 
 def _where_it_belongs(name: str) -> str | None:
-    """The remedy for a setting of a monitor, or of the Schwarz iteration, that was given as an option."""
+    """The remedy for a setting of a target, a monitor, or the Schwarz iteration that was given as an option."""
+    if name in ("points", "max_points", "error"):
+        return f"give target=Target({'error' if name == 'error' else 'max_points'}=...)"
     for option, kinds in (("monitor", MONITORS.documents.values()), ("schwarz", (Schwarz,))):
         for kind in kinds:
             if name != "kind" and name in (one.name for one in fields(kind)):

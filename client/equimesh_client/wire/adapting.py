@@ -116,8 +116,9 @@ class AdaptLoop(Generic[M]):
             raise BadArgument("give either n, points a side, or points, those of the whole grid, whose shape is found")
         if self.points is not None and self.goal is not None:
             raise BadArgument("the shape of a grid is found for a norm of the error: with a goal give n, not points")
-        if self.points is not None and not (is_whole(self.points) and self.points >= MIN_GRID_POINTS):
-            raise BadArgument(f"points = {self.points!r:.20}: give a whole number, at least {MIN_GRID_POINTS} in all")
+        least = 1 if has_own_points(self.domain) else MIN_GRID_POINTS  # the service knows that of blocks
+        if self.points is not None and not (is_whole(self.points) and self.points >= least):
+            raise BadArgument(f"points = {self.points!r:.20}: give a whole number, at least {least} in all")
         if self.norm not in NORMS:
             raise BadArgument(f"norm = {self.norm!r}: choose 'l2' or 'h1'")
         if self.cells not in (None, *MAX_DEGREES):

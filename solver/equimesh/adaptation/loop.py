@@ -46,7 +46,7 @@ from equimesh_coupling.errors import BadValues
 from equimesh_coupling.goals import NEEDS_GOAL, Goal, GoalValues, WithAdjoint, check_goal, goal_values
 from equimesh_coupling.recovery import CellAverages, ErrorIndicator, cell_values
 from equimesh_coupling.values import element_values, node_values
-from equimesh_schema.document import is_whole
+from equimesh_schema.document import hinted, is_whole
 
 # The next mesh of blocks for a code with unknowns in its cells, from averages over them.
 
@@ -248,6 +248,7 @@ def adapt(
     domain: Domain | Blocks = UNIT_SQUARE,
     **options: Unpack[AdaptArguments],
 ) -> Adaptation[Mesh]: ...
+@hinted(max_points="did you mean 'points'?")
 def adapt(
     solve: Callable[[Any], Any],
     n: int | tuple[int, int] | None = None,

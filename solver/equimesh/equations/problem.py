@@ -20,10 +20,11 @@ from equimesh.errors import InputError
 from equimesh.fields.expression import Expression
 from equimesh.fields.periodic import repeated
 from equimesh.inputs import choice
-from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.mesh import IN_ALL, Grid, Mesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import Monitor, require_monitor
 from equimesh.numerics.types import Array, IntArray
+from equimesh_schema.document import hinted
 
 # The physical boundary of the unit square: the conditions that place its nodes along each side.
 
@@ -240,6 +241,8 @@ NO_ANGLES_OF_A_ROUND = (
     " as u, QuadField(mesh=..., values=...), and the bound"
 )
 """Why a bound of angles is refused for the values of a solver on blocks."""
+NO_BOUNDARY_OF_A_ROUND = "the nodes on the sides slide for the least error in a round: leave the boundary out"
+"""Why a boundary condition is refused for the values of a solver."""
 OWN_CELLS = "the blocks of the domain have numbers of cells of their own: leave the grid out, and refine the blocks"
 """Why a grid is refused on blocks."""
 SLIDING_NODES = "the nodes on the curves of blocks slide for the least error: leave the boundary out"
@@ -257,6 +260,7 @@ def require_domain(domain: object) -> None:
         )
 
 
+@hinted(points=IN_ALL)
 @dataclass(frozen=True)
 class Problem(Generic[D]):
     """A mesh of ``domain``, by ``monitor``.
@@ -298,6 +302,8 @@ class Problem(Generic[D]):
         require_domain(self.domain)
         if is_closed(self.domain) and isinstance(self.monitor, NodalSolution):
             raise InputError(NO_NODAL_SOLUTION, field="monitor")
+        if isinstance(self.monitor, NodalSolution) and self.boundary is not Boundary.TRACE:
+            raise InputError(NO_BOUNDARY_OF_A_ROUND, field="boundary")
 
     def _check_blocks(self) -> None:
         """Refuse what a domain in blocks cannot have."""

@@ -18,13 +18,16 @@ from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.coupled import Coupled
 from equimesh_coupling.parts import Cells, MeshParts, quads_of
-from equimesh_schema.document import is_whole
+from equimesh_schema.document import hinted, is_whole
 
 # The computational domain: a uniform grid of points on the unit square.
 
 MIN_POINTS = 4  # in each direction
+IN_ALL = "for so many points in all give Target(max_points=...) to solve_to"
+"""What to give in place of points of a grid."""
 
 
+@hinted(points=IN_ALL)
 @dataclass(frozen=True)
 class Grid:
     """``n_xi`` x ``n_eta`` uniformly spaced **points** on the computational unit square.

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from equimesh.blocks.blocks import OTHER_CELLS, Blocks
+from equimesh.blocks.counts import MAX_NODES
 from equimesh.blocks.layout import Layout
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
@@ -68,6 +69,8 @@ def require_budget(points: object, domain: Domain | Blocks = UNIT_SQUARE, name: 
     if not is_whole(points):
         message = f"{name} = {points!r:.40}: give a whole number, of at least {fewest} points in all"
         raise InputError(message, field=name)
+    if int(str(points)) > MAX_NODES:
+        raise InputError(f"{points!r:.40} points are too many: a mesh has at most {MAX_NODES}", field=name)
     if int(str(points)) >= fewest:
         return int(str(points))
     coarsest = f"a grid has at least {fewest} points, {MIN_CELLS + 1} a direction"

@@ -57,6 +57,8 @@ NO_SOLVERS_PARTS = (
 """The reason why the error of a solver with Schwarz settings is refused."""
 NO_ROUNDS = "values of a solver are adapted to on the whole mesh: leave the Schwarz settings out, or take LeastError"
 """The reason why subdomains are refused for values of a solver."""
+NO_START_OF_A_ROUND = "a round starts from the mesh of the values: leave initial out"
+"""The reason why a start is refused for values of a solver."""
 NO_DEGREE = (
     "with auto, subdomains equidistribute a metric, which is made for elements of degree 1: leave the Schwarz settings"
     " or the degree out, or take least_error, whose subdomains descend on the error"
@@ -248,8 +250,10 @@ class Round:
     points: int | None = None
     """The most points of the mesh, whose counts are then chosen; ``None`` for those of the mesh of the values."""
 
-    def require(self, problem: Problem[Any], initial: AnyStart) -> None:  # noqa: ARG002
-        """Refuse a bound of angles that no mesh of the grid can have."""
+    def require(self, problem: Problem[Any], initial: AnyStart) -> None:
+        """Refuse a start, and a bound of angles that no mesh of the grid can have."""
+        if initial is not Initial.NESTED:
+            raise InputError(NO_START_OF_A_ROUND, field="initial")
         if not in_blocks(problem):
             require_possible(problem)
 

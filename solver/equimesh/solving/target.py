@@ -17,12 +17,13 @@ from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.monitors.metrics import NORMS
 from equimesh.monitors.monitor import Monitor, require_monitor
+from equimesh.rounds.round import NO_SHAPE_OF_GOALS
 from equimesh.rounds.shape import best_counts, counts_within, proportions, require_budget, with_counts
 from equimesh.solving.solution import Solution, degree_of
 from equimesh.solving.solve import Round, solve, solve_by
 from equimesh.solving.status import Announcer, SolveArguments, complete_arguments
 from equimesh_schema import Aim
-from equimesh_schema.document import is_number, is_whole
+from equimesh_schema.document import hinted, is_number, is_whole
 
 FIRST_CELLS = 32
 """Cells a side, about, of the first grid, from whose error the others are predicted."""
@@ -44,18 +45,21 @@ NO_U = "a target is an error of interpolating u, and this monitor has no u: give
 """The reason why a target is refused for a monitor without u."""
 NO_ERROR_OF_A_ROUND = "the error of the next mesh is known once your solver has solved on it: give max_points alone"
 """The reason why an error is refused for values of a solver."""
+NO_NORM_OF_A_ROUND = "a round chooses its mesh in the norm of the monitor: give the same norm there, or leave this out"
+"""The reason why another norm is refused for values of a solver."""
 NO_GRID = "the grid for an error is found on domains with four sides: give max_points alone, or refine the blocks"
 """The reason why a target is refused on blocks."""
 
 
+@hinted(points="did you mean 'max_points'?")
 @dataclass(frozen=True, kw_only=True)
 class Target:
     """A requested interpolation error of u, in place of a grid.
 
-    ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient; ``error`` is the norm over the whole
-    domain, in the units of u (of its gradient) times a length. ``max_points`` limits the grid. Without an ``error`` it
-    is the least one on so many points, for which the shape of the grid is found. Raises
-    :class:`~equimesh.errors.InputError` for values that cannot be used.
+    ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient; for values of a solver that of their
+    monitor. ``error`` is the norm over the whole domain, in the units of u (of its gradient) times a length.
+    ``max_points`` limits the grid. Without an ``error`` it is the least one on so many points, for which the shape of
+    the grid is found. Raises :class:`~equimesh.errors.InputError` for values that cannot be used.
     """
 
     norm: Literal["l2", "h1"] = "l2"
@@ -69,12 +73,8 @@ class Target:
             raise InputError("an error is required, or max_points for the least one on so many points", field="error")
         if self.error is not None and not (is_number(self.error) and 0.0 < self.error < math.inf):
             raise InputError(f"error = {self.error!r}: the requested error must be a positive number", field="error")
-        least = (MIN_CELLS + 1) ** 2
-        if self.max_points is not None and not (is_whole(self.max_points) and self.max_points >= least):
-            raise InputError(
-                f"max_points = {self.max_points!r:.40}: give a whole number, of at least {least} points in all",
-                field="max_points",
-            )
+        if self.max_points is not None and not is_whole(self.max_points):
+            raise InputError(f"max_points = {self.max_points!r:.40}: give a whole number", field="max_points")
 
     @property
     def most(self) -> int:
@@ -85,6 +85,10 @@ class Target:
     def aimed(self) -> float:
         """The requested error; 0 for the least one."""
         return 0.0 if self.error is None else self.error
+
+    def require_possible(self, domain: Domain | Blocks) -> None:
+        """Raise :class:`~equimesh.errors.InputError` for too few points of a ``domain``, or for too many."""
+        require_budget(self.most if self.error is None else min(self.most, MAX_POINTS), domain, "max_points")
 
     def grid(self, domain: Domain, cells: float = FIRST_CELLS) -> Grid:
         """The grid of about ``cells`` a side, in the proportions of the mesh lines of ``domain``."""
@@ -130,7 +134,7 @@ def solve_to(
     if isinstance(options.get("initial"), Mesh):
         raise InputError("a target chooses the grid, so that there is no mesh to start from", field="initial")
     if isinstance(monitor, NodalSolution):
-        return _round_within(target, monitor, domain, options)
+        return _round_within(target, monitor, domain, boundary, options)
     if isinstance(domain, Blocks):
         return _least_on_blocks(target, monitor, domain, options)
     search = _Search(target, _problem(target, monitor, domain, boundary), began, options, _Work.of(options))
@@ -296,14 +300,24 @@ class _Search:
         return replace(solution, detours=(*solution.detours, missed))
 
 
-def _round_within(target: Target, monitor: NodalSolution, domain: Domain | Blocks, options: SolveArguments) -> Solution:
-    """The next mesh for the values of a solver, of as many points at most as the target has."""
+def require_target_of_a_round(target: Target, monitor: NodalSolution) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for what cannot choose the points of the next mesh of a solver."""
     if target.error is not None:
         raise InputError(NO_ERROR_OF_A_ROUND, field="target.error")
-    if isinstance(domain, Blocks):
-        problem: Problem[Any] = Problem(monitor=monitor, domain=domain)
-    else:
-        problem = Problem(monitor=monitor, grid=monitor.mesh_on(domain).grid, domain=domain)
+    if target.norm not in (Target.norm, monitor.norm):
+        raise InputError(NO_NORM_OF_A_ROUND, field="target.norm")
+    if monitor.adjoint is not None:
+        raise InputError(NO_SHAPE_OF_GOALS, field="target")
+
+
+def _round_within(
+    target: Target, monitor: NodalSolution, domain: Domain | Blocks, boundary: Boundary, options: SolveArguments
+) -> Solution:
+    """The next mesh for the values of a solver, of as many points at most as the target has."""
+    require_target_of_a_round(target, monitor)
+    target.require_possible(domain)
+    grid: Any = None if isinstance(domain, Blocks) else monitor.mesh_on(domain).grid
+    problem: Problem[Any] = Problem(monitor=monitor, grid=grid, boundary=boundary, domain=domain)
     return cast("Solution", solve_by(Round(points=target.most), problem, complete_arguments(options)))
 
 
@@ -313,7 +327,8 @@ def _least_on_blocks(target: Target, monitor: Monitor, domain: Blocks, options: 
         raise InputError(NO_U, field="target")
     if target.error is not None:
         raise InputError(NO_GRID, field="domain")
-    most, work = require_budget(target.most, domain, "max_points"), _Work.of(options)
+    target.require_possible(domain)
+    most, work = target.most, _Work.of(options)
     usual = domain.with_counts(counts_within(most, domain))
 
     def on(blocks: Blocks, part: int) -> tuple[float, Solution]:
@@ -346,4 +361,5 @@ def _problem(target: Target, monitor: Monitor, domain: Domain, boundary: Boundar
         raise InputError(NO_U, field="target")
     if isinstance(domain, Blocks):
         raise InputError(NO_GRID, field="domain")
+    target.require_possible(domain)
     return Problem(monitor=monitor, grid=target.grid(domain), boundary=boundary, domain=domain)

@@ -23,16 +23,14 @@ from equimesh.io.write import CELLS, Cells
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.monitors.monitor import require_lines
-from equimesh.rounds.round import NO_SHAPE_OF_GOALS
-from equimesh.rounds.shape import require_budget
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.level import Mode
 from equimesh.solving.solution import AnySolution
-from equimesh.solving.solve import NO_DEGREE, NO_ROUNDS, NO_STRAIGHT_LINES, count_subdomains, solve
+from equimesh.solving.solve import NO_DEGREE, NO_ROUNDS, NO_STRAIGHT_LINES, Round, count_subdomains, solve
 from equimesh.solving.status import Initial, SolveArguments
-from equimesh.solving.target import NO_ERROR_OF_A_ROUND, NO_GRID, NO_U, Target, solve_to
+from equimesh.solving.target import NO_GRID, NO_U, Target, require_target_of_a_round, solve_to
 from equimesh.specs.document import Makers, Reading, mapping, several, text, whole, within
 from equimesh.specs.monitors import FindSamples, build_monitor, counted, no_samples, samples_in
 from equimesh_schema import domains as domains_schema
@@ -322,6 +320,9 @@ def build(
         require_lines(monitor)
     if parts.target is not None and monitor.u is None:
         raise InputError(NO_U, field="target")
+    if parts.target is not None:
+        with within("target"):
+            parts.target.require_possible(parts.domain)
     grid = parts.grid or (usual_grid() if parts.target is None else parts.target.grid(parts.domain))
     if isinstance(monitor, NodalSolution):
         if schwarz is not None:
@@ -329,10 +330,10 @@ def build(
         if parts.target is None:
             monitor.require_grid(grid)
         else:
-            _check_target_of_a_round(parts.target, monitor)
+            require_target_of_a_round(parts.target, monitor)
             grid = monitor.mesh_on(parts.domain).grid
     problem = Problem(monitor=monitor, grid=grid, boundary=parts.boundary, domain=parts.domain)
-    return BuiltSpec(problem=problem, schwarz=schwarz, target=parts.target, **parts.options)
+    return _built(parts, problem, schwarz)
 
 
 def _on_blocks(parts: _Parts, blocks: Blocks, schwarz: Schwarz | None, find_samples: FindSamples) -> BuiltSpec:
@@ -352,6 +353,13 @@ def _on_blocks(parts: _Parts, blocks: Blocks, schwarz: Schwarz | None, find_samp
         count_subdomains(problem, schwarz)
     if parts.target is not None:
         _check_budget(parts.target, problem, schwarz)
+    return _built(parts, problem, schwarz)
+
+
+def _built(parts: _Parts, problem: Problem[Any], schwarz: Schwarz | None) -> BuiltSpec:
+    """The contents of a document with these parts; refuses the start of a round."""
+    if isinstance(problem.monitor, NodalSolution):
+        Round().require(problem, parts.options["initial"])
     return BuiltSpec(problem=problem, schwarz=schwarz, target=parts.target, **parts.options)
 
 
@@ -363,17 +371,9 @@ def _check_budget(target: Target, problem: Problem[Any], schwarz: Schwarz | None
         message = "subdomains are groups of blocks whose cells are known: give no number of points, and no target"
         raise InputError(message, field="target")
     if isinstance(problem.monitor, NodalSolution):
-        _check_target_of_a_round(target, problem.monitor)
+        require_target_of_a_round(target, problem.monitor)
     with within("target"):
-        require_budget(target.max_points, problem.domain, "max_points")
-
-
-def _check_target_of_a_round(target: Target, monitor: NodalSolution) -> None:
-    """Refuse what cannot choose the points of the next mesh of a solver."""
-    if target.error is not None:
-        raise InputError(NO_ERROR_OF_A_ROUND, field="target.error")
-    if monitor.adjoint is not None:
-        raise InputError(NO_SHAPE_OF_GOALS, field="target")
+        target.require_possible(problem.domain)
 
 
 def load(path: str | os.PathLike[str]) -> BuiltSpec:

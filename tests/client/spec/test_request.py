@@ -125,6 +125,7 @@ def test_every_option_has_a_type_and_a_default() -> None:
 def test_an_unknown_option_names_the_nearest(connect: Any, service: Any) -> None:
     client = connect(service.url)
     for method, option, words in (
+        (client.generate, "points", r"has no option 'points'; give target=Target\(max_points=\.\.\.\)"),
         (client.generate, "bounday", r"generate\(\) has no option 'bounday'; did you mean 'boundary'\?"),
         (client.generate, "deadlin", "did you mean 'deadline'"),
         (client.generate, "xyz", "it has monitor, domain, a, b, "),

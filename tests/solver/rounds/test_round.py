@@ -408,6 +408,30 @@ def test_a_budget_without_a_grid_is_refused(points: object) -> None:
     assert refused.value.field == "points"
 
 
+def test_more_points_than_a_mesh_has_are_refused() -> None:
+    most, blocks = 10**12, em.Blocks.rectangle(cells=(2, 2))
+    for domain in (UNIT_SQUARE, blocks):
+        with pytest.raises(em.InputError, match=f"^{most} points are too many") as refused:
+            em.adapt(lambda mesh: mesh.points[:, 0], domain=domain, points=most)
+        assert refused.value.field == "points"
+    with pytest.raises(em.InputError, match="the coarsest mesh of these blocks has 9 points"):
+        em.solve_to(em.Target(max_points=8), monitor=em.LeastError(u=em.Expression("x")), domain=blocks)
+
+
+@pytest.mark.parametrize(
+    ("call", "name", "hint"),
+    [
+        (em.Grid, "points", r"give Target\(max_points"),
+        (em.Problem, "points", r"give Target\(max_points"),
+        (em.Target, "points", "did you mean 'max_points'"),
+        (em.adapt, "max_points", "did you mean 'points'"),
+    ],
+)
+def test_another_name_of_a_budget_is_refused_with_a_hint(call: Any, name: str, hint: str) -> None:
+    with pytest.raises(TypeError, match=rf"{call.__name__}\(\) has no argument '{name}'; .*{hint}"):
+        call(**{name: 400})
+
+
 @pytest.mark.parametrize("norm", ["l2", "h1"])
 def test_the_error_at_fixed_points_is_that_of_the_interpolant(norm: str) -> None:
     domain, u = em.Rectangle(x=(0.0, 2.0), y=(-1.0, 2.0)), em.Expression("sin(3*x + 2*y)")
