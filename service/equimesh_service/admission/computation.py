@@ -252,7 +252,7 @@ def _begin_step(request: Request, store: Store, files: BlobFiles) -> tuple[Work,
         fields=None if made.fields is None else made.fields.sha256,
         settings=made.settings,
     )
-    work = build_work(mesh_input, replace(files, not_stored=made.contents))
+    work = build_work(mesh_input, replace(files, not_stored=made.contents), known=made.known)
     return work, NewEntry(new=new, key=request.key, fingerprint=place.fingerprint, step=step), 0
 
 

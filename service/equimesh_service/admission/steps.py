@@ -48,9 +48,9 @@ from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.monitors import completed, functions_of, with_functions, with_u
 from equimesh_service.spec.strict import validate
 from equimesh_service.store.blobs import MAX_ROW_BYTES, BlobFiles, insert_blob
-from equimesh_service.store.rows import NODAL, Artifact, NewStep, SamplesRow
+from equimesh_service.store.rows import NODAL, Artifact, Followed, NewStep, SamplesRow
 from equimesh_service.store.store import Store
-from equimesh_service.worker.recent import MESHES
+from equimesh_service.worker.recent import MESHES, KnownStep
 
 # Names of other arrays in mesh files, and of arguments of numpy.savez.
 RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"} | {"file", "allow_pickle"}
@@ -321,7 +321,8 @@ class PreparedStep:
 
     ``start`` is the file of the mesh that it follows. ``settings`` are for the worker: those of the move, and the
     record of the mesh ``before``. ``publish`` gives the file of the fields its name, as those of the ``functions``.
-    ``contents`` are the bytes of those files by their SHA-256; large ones are on disk.
+    ``contents`` are the bytes of those files by their SHA-256; large ones are on disk. ``known`` is what its worker
+    need not read.
     """
 
     admitted: AdmittedSpec
@@ -331,6 +332,7 @@ class PreparedStep:
     publish: Publish = publish_nothing
     functions: Sequence[tuple[SamplesRow, Publish]] = ()
     contents: Mapping[str, bytes] = field(default_factory=dict)
+    known: KnownStep | None = None
 
     @property
     def files(self) -> set[str]:
@@ -361,18 +363,24 @@ class StepAdmission:
     store: Store
     files: BlobFiles
     contents: dict[str, bytes] = field(default_factory=dict)
+    values: dict[str, Array] = field(default_factory=dict)
 
     def prepare(self, move: Move, mesh_id: str, caller: Caller, stack: ExitStack) -> PreparedStep:
         """The spec of the mesh after ``mesh_id``; raises 409 and 422 problems. Files last until ``stack`` closes."""
-        spec, start = self.store.meshes.spec(mesh_id), self.store.meshes.artifact(mesh_id, "mesh")
-        if spec is None or start is None:
+        followed = self.store.sequences.followed(mesh_id)
+        if followed is None:
             raise _gone()
-        mesh = self._mesh(start.sha256)
+        mesh = self._mesh(followed.file)
         checked = move.check(mesh)
-        admitted, functions = self._admitted(spec, mesh, move, checked, (caller, stack))
-        settings = {**self.store.sequences.settings_of(mesh_id), **move.motion, "before": self._before(mesh_id, spec)}
+        admitted, functions = self._admitted(followed.spec, mesh, move, checked, (caller, stack))
+        settings = {**followed.settings, **move.motion, "before": _before(followed)}
         prepared = PreparedStep(
-            admitted=admitted, start=start.sha256, settings=settings, functions=functions, contents=self.contents
+            admitted=admitted,
+            start=followed.file,
+            settings=settings,
+            functions=functions,
+            contents=self.contents,
+            known=KnownStep(mesh=mesh, fields=checked.fields, values=self.values),
         )
         if not checked.fields:
             return prepared
@@ -390,19 +398,6 @@ class StepAdmission:
         np.savez(path, **arrays)
         file = self.files.seal(path)
         return file, partial(self.files.publish, path, file)
-
-    def _before(self, mesh_id: str, spec: Mapping[str, Any]) -> dict[str, Any]:
-        """The mesh before: its u as a source, the file of its samples, and its gains."""
-        row, mesh_input = self.store.meshes.get(mesh_id), self.store.meshes.get_input(mesh_id)
-        if row is None or mesh_input is None:
-            raise _gone()
-        u = spec["monitor"].get("u")
-        if u is not None and not u.keys() & {"expression", "samples"}:
-            u = None  # long values, which are not stored twice
-        samples = None if u is None else mesh_input.samples.get(u.get("samples"))
-        certificate = (row.result or {}).get("certificate") or {}
-        gains = certificate.get("interpolation_gain") or {}
-        return {"u": u, "samples": samples, "gains": gains}
 
     def _admitted(
         self, spec: Mapping[str, Any], mesh: Mesh, move: Move, checked: CheckedMove, by: tuple[Caller, ExitStack]
@@ -456,9 +451,19 @@ class StepAdmission:
         """u as samples, which a monitor can name."""
         nodes: dict[str, Any] = {"x": mesh.x, "y": mesh.y} if mesh.is_grid else {"nodes": mesh.points}
         file, publish = self._seal({"values": u, **nodes}, stack)
+        self.values[file.sha256] = u
         kind = "nodal" if mesh.is_grid else "block_nodes"
         summary = {"kind": kind, "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
         return SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, self.store.clock()), publish
+
+
+def _before(followed: Followed) -> dict[str, Any]:
+    """The mesh before: its u as a source, the file of its samples, and its gains."""
+    u = followed.spec["monitor"].get("u")
+    if u is not None and not u.keys() & {"expression", "samples"}:
+        u = None  # long values, which are not stored twice
+    samples = None if u is None else followed.samples.get(u.get("samples"))
+    return {"u": u, "samples": samples, "gains": followed.gains}
 
 
 def _gone() -> Problem:

@@ -34,6 +34,7 @@ from equimesh_service.store.rows import (
     SUCCEEDED,
     Artifact,
     EventRow,
+    Followed,
     Lease,
     MeshInput,
     MeshRow,
@@ -75,6 +76,16 @@ _TAKEN = Prepared(
     .where(steps.c.sequence_id == bindparam("sequence"))
 )
 _INSERT_STEP = Prepared(insert(steps))
+_FOLLOWED = (
+    select(meshes.c.spec, meshes.c.result, artifacts.c.sha256, steps.c.settings)
+    .select_from(meshes.join(artifacts).outerjoin(steps, steps.c.mesh_id == meshes.c.id))
+    .where(meshes.c.id == bindparam("mesh"), artifacts.c.name == "mesh")
+)
+_SAMPLES_OF = Prepared(
+    select(samples.c.id, samples.c.sha256)
+    .select_from(mesh_samples.join(samples, samples.c.id == mesh_samples.c.samples_id))
+    .where(mesh_samples.c.mesh_id == bindparam("mesh"))
+)
 
 
 class SequencesStore:
@@ -138,11 +149,16 @@ class SequencesStore:
             row = connection.execute(query).first()
         return None if row is None else (str(row.sequence_id), int(row.number))
 
-    def settings_of(self, mesh_id: str) -> dict[str, Any]:
-        """The settings of the step that a mesh is; empty for one without."""
+    def followed(self, mesh_id: str) -> Followed | None:
+        """What a step needs of the mesh that it follows; None when the mesh or its file is gone."""
         with self._read() as connection:
-            found = connection.execute(select(steps.c.settings).where(steps.c.mesh_id == mesh_id)).scalar()
-        return dict(found or {})
+            row = connection.execute(_FOLLOWED, {"mesh": mesh_id}).first()
+            held = {} if row is None else _samples_of(connection, mesh_id)
+        if row is None:
+            return None
+        gains = ((row.result or {}).get("certificate") or {}).get("interpolation_gain") or {}
+        spec = json.loads(row.spec)
+        return Followed(spec=spec, file=row.sha256, samples=held, settings=row.settings or {}, gains=gains)
 
     def meshes(self, sequence_id: str) -> list[str]:
         """The meshes of a sequence that are still kept."""
@@ -390,13 +406,11 @@ class MeshesStore:
     def get_input(self, mesh_id: str) -> MeshInput | None:
         """The input of a mesh for a worker; None when the mesh is gone."""
         query = select(meshes.c.spec, meshes.c.format).where(meshes.c.id == mesh_id)
-        joined = mesh_samples.join(samples, samples.c.id == mesh_samples.c.samples_id)
-        files = select(samples.c.id, samples.c.sha256).select_from(joined).where(mesh_samples.c.mesh_id == mesh_id)
         with self._read() as connection:
             row = connection.execute(query).first()
             if row is None:
                 return None
-            held = {used.id: used.sha256 for used in connection.execute(files)}
+            held = _samples_of(connection, mesh_id)
             columns = steps.c.start, steps.c.fields, steps.c.settings
             step = connection.execute(select(*columns).where(steps.c.mesh_id == mesh_id)).first()
         more = {} if step is None else step._asdict()
@@ -489,6 +503,11 @@ class MeshesStore:
                 raise
             return known
         return new.id
+
+
+def _samples_of(connection: Connection, mesh_id: str) -> dict[str, str]:
+    """The SHA-256 of the files of the samples that a mesh uses, by their ids."""
+    return {row.id: row.sha256 for row in _SAMPLES_OF.execute(connection, {"mesh": mesh_id})}
 
 
 def _points_of(new: NewMesh) -> dict[str, Any]:

@@ -221,6 +221,21 @@ class MeshInput:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Followed:
+    """What a step needs of the mesh that it follows: its spec, and the SHA-256 of its file.
+
+    ``samples`` are the SHA-256 of their files by their ids, ``settings`` those of the step that the mesh was, and
+    ``gains`` those of interpolation by their norms.
+    """
+
+    spec: Mapping[str, Any]
+    file: str
+    samples: Mapping[str, str]
+    settings: Mapping[str, Any]
+    gains: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
 class QueueCounts:
     """The number of meshes of each status, and the seconds that the oldest waiting one has waited."""
 

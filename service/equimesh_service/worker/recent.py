@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 import equimesh
+from equimesh.numerics.types import Array
+from equimesh_service.assembly.bodies import StepField
 
 # What is kept of each kind, and the most points of one: a function has about 400 bytes for each.
 _MOST, MAX_POINTS = 4, 20_000
@@ -51,6 +54,35 @@ class Recent:
             self._kept.move_to_end(key)
             while len(self._kept) > _MOST:
                 self._kept.popitem(last=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownStep:
+    """What the worker that has checked a step need not read: the mesh that the step follows, and the fields on it.
+
+    ``values`` are those of functions at its nodes, by the SHA-256 of their files.
+    """
+
+    mesh: equimesh.Mesh
+    fields: Mapping[str, StepField]
+    values: Mapping[str, Array]
+
+    def function(self, sha256: str) -> equimesh.NodalField | None:
+        """The function at the nodes of the mesh; None for another file, and on blocks."""
+        values = self.values.get(sha256)
+        if values is None or not self.mesh.is_grid:
+            return None
+        nodes = equimesh.Mesh(self.mesh.x, self.mesh.y) if len(self.mesh.ties) else self.mesh
+        return equimesh.NodalField(mesh=nodes, values=_own(values))
+
+    def own_fields(self) -> dict[str, StepField]:
+        """The fields as they are read from their file."""
+        return {name: replace(field, values=_own(field.values)) for name, field in self.fields.items()}
+
+
+def _own(values: Array) -> Array:
+    # Arrays of a request cannot be written to, and loops would be compiled again for them.
+    return np.array(values, dtype=float, order="C")
 
 
 MESHES, FUNCTIONS = Recent(), Recent()

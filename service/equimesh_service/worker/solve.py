@@ -54,7 +54,7 @@ from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.worker.in_parts import solve_in_parts
 from equimesh_service.worker.job import CONVERGENCE, MESH, Job, attempt, file_name, log_context_of
-from equimesh_service.worker.recent import FUNCTIONS, MESHES, as_read
+from equimesh_service.worker.recent import FUNCTIONS, MESHES, KnownStep, as_read
 from equimesh_service.worker.reporter import Reporter
 from equimesh_service.worker.summary import problem_of, summary_of
 
@@ -165,19 +165,16 @@ class StepStart:
     motion: Mapping[str, Any]
 
     @classmethod
-    def of(cls, mesh_input: MeshInput, spec: BuiltSpec, files: BlobFiles) -> StepStart | None:
+    def of(
+        cls, mesh_input: MeshInput, spec: BuiltSpec, files: BlobFiles, known: KnownStep | None = None
+    ) -> StepStart | None:
         """The start of a step; None for the first step, and for a mesh that is no step."""
         if mesh_input.start is None:
             return None
-        try:
-            require = partial(files.require, mesh_input.start)
-            mesh = MESHES.get(mesh_input.start, partial(_read_mesh, files, mesh_input.start), require)
-        except FileNotFoundError:
-            raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
-        fields: Mapping[str, StepField] = {}
-        if mesh_input.fields is not None:
-            with files.opened(mesh_input.fields) as stream:
-                fields = read_fields(stream)
+        if known is None:
+            mesh, fields = _read_mesh(files, mesh_input.start), _read_fields(files, mesh_input.fields)
+        else:
+            mesh, fields = known.mesh, known.own_fields()
         settings = mesh_input.settings or {}
         motion = {name: settings[name] for name in MOTION if name in settings}
         return cls(mesh=mesh, fields=fields, earlier=_earlier(settings.get("before"), spec, files), motion=motion)
@@ -231,8 +228,22 @@ def moves_of(step: AnySequenceStep) -> dict[str, Any]:
 
 
 def _read_mesh(files: BlobFiles, sha256: str) -> equimesh.Mesh:
+    def read() -> equimesh.Mesh:
+        with files.opened(sha256) as stream:
+            return load_mesh(stream)
+
+    try:
+        found: equimesh.Mesh = MESHES.get(sha256, read, partial(files.require, sha256))
+    except FileNotFoundError:
+        raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
+    return found
+
+
+def _read_fields(files: BlobFiles, sha256: str | None) -> Mapping[str, StepField]:
+    if sha256 is None:
+        return {}
     with files.opened(sha256) as stream:
-        return load_mesh(stream)
+        return read_fields(stream)
 
 
 def _read_function(files: BlobFiles, sha256: str, box: Any) -> equimesh.Field:
@@ -459,8 +470,13 @@ def _build(job: Job, store: Store, files: BlobFiles) -> Work:
     return build_work(mesh_input, files, job.packed)
 
 
-def build_work(mesh_input: MeshInput, files: BlobFiles, packed: bytes | None = None) -> Work:
-    """The problem of a mesh, and the start of a step; ``packed`` is the problem where it was built before."""
+def build_work(
+    mesh_input: MeshInput, files: BlobFiles, packed: bytes | None = None, known: KnownStep | None = None
+) -> Work:
+    """The problem of a mesh, and the start of a step.
+
+    ``packed`` is the problem where it was built before, and ``known`` what is known of the step.
+    """
     if packed is not None:
         spec: BuiltSpec = pickle.loads(packed)
     else:
@@ -471,6 +487,10 @@ def build_work(mesh_input: MeshInput, files: BlobFiles, packed: bytes | None = N
                 sha256 = mesh_input.samples.get(name)
                 if sha256 is None:
                     raise Problem("conflict", _NO_SAMPLES)
+                made = None if known is None else known.function(sha256)
+                if made is not None:
+                    FUNCTIONS.keep((sha256, box), made)
+                    return made
                 read, require = partial(_read_function, files, sha256, box), partial(files.require, sha256)
                 try:
                     found: equimesh.Field = FUNCTIONS.get((sha256, box), read, require)
@@ -479,7 +499,7 @@ def build_work(mesh_input: MeshInput, files: BlobFiles, packed: bytes | None = N
                 return found
 
             spec = build(mesh_input.spec, find, None if mesh_input.start is None else kept)
-    return Work(mesh_input=mesh_input, spec=spec, start=StepStart.of(mesh_input, spec, files))
+    return Work(mesh_input=mesh_input, spec=spec, start=StepStart.of(mesh_input, spec, files, known))
 
 
 def _compute(work: Work, threads: int, reporter: Reporter) -> tuple[AnySolution, AnySequenceStep | None]:

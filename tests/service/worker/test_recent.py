@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.io.npz import load_mesh, load_npz
+from equimesh.io.npz import load_mesh, load_npz, npz_bytes
 from equimesh.io.write import mesh_bytes
 from equimesh.specs import build
+from equimesh_service.assembly.bodies import StepField, field_arrays
 from equimesh_service.problems.problem import Problem
 from equimesh_service.store.rows import MeshInput
 from equimesh_service.worker import recent, solve
-from equimesh_service.worker.recent import Recent, as_read
+from equimesh_service.worker.recent import KnownStep, Recent, as_read
 
 GRID = {"n_xi": 13, "n_eta": 9}
 
@@ -134,3 +135,49 @@ def test_the_last_small_ones_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     formula: Any = em.Expression("x")
     last.keep("u", formula)
     assert last.get("u", lambda: None, lambda: None) is None, "what is not at nodes may change with its use"
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_a_step_of_which_the_check_is_known_is_the_one_that_is_read_to_the_bit(files: Any, is_closed: bool) -> None:
+    domain = {"domain": {"kind": "annulus_sector", "closed": True}} if is_closed else {}
+    first = em.solve(build({"monitor": {"rho": "1 + x*x", "kind": "weight"}, "grid": GRID, **domain}).problem)
+    mesh = as_read(first.mesh)
+    (files.folder / "mesh").write_bytes(mesh_bytes(first.data(), format="npz"))
+    values = np.tanh(9.0 * mesh.x * mesh.y)
+    np.savez(files.folder / "u.npz", x=mesh.x, y=mesh.y, values=values)
+    # As they come with a request: in the order of Fortran, and such that they cannot be written to.
+    sent = {
+        "p": StepField(values=np.asfortranarray(mesh.x + mesh.y)),
+        "q": StepField(values=mesh.y, transfer="conservative"),
+    }
+    for array in (values, *(field.values for field in sent.values())):
+        array.flags.writeable = False
+    (files.folder / "fields").write_bytes(npz_bytes(field_arrays(sent)))
+    spec = {"monitor": {"u": {"samples": "n-1"}, "kind": "arc_length"}, "grid": GRID, **domain}
+    task = MeshInput(spec=spec, samples={"n-1": "u.npz"}, start="mesh", fields="fields", settings={})
+    known = KnownStep(mesh=mesh, fields=sent, values={"u.npz": values})
+
+    found = []
+    for made in (None, known):
+        solve.MESHES, solve.FUNCTIONS = Recent(), Recent()
+        files.read.clear()
+        work = solve.build_work(task, files, known=made)
+        assert (files.read == []) == (made is known)
+        assert work.start is not None
+        taken = [field.values for field in work.start.fields.values()]
+        assert all(array.flags.writeable and array.flags.c_contiguous for array in taken)
+        step = work.start.take(work.spec, {"threads": 1, "check": False})
+        u = work.spec.problem.monitor.u
+        assert solve.FUNCTIONS.get(("u.npz", work.spec.problem.domain.box), pytest.fail, lambda: None) is u
+        found.append(
+            (
+                step.mesh.points,
+                u.values,
+                u.values.flags.writeable,
+                u.values.flags.c_contiguous,
+                *step.fields.values(),
+                step.certificate.summary(),
+            )
+        )
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_equal(one, other)
