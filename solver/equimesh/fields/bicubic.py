@@ -302,12 +302,15 @@ class Bicubic:
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
         """The spline and its partial derivatives up to ``order``, each of the points' shape; see :data:`COUNT`.
 
-        Outside its rectangle the spline is taken at the nearest point of that; at NaN it is NaN.
+        Outside its rectangle the spline is taken at the nearest point of that; at NaN it is NaN. At the points of
+        straight lines, ``x`` and ``y`` that were broadcast from ``(n, 1)`` and ``(1, m)``, it takes half the time.
         """
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         if x.shape != y.shape:
             x, y = np.broadcast_arrays(x, y)
         values = np.empty((COUNT[order], *x.shape))
+        if order < 2 and x.ndim == 2 and x.strides[1] == y.strides[0] == 0 and self._fill_lines(x[:, 0], y[0], values):
+            return tuple(values)
         rows = values.reshape(len(values), -1)
         if math.isfinite(total(x.ravel(), y.ravel())):
             self._fill(x.ravel(), y.ravel(), rows, order)
@@ -330,6 +333,14 @@ class Bicubic:
         fill_values(*at) if order == 0 else fill_slopes(*at)
         if order == 2:
             fill_curvatures(*at)
+
+    def _fill_lines(self, x: Array, y: Array, values: Array) -> bool:
+        """Fill ``values`` at all points of lines at ``x`` and ``y``; returns whether all of these are finite."""
+        is_finite = math.isfinite(x.sum() + y.sum())
+        if is_finite:
+            x, y = x.copy(), y.copy()  # never read-only, or loops are compiled twice
+            fill_lines(x, y, self.along_x, self.along_y, self.coefficients, values)
+        return is_finite
 
     @cached_property
     def polynomials(self) -> Array | None:
@@ -403,6 +414,49 @@ def fill_slopes(x: Array, y: Array, along_x: Axis, along_y: Axis, coefficients: 
         rows[0, p] = u
         rows[1, p] = u_x
         rows[2, p] = u_y
+
+
+@vectorised
+def fill_lines(x: Array, y: Array, along_x: Axis, along_y: Axis, coefficients: Array, values: Array) -> None:
+    """Fill ``values``, of shape ``(1 or 3, n, m)``, where lines at ``x`` cross lines at ``y``.
+
+    Outside the breaks they are those of the nearest lines. Three are the spline and its first derivatives. What it is
+    along a line is computed once for all points of that.
+    """
+    scale_x, scale_y = buckets_per_length(along_x), buckets_per_length(along_y)
+    places, basis, slopes = np.empty(y.size, np.int64), np.empty((ORDER, y.size)), np.empty((ORDER, y.size))
+    for q in range(y.size):
+        t = min(max(y[q], along_y.breaks[0]), along_y.breaks[-1])
+        j = piece(t, along_y, scale_y)
+        t -= along_y.breaks[j]
+        places[q] = j
+        basis[0, q], basis[1, q], basis[2, q], basis[3, q] = at_piece(along_y.cubics, j, t)
+        slopes[0, q], slopes[1, q], slopes[2, q], slopes[3, q] = slopes_at_piece(along_y.cubics, j, t)
+    line, across = np.empty(coefficients.shape[1]), np.empty(coefficients.shape[1])
+    for p in range(x.size):
+        s = min(max(x[p], along_x.breaks[0]), along_x.breaks[-1])
+        i = piece(s, along_x, scale_x)
+        s -= along_x.breaks[i]
+        a, b, c, d = at_piece(along_x.cubics, i, s)
+        e, f, g, h = slopes_at_piece(along_x.cubics, i, s)
+        c0, c1, c2, c3 = coefficients[i], coefficients[i + 1], coefficients[i + 2], coefficients[i + 3]
+        for n in range(line.size):
+            line[n] = a * c0[n] + b * c1[n] + c * c2[n] + d * c3[n]
+            across[n] = e * c0[n] + f * c1[n] + g * c2[n] + h * c3[n]
+        u = values[0, p]
+        for q in range(y.size):
+            j = places[q]
+            v0, v1, v2, v3 = line[j], line[j + 1], line[j + 2], line[j + 3]
+            u[q] = basis[0, q] * v0 + basis[1, q] * v1 + basis[2, q] * v2 + basis[3, q] * v3
+        if values.shape[0] == 1:
+            continue
+        u_x, u_y = values[1, p], values[2, p]
+        for q in range(y.size):
+            j = places[q]
+            v0, v1, v2, v3 = line[j], line[j + 1], line[j + 2], line[j + 3]
+            w0, w1, w2, w3 = across[j], across[j + 1], across[j + 2], across[j + 3]
+            u_x[q] = basis[0, q] * w0 + basis[1, q] * w1 + basis[2, q] * w2 + basis[3, q] * w3
+            u_y[q] = slopes[0, q] * v0 + slopes[1, q] * v1 + slopes[2, q] * v2 + slopes[3, q] * v3
 
 
 @vectorised

@@ -31,7 +31,7 @@ from equimesh.quality.cell_maps import (
 from equimesh_coupling.elements import gauss
 from equimesh_coupling.parts import corner_cuts, cuts_at_corners
 
-BLOCK_POINTS = 1 << 12
+BLOCK_POINTS = 9 << 10
 """Points of a block of cells: its arrays stay in the cache, and memory that is here already has room for them."""
 
 Block: TypeAlias = slice | IntArray
@@ -138,6 +138,11 @@ class Cells(ABC):
         """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
 
     @property
+    def lines(self) -> Pair | None:
+        """x and y of the held lines of nodes, where all are known to be parallel to the axes; ``None`` elsewhere."""
+        return None
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Cells of the whole mesh along xi and along eta."""
         return self.rows.cells
@@ -158,9 +163,15 @@ class Cells(ABC):
         return self.rows.own
 
     def blocks(self, points: CellPoints) -> Iterator[slice]:
-        """All own cells, in pieces of about ``BLOCK_POINTS`` points that are the same for any number of holders."""
+        """All own cells, in pieces of about ``BLOCK_POINTS`` points that are the same for any number of holders.
+
+        They are whole rows between :attr:`lines`.
+        """
+        columns, size = self.shape[1], cells_of_block(points)
+        if self.lines is not None:
+            size = max(1, size // columns) * columns
         for first, last in self.rows.strips:
-            yield from pieces(first * self.shape[1], last * self.shape[1], cells_of_block(points))
+            yield from pieces(first * columns, last * columns, size)
 
     def blocks_of(self, chosen: ChosenCells, points: CellPoints) -> Iterator[tuple[slice, IntArray]]:
         """The places and the numbers of the ``chosen`` cells, in such pieces."""
@@ -301,11 +312,13 @@ class MeshCells(Cells):
 class BilinearCells(MeshCells):
     """All cells of a grid of nodes, numbered as in :class:`~equimesh.meshes.mesh.Mesh`.
 
-    Cells on both sides of the seam of ``closed`` lines are neighbours; all rows of such a mesh are here.
+    Cells on both sides of the seam of ``closed`` lines are neighbours; all rows of such a mesh are here. ``straight``
+    says that all lines of the mesh are parallel to the axes.
     """
 
     mesh: Mesh | MeshRows
     closed: Closed = OPEN
+    straight: bool = False
     _found: list[tuple[float, float]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
@@ -332,6 +345,11 @@ class BilinearCells(MeshCells):
     def total_area(self) -> float:
         """Signed area of the whole mesh."""
         return self._of_all()[1]
+
+    @property
+    def lines(self) -> Pair | None:
+        """x and y of the held lines of nodes; ``None`` unless they are ``straight``."""
+        return (self.window.x[:, 0], self.window.y[0]) if self.straight else None
 
     @property
     def own_shape(self) -> tuple[int, ...]:

@@ -43,7 +43,7 @@ GAUSS_POINTS = 4
 """Gauss points per direction and cell; at fewer, the gradient of degree 3 has no error to leading order."""
 MEASURED_CELLS = 384
 """Cells that are measured, about; all of a mesh with fewer than twice as many."""
-BLOCK_CELLS = 256
+BLOCK_CELLS = 512
 """Cells of a block, whose arrays stay in the cache."""
 
 

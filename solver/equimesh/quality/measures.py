@@ -292,7 +292,7 @@ def _uniform_cells(
         return None
     window = MeshRows.of(cells.mesh)
     return (
-        BilinearCells(window_image(window, domain))
+        BilinearCells(window_image(window, domain), straight=isinstance(domain, Rectangle))
         if numbers is None
         else UniformCells(window.grid, domain, cells.rows)
     )

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.fields.expression import Field
+from equimesh.fields.samples import GridSamples
+from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.meshes.mesh import MeshRows
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.threads import run_on_threads
@@ -164,6 +166,12 @@ class ErrorRule:
         return cls(CellPoints.gauss(2), middles)
 
 
+def on_lines(u: Field, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
+    """u and its derivatives up to ``order`` where lines at ``x`` cross lines at ``y``."""
+    shape = x.size, y.size
+    return u.evaluate(np.broadcast_to(x[:, None], shape), np.broadcast_to(y, shape), order)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorTally:
     """Sums over own cells, all of them or some, that grow while blocks of cells are added.
@@ -185,6 +193,8 @@ class ErrorTally:
     ends: list[tuple[float, float]]
     corners: Array | None
     """x and y of the corners of some cells; ``None`` where all are looked at, in blocks."""
+    lines: Pair | None
+    """Those of the cells, on which a spline is evaluated; ``None`` for other functions."""
 
     @classmethod
     def of(
@@ -200,10 +210,11 @@ class ErrorTally:
         ``nodal`` is u at the held nodes if that is known.
         """
         chosen = ChosenCells.of(cells.rows, numbers)
-        count = chosen.numbers.size
+        count, lines = chosen.numbers.size, cells.lines if isinstance(u, GridSamples | ScatteredSamples) else None
         corners = None if numbers is None and isinstance(cells, MeshCells) else cells.corners(chosen.numbers)
         if isinstance(cells, MeshCells) and (nodal is not None or numbers is None):
-            nodal = u.evaluate(*cells.nodes)[0] if nodal is None else nodal
+            if nodal is None:
+                (nodal,) = u.evaluate(*cells.nodes) if lines is None else on_lines(u, *lines)
             values = cells.corner_values(nodal, chosen.numbers)
         else:
             corners = cells.corners(chosen.numbers) if corners is None else corners
@@ -220,6 +231,7 @@ class ErrorTally:
             largest=np.zeros(count),
             ends=[(float(values.min()), float(values.max()))] if count else [],
             corners=corners,
+            lines=lines,
         )
 
     def pieces(self, some: IntArray) -> tuple[Array, Array]:
@@ -243,7 +255,7 @@ class ErrorTally:
 
     def add_all(self, threads: int = 1) -> None:
         """All cells at all points of the rule, block by block; ``threads`` share the blocks if they are many."""
-        inner, edge = self.rule.inner, self.rule.edge
+        inner, edge, lines = self.rule.inner, self.rule.edge, self.lines
         points = inner if self._shares_edges or not edge.s.size else self.rule.every
         blocks: list[tuple[slice, slice | IntArray]] = list(self.cells.blocks_of(self.chosen, points))
         if not self.sampled:
@@ -254,6 +266,9 @@ class ErrorTally:
             with np.errstate(all="ignore"):
                 for where, numbers in blocks[thread::threads]:
                     corners = self._corners(where, numbers)
+                    if lines is not None and isinstance(numbers, slice):
+                        self.add(where, corners, self._in_rows(lines, numbers))
+                        continue
                     x, y = np.empty((2, points.s.size, corners.shape[1]))
                     locate(corners, points.s, points.t, x, y)
                     self.add(where, corners, self.u.evaluate(x, y, order=1))
@@ -261,6 +276,17 @@ class ErrorTally:
         share_blocks(work, self.largest.size, threads)
         if self._shares_edges:
             self.add_edges()
+
+    def _in_rows(self, lines: Pair, numbers: slice) -> tuple[Array, ...]:
+        """u and its gradient at the inner points of whole rows of cells between these ``lines``."""
+        inner, columns, begin = self.rule.inner, self.cells.shape[1], self.cells.rows.begin
+        x, y = lines[0][numbers.start // columns - begin : numbers.stop // columns - begin + 1], lines[1]
+        count = math.isqrt(inner.s.size)
+        along = (x, inner.s[::count]), (y, inner.t[:count])
+        at_x, at_y = (line[:-1] + part[:, None] * (line[1:] - line[:-1]) for line, part in along)
+        shape = *at_x.shape, *at_y.shape
+        found = on_lines(self.u, at_x.ravel(), at_y.ravel(), order=1)
+        return tuple(part.reshape(shape).swapaxes(1, 2).reshape(inner.s.size, -1) for part in found)
 
     @property
     def _shares_edges(self) -> bool:
@@ -293,8 +319,13 @@ class ErrorTally:
         """The middles of the edges of the rows ``first`` to ``last - 1`` of cells."""
         rows, columns = window.rows, window.rows.cells[1]
         x, y = window.nodes(first, last)
-        of_xi = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))[0]
-        of_eta = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))[0]
+        if self.lines is None:
+            (of_xi,) = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))
+            (of_eta,) = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))
+        else:
+            at_x, at_y = x[:, 0], y[0]
+            (of_xi,) = on_lines(self.u, 0.5 * (at_x[1:] + at_x[:-1]), at_y)
+            (of_eta,) = on_lines(self.u, at_x, 0.5 * (at_y[1:] + at_y[:-1]))
         there = np.ascontiguousarray(nodal[first - rows.begin : last + 1 - rows.begin])
         where = slice((first - rows.first) * columns, (last - rows.first) * columns)
         middles = np.ascontiguousarray(of_xi), np.ascontiguousarray(of_eta)

@@ -43,6 +43,17 @@ def test_beyond_the_ends_and_nowhere() -> None:
     assert np.isnan(slope[2:]).all()
 
 
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("bad", [0.5, np.nan], ids=["finite", "nowhere"])
+def test_where_lines_cross_it_is_what_it_is_at_points(order: int, bad: float) -> None:
+    x, y = np.linspace(0.0, 1.0, 9) ** 2, np.linspace(-1.0, 2.0, 6)
+    bicubic = Bicubic.of(RectBivariateSpline(x, y, np.random.default_rng(5).standard_normal((9, 6)), s=0))
+    first, second = np.array([0.3, -0.2, bad, 1.0, 7.0]), np.array([2.5, 0.1, -1.0, 2.0, -8.0, 0.1, 0.7])
+    expected = bicubic.evaluate(*np.meshgrid(first, second, indexing="ij"), order)
+    found = bicubic.evaluate(first[:, None], second[None], order)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
 def test_slopes_are_bounded_as_fitpack_bounds_them() -> None:
     x, y = np.linspace(0.0, 1.0, 9) ** 2, np.linspace(-1.0, 2.0, 6)
     spline = RectBivariateSpline(x, y, np.random.default_rng(5).standard_normal((9, 6)), s=0)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import equimesh as em
 from equimesh.quality.cell_maps import locate
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.survey import mean_metrics
@@ -45,6 +46,25 @@ def test_known_nodal_values_change_nothing() -> None:
     nodal = TANH20.evaluate(*BilinearCells(wavy()).nodes)[0]
     for numbers in (None, np.array([3, 90, 17, 42])):
         assert tally(numbers, nodal).sums == pytest.approx(tally(numbers).sums, rel=1e-12)
+
+
+@pytest.mark.parametrize("rule", [ErrorRule.lean(), ErrorRule.gauss(3)], ids=["lean", "gauss"])
+def test_a_spline_is_evaluated_along_straight_lines(rule: ErrorRule, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("equimesh.quality.cells.BLOCK_POINTS", 400)  # a few rows
+    axis = np.linspace(0.0, 1.0, 9)
+    u = em.GridSamples(x=axis, y=axis, values=np.sin(5.0 * np.add.outer(axis, axis**2)))
+    mesh = em.Mesh(*np.meshgrid(np.linspace(0.0, 1.0, 20) ** 2, np.linspace(0.2, 0.9, 14), indexing="ij"))
+    straight, plain = (
+        ErrorTally.of(BilinearCells(mesh, straight=is_straight), u, rule) for is_straight in (True, False)
+    )
+    assert straight.lines is not None
+    assert plain.lines is None
+    for one in (straight, plain):
+        one.add_all()
+    assert straight.nodal == pytest.approx(plain.nodal, rel=1e-12)
+    assert straight.sums == pytest.approx(plain.sums, rel=1e-9, abs=1e-15)
+    assert straight.largest == pytest.approx(plain.largest, rel=1e-9)
+    assert straight.range == pytest.approx(plain.range, rel=1e-12)
 
 
 def test_a_block_with_nan_has_no_part_in_the_range() -> None:
