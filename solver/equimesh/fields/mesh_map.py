@@ -34,6 +34,13 @@ BLOCK_POINTS = 256  # of which all take a step of Newton's method before the nex
 # place in the cell, and whether it still moves.
 WORK_ROWS = 13
 X, Y, X0, X1, X2, X3, Y0, Y1, Y2, Y3, A, B, MOVING = range(0, BLOCK_POINTS * WORK_ROWS, BLOCK_POINTS)
+PATCH_POINTS = 64  # whose polynomials are next to each other in the fastest cache
+MAX_PATCH_STEPS = 5
+# Where the same begin for points that stay on their piece of the splines: the polynomials of x and y, the point, its
+# place from the begin of the piece, where that was at first, the end of the piece, and whether it moves, and has left.
+PATCH_ROWS = 42
+OF_X, OF_Y = 0, 16 * PATCH_POINTS
+PX, PY, PA, PB, A0, B0, END_A, END_B, GOES, LEFT = range(32 * PATCH_POINTS, PATCH_ROWS * PATCH_POINTS, PATCH_POINTS)
 
 
 class Places(NamedTuple):
@@ -159,6 +166,9 @@ def locate_points(points: Pair, nodes: Pair, splines: MapSplines, columns: int, 
     find_cells(points, nodes, columns, cells)
     place_in_cells(points, nodes, cells, MIN_START_STEP_CELLS, starts)
     rough = 0
+    smooth[:] = False
+    if splines.patches[0].shape[0] > 0:
+        place_in_patches(points, splines, starts, places)
     for begin in range(0, n, BLOCK_POINTS):
         rough += place_by_splines(points, splines, starts, begin, min(n, begin + BLOCK_POINTS), places)
     if rough == 0:
@@ -299,12 +309,97 @@ def place_in_cells(points: Pair, nodes: Pair, cells: IntPair, smallest: float, p
             s[begin + k], t[begin + k] = of_i[begin + k] + w[A + k], of_j[begin + k] + w[B + k]
 
 
+@vectorised
+def place_in_patches(points: Pair, splines: MapSplines, starts: Pair, places: Places) -> None:
+    """Fill in the grid coordinates of those points that stay on the piece of the splines where they start.
+
+    They are ``smooth`` afterwards. Newton's method takes them as :func:`place_by_splines` does. The polynomials of each
+    point are copied, so that the steps of all points of a block are vector instructions.
+    """
+    (px, py), (s0, t0), (s, t, smooth) = points, starts, places
+    breaks_s, breaks_t = splines.along_s.breaks, splines.along_t.breaks
+    of_x, of_y = splines.patches
+    scale_s, scale_t = buckets_per_length(splines.along_s), buckets_per_length(splines.along_t)
+    w, k, m = np.zeros(PATCH_ROWS * PATCH_POINTS), np.empty(PATCH_POINTS, np.int64), np.empty(PATCH_POINTS, np.int64)
+    for begin in range(0, px.size, PATCH_POINTS):
+        count = min(PATCH_POINTS, px.size - begin)
+        for n in range(count):
+            a, b = s0[begin + n], t0[begin + n]
+            i, j = piece(a, splines.along_s, scale_s), piece(b, splines.along_t, scale_t)
+            for row in range(ORDER):
+                for column in range(ORDER):
+                    at = (ORDER * row + column) * PATCH_POINTS + n
+                    w[OF_X + at], w[OF_Y + at] = of_x[i, j, row, column], of_y[i, j, row, column]
+            k[n], m[n] = i, j
+            w[PX + n], w[PY + n] = px[begin + n], py[begin + n]
+            w[PA + n], w[PB + n] = a - breaks_s[i], b - breaks_t[j]
+            w[A0 + n], w[B0 + n] = w[PA + n], w[PB + n]
+            w[END_A + n], w[END_B + n] = breaks_s[i + 1] - breaks_s[i], breaks_t[j + 1] - breaks_t[j]
+            w[GOES + n], w[LEFT + n] = 1.0, 0.0
+        for _ in range(MAX_PATCH_STEPS):
+            step_in_patches(w)
+            goes = 0.0
+            for n in range(count):
+                goes += w[GOES + n]
+            if goes == 0.0:
+                break
+        for n in range(count):
+            if w[GOES + n] == 0.0 and w[LEFT + n] == 0.0:
+                s[begin + n], t[begin + n] = breaks_s[k[n]] + w[PA + n], breaks_t[m[n]] + w[PB + n]
+                smooth[begin + n] = True
+
+
+@vectorised
+def step_in_patches(w: Array) -> None:
+    """A step of Newton's method for all points of a block, whose numbers are in ``w``."""
+    for n in range(PATCH_POINTS):
+        a, b, goes = w[PA + n], w[PB + n], w[GOES + n]
+        x, x_s, x_t = at_rows(w, OF_X + n, a, b)
+        y, y_s, y_t = at_rows(w, OF_Y + n, a, b)
+        r, q = w[PX + n] - x, w[PY + n] - y
+        det = x_s * y_t - x_t * y_s
+        per_det = 1.0 / (det if det > 0.0 else 1.0)
+        da, db = (r * y_t - q * x_t) * per_det, (q * x_s - r * y_s) * per_det
+        to_a, to_b = a + da, b + db
+        inside = min(min(to_a, w[END_A + n] - to_a), min(to_b, w[END_B + n] - to_b))
+        far = max(abs(to_a - w[A0 + n]), abs(to_b - w[B0 + n]))
+        left = 0.0 if min(inside, det) > 0.0 else 1.0
+        left = left if far <= MAX_DISTANCE_CELLS else 1.0
+        w[PA + n] = to_a if goes > 0.0 else a
+        w[PB + n] = to_b if goes > 0.0 else b
+        w[LEFT + n] = max(w[LEFT + n], left * goes)
+        ends = max(left, 1.0 if abs(da) + abs(db) < MIN_STEP_CELLS else 0.0)
+        w[GOES + n] = 0.0 if ends > 0.0 else goes
+
+
+@inlined
+def at_rows(w: Array, first: int, s: float, t: float) -> tuple[float, float, float]:
+    """As :func:`~equimesh.fields.bicubic.at_patch`, of the polynomial whose coefficients begin at ``first``."""
+    q00, q01, q02, q03 = w[first], w[first + 1 * PATCH_POINTS], w[first + 2 * PATCH_POINTS], w[first + 3 * PATCH_POINTS]
+    first += 4 * PATCH_POINTS
+    q10, q11, q12, q13 = w[first], w[first + 1 * PATCH_POINTS], w[first + 2 * PATCH_POINTS], w[first + 3 * PATCH_POINTS]
+    first += 4 * PATCH_POINTS
+    q20, q21, q22, q23 = w[first], w[first + 1 * PATCH_POINTS], w[first + 2 * PATCH_POINTS], w[first + 3 * PATCH_POINTS]
+    first += 4 * PATCH_POINTS
+    q30, q31, q32, q33 = w[first], w[first + 1 * PATCH_POINTS], w[first + 2 * PATCH_POINTS], w[first + 3 * PATCH_POINTS]
+    r0, r1 = q00 + t * (q10 + t * (q20 + t * q30)), q01 + t * (q11 + t * (q21 + t * q31))
+    r2, r3 = q02 + t * (q12 + t * (q22 + t * q32)), q03 + t * (q13 + t * (q23 + t * q33))
+    d0, d1 = q10 + t * (2.0 * q20 + t * (3.0 * q30)), q11 + t * (2.0 * q21 + t * (3.0 * q31))
+    d2, d3 = q12 + t * (2.0 * q22 + t * (3.0 * q32)), q13 + t * (2.0 * q23 + t * (3.0 * q33))
+    return (
+        r0 + s * (r1 + s * (r2 + s * r3)),
+        r1 + s * (2.0 * r2 + s * (3.0 * r3)),
+        d0 + s * (d1 + s * (d2 + s * d3)),
+    )
+
+
 @compiled
 def place_by_splines(points: Pair, splines: MapSplines, starts: Pair, begin: int, end: int, places: Places) -> int:
-    """Fill in the grid coordinates of the points from ``begin`` to before ``end`` by the splines of the mesh.
+    """Fill in the grid coordinates of the points from ``begin`` to before ``end`` that are not ``smooth`` yet.
 
-    The ``starts`` are their grid coordinates by bilinear maps. Returns the number of points that have no others. All
-    points take a step of Newton's method before the next: so the processor works at several of them.
+    They are those of the splines of the mesh. The ``starts`` are their grid coordinates by bilinear maps. Returns the
+    number of points that have no others. All points take a step of Newton's method before the next: so the processor
+    works at several of them.
     """
     (px, py), (s0, t0), (s, t, smooth) = points, starts, places
     along_s, along_t = splines.along_s, splines.along_t
@@ -313,11 +408,12 @@ def place_by_splines(points: Pair, splines: MapSplines, starts: Pair, begin: int
     scale_s, scale_t = buckets_per_length(along_s), buckets_per_length(along_t)
     last_s, last_t = breaks_s[-1], breaks_t[-1]
     last_k, last_m = breaks_s.size - 2, breaks_t.size - 2
-    left, lost = end - begin, 0
-    moving = np.empty(left, np.int64)
-    for n in range(left):
-        p = begin + n
-        moving[n], s[p], t[p], smooth[p] = p, s0[p], t0[p], False
+    left, lost = 0, 0
+    moving = np.empty(end - begin, np.int64)
+    for p in range(begin, end):
+        if not smooth[p]:
+            moving[left], s[p], t[p] = p, s0[p], t0[p]
+            left += 1
     for _ in range(MAX_STEPS):
         count, left = left, 0
         for n in range(count):

@@ -7,7 +7,16 @@ import pytest
 
 import equimesh as em
 from equimesh.domains.domain import map_mesh
-from equimesh.fields.mesh_map import MeshMap, find_cells, reference_of
+from equimesh.fields.mesh_map import (
+    MIN_START_STEP_CELLS,
+    MeshMap,
+    Places,
+    find_cells,
+    place_by_splines,
+    place_in_cells,
+    place_in_patches,
+    reference_of,
+)
 from solver.fields.bent_meshes import ANYWHERE, largest, smooth_mesh
 
 
@@ -51,6 +60,24 @@ def test_the_place_of_a_point_does_not_depend_on_the_others(front: em.Mesh, shap
     rows, alone = of.locate(x, y), [of.locate(*point) for point in zip(x.ravel(), y.ravel(), strict=True)]
     assert np.array_equal(rows.s, [place.s[0] for place in alone])
     assert np.array_equal(rows.t, [place.t[0] for place in alone])
+
+
+def test_points_that_stay_on_a_piece_are_where_each_is_found_alone(front: em.Mesh) -> None:
+    of = MeshMap.of(front)
+    # Points inside, points of the sides, and points whose way leads over nodes.
+    x, y = (np.concatenate([q.ravel(), nodes.ravel()]) for q, nodes in zip(ANYWHERE, (front.x, front.y), strict=True))
+    nodes, splines, n = (of.mesh.x, of.mesh.y), of._splines, x.size
+    cells, starts = (np.empty(n, np.int64), np.empty(n, np.int64)), (np.empty(n), np.empty(n))
+    find_cells((x, y), nodes, 1, cells)
+    place_in_cells((x, y), nodes, cells, MIN_START_STEP_CELLS, starts)
+    at_once, alone = (Places(np.empty(n), np.empty(n), np.zeros(n, dtype=bool)) for _ in range(2))
+    place_in_patches((x, y), splines, starts, at_once)
+    assert place_by_splines((x, y), splines, starts, 0, n, alone) == 0
+    stayed = at_once.smooth
+    assert stayed[: ANYWHERE[0].size].mean() > 0.9
+    assert not stayed.all(), "some leave the piece that they start on, and are left for the other way"
+    for one, other in ((at_once.s, alone.s), (at_once.t, alone.t)):
+        assert np.abs(one[stayed] - other[stayed]).max() < 1e-13 * max(front.x.shape)
 
 
 def test_a_point_of_an_edge_has_the_cell_that_begins_nearer() -> None:
