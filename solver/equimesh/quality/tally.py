@@ -139,11 +139,6 @@ class ErrorRule:
     inner: CellPoints
     edge: CellPoints
 
-    @property
-    def every(self) -> CellPoints:
-        """The inner points, and after them those of the edges."""
-        return CellPoints(*(np.concatenate(pair) for pair in zip(self.inner, self.edge, strict=True)))
-
     @classmethod
     def gauss(cls, count: int) -> ErrorRule:
         """The Gauss rule with ``count`` points per direction, alone."""
@@ -245,18 +240,14 @@ class ErrorTally:
         return self.cells.corners(numbers) if self.corners is None else np.ascontiguousarray(self.corners[:, where])
 
     def add(self, where: slice, corners: Array, derivatives: tuple[Array, ...]) -> None:
-        """The cells at these places, with u and its ``derivatives`` at the inner points or at all points."""
-        inner = self.rule.inner
-        u, u_x, u_y = (np.ascontiguousarray(part[: inner.s.size]) for part in derivatives[:3])
-        add_errors(corners, self.values, u, (u_x, u_y), inner, self.sums, self.largest, where.start)
-        if len(derivatives[0]) > inner.s.size:
-            self._add_edges(where, corners, derivatives[0][inner.s.size :])
-        self._widen(derivatives[0])
+        """The cells at these places, with u and its ``derivatives`` at the inner points."""
+        u, u_x, u_y = (np.ascontiguousarray(part) for part in derivatives[:3])
+        add_errors(corners, self.values, u, (u_x, u_y), self.rule.inner, self.sums, self.largest, where.start)
+        self._widen(u)
 
     def add_all(self, threads: int = 1) -> None:
         """All cells at all points of the rule, block by block; ``threads`` share the blocks if they are many."""
-        inner, edge, lines = self.rule.inner, self.rule.edge, self.lines
-        points = inner if self._shares_edges or not edge.s.size else self.rule.every
+        points, lines = self.rule.inner, self.lines
         blocks: list[tuple[slice, slice | IntArray]] = list(self.cells.blocks_of(self.chosen, points))
         if not self.sampled:
             start = self.cells.own.start
@@ -266,12 +257,12 @@ class ErrorTally:
             with np.errstate(all="ignore"):
                 for where, numbers in blocks[thread::threads]:
                     corners = self._corners(where, numbers)
-                    if lines is not None and isinstance(numbers, slice):
+                    if lines is None or not isinstance(numbers, slice):
+                        self.add(where, corners, self._at(points, corners, order=1))
+                    else:
                         self.add(where, corners, self._in_rows(lines, numbers))
-                        continue
-                    x, y = np.empty((2, points.s.size, corners.shape[1]))
-                    locate(corners, points.s, points.t, x, y)
-                    self.add(where, corners, self.u.evaluate(x, y, order=1))
+                    if not self._shares_edges:
+                        self._add_edges(where, corners)
 
         share_blocks(work, self.largest.size, threads)
         if self._shares_edges:
@@ -298,22 +289,26 @@ class ErrorTally:
         edge = self.rule.edge
         if not edge.s.size:
             return
-        if isinstance(self.cells, BilinearCells) and self.nodal is not None and self._shares_edges:
+        if isinstance(self.cells, BilinearCells) and self.nodal is not None and not self.sampled:
             for first, last in self.cells.rows.strips:
                 self._add_middles(self.cells.window, self.nodal, first, last)
             return
         for where, numbers in self.cells.blocks_of(self.chosen, edge):
-            corners = self._corners(where, numbers)
-            x, y = np.empty((2, edge.s.size, corners.shape[1]))
-            locate(corners, edge.s, edge.t, x, y)
-            (there,) = self.u.evaluate(x, y)
-            self._add_edges(where, corners, there)
-            self._widen(there)
+            self._add_edges(where, self._corners(where, numbers))
 
-    def _add_edges(self, where: slice, corners: Array, u: Array) -> None:
-        """The cells at these places, with u at the edge points of the rule."""
-        values, u = np.ascontiguousarray(self.values[:, where]), np.ascontiguousarray(u)
-        add_values(corners, values, u, self.rule.edge, self.sums[0, where], self.largest[where])
+    def _add_edges(self, where: slice, corners: Array) -> None:
+        """The cells at these places at the edge points of the rule, where only u counts."""
+        edge = self.rule.edge
+        if edge.s.size:
+            values, (u,) = np.ascontiguousarray(self.values[:, where]), self._at(edge, corners)
+            add_values(corners, values, np.ascontiguousarray(u), edge, self.sums[0, where], self.largest[where])
+            self._widen(u)
+
+    def _at(self, points: CellPoints, corners: Array, order: int = 0) -> tuple[Array, ...]:
+        """u and its derivatives at ``points`` of the cells with these ``corners``."""
+        x, y = np.empty((2, points.s.size, corners.shape[1]))
+        locate(corners, points.s, points.t, x, y)
+        return self.u.evaluate(x, y, order)
 
     def _add_middles(self, window: MeshRows, nodal: Array, first: int, last: int) -> None:
         """The middles of the edges of the rows ``first`` to ``last - 1`` of cells."""
