@@ -161,7 +161,8 @@ class FaceAngles(Answer):
 class InterpolationGain(Answer, Mapping[str, float]):
     """How many times smaller the interpolation error is than on the uniform mesh, or on the initial one of blocks.
 
-    It is also a mapping of the two norms.
+    That mesh has the same numbers of cells, also where these were chosen for a number of points. The gain is also a
+    mapping of the two norms.
     """
 
     l2: Number
@@ -263,7 +264,7 @@ class Certificate(Answer):
     estimate: Estimate | None = None
     """Estimated errors of a round of adapting; null for other meshes."""
     compared_with: Literal["uniform", "initial"] = "uniform"
-    """The mesh that the gains refer to; initial for a domain in blocks."""
+    """The mesh that the gains refer to, of the same numbers of cells; initial for a domain in blocks."""
     understood: Mapping[str, str] = field(default_factory=dict)
     """Formulas that were typed in another spelling, as they were understood, by their place."""
 

@@ -33,8 +33,6 @@ MAX_WEIGHT = 1e3
 """The largest ``distortion`` and ``smoothness``."""
 PROBED_CELLS = 64
 """Points a direction at which u is checked before a solve."""
-MAX_SIZE, MIN_SIZE = 1e140, 1e-140
-"""The largest and smallest size of u: squares of its errors are numbers between them."""
 MAX_FAR_SHARE = 1e-6
 """The distance of nodes of a domain with curved sides from their places on it, as a share of its size."""
 
@@ -155,13 +153,7 @@ class LeastError:
         u, probe = limited(self.u, domain), Probe.of(domain, PROBED_CELLS)
         values = u.evaluate(probe.x, probe.y, order=1 if self.norm == "l2" else 2)
         probe.require_finite(values, "u or its derivatives are", field="u")
-        size = float(np.abs(values[0]).max())
-        if size > MAX_SIZE or 0.0 < size < MIN_SIZE:
-            raise InputError(
-                f"u has the size {size:.3g}: squares of its errors are no numbers; multiply u by a constant, which does"
-                " not change the mesh",
-                field="u",
-            )
+        probe.require_size(values[0])
         return bound_copy(self, domain, u=u)
 
     def weakened(self, strength: float) -> Monitor:

@@ -278,7 +278,7 @@ class Curvature:
         """The monitor with the ``alpha`` of ``domain``.
 
         Raises :class:`~equimesh.errors.InputError` at a point of the domain where u or its second derivatives are
-        not finite.
+        not finite, and where u is so large or small that its squares are no numbers.
         """
         if is_bound_to(self._domain, domain):
             return self
@@ -296,6 +296,7 @@ class Curvature:
         """alpha, between brackets of its logarithm: the integral falls from infinity to less than twice the area."""
         u, _, _, h11, h12, h22 = self.u.evaluate(probe.x, probe.y, order=2)
         probe.require_finite([u, h11, h12, h22], "u or its second derivatives are", field="u")
+        probe.require_size(u)
         size = np.sqrt(h11**2 + 2 * h12**2 + h22**2)
         typical, weights = float(probe.shares @ size), probe.shares
         if float(size.max()) * probe.diameter**2 <= MAX_LINEAR_SHARE * float(np.abs(u).max()):

@@ -280,6 +280,10 @@ MAX_CELLS = CELLS**2
 """Cells of blocks in which a point lies, at most; of more cells every second is taken, or every third, and so on."""
 
 
+MAX_SIZE, MIN_SIZE = 1e140, 1e-140
+"""The largest and smallest size of u: squares of its errors are numbers between them."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Probe:
     """Points ``x``, ``y`` of a domain, flat arrays, and ``shares``: the share of its area that each represents.
@@ -341,6 +345,16 @@ class Probe:
                 f"{what} not finite at {self.place(int(bad.argmax()))}: take a function that is smooth on the whole"
                 " domain",
                 field=field,
+            )
+
+    def require_size(self, u: Array) -> None:
+        """Raise :class:`~equimesh.errors.InputError` for values of ``u`` whose squares are no numbers."""
+        size = float(np.abs(u).max())
+        if size > MAX_SIZE or 0.0 < size < MIN_SIZE:
+            raise InputError(
+                f"u has the size {size:.3g}: squares of its errors are no numbers; multiply u by a constant, which does"
+                " not change the mesh",
+                field="u",
             )
 
 

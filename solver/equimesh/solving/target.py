@@ -118,8 +118,9 @@ def solve_to(
     the spacing in H1. The mesh on the predicted grid is solved and measured. Where its error is too large, or far
     smaller than requested, the grid is corrected, at most twice. ``target`` of the certificate has the numbers. Without
     an error the shape of the grid is found on coarse grids; the mesh is no worse than that on the largest grid in the
-    proportions of the domain. So it is on blocks, by their counts; ``began`` is not called. With values of a solver it
-    is :func:`~equimesh.rounds.round.adapt_round` with so many points.
+    proportions of the domain. So it is on blocks, by their counts; ``began`` is not called. Gains compare with the
+    uniform mesh, or the initial one of blocks, of the counts that were chosen. With values of a solver it is
+    :func:`~equimesh.rounds.round.adapt_round` with so many points.
 
     ``began`` is called with every grid before it is solved. ``options`` are those of
     :func:`~equimesh.solving.solve.solve`; the start is no mesh. Raises what that raises, and
@@ -233,7 +234,7 @@ class _Search:
         """The solution with the least error on so many points: of the usual shape, or of that which is found."""
         target, domain = self.target, self.problem.domain
         u: Any = self.problem.monitor.on(domain).u
-        usual = target.grid(domain, target.largest_cells(domain))
+        usual: Any = with_counts(domain, counts_within(target.most, domain))
         first = self.on(usual)
         coarse = target.grid(domain, min(RESOLVING_CELLS, target.largest_cells(domain)))
         resolving: Any = solve(

@@ -41,7 +41,7 @@ export function create(section, app) {
     numberField(app, "At most so many points", ["target", "max_points"], { optional: true, min: 25, step: 1, placeholder: "limit of the service" }));
   const given = field("Grid given by", by, { inline: true });
   const own = element("div", {},
-    element("p", { class: "hint" }, "The blocks of the domain have cells of their own."),
+    element("p", { class: "hint" }, "The blocks say how many cells there are, unless you give a number of points."),
     numberField(app, "Points for which they are chosen", ["grid", "points"], { optional: true, min: 25, step: 1, placeholder: "as they are" }));
   section.append(given, own, points, target,
     faultLine(app, (pointer) => ["/grid", "/target", ""].includes(pointer)), more(app));

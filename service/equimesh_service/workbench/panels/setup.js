@@ -34,6 +34,6 @@ export function create(section, app) {
   follow(app, [], (spec) => {
     const isByPoints = !hasBlocks(spec.domain) && !spec.target;
     points.hidden = !isByPoints;
-    slot.textContent = hasBlocks(spec.domain) ? "Blocks have cells of their own." : spec.target ? "The points follow the requested error." : "";
+    slot.textContent = hasBlocks(spec.domain) ? "The blocks say how many cells there are: see Domain." : spec.target ? "The points follow the requested error." : "";
   });
 }
