@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import lru_cache, wraps
 from itertools import pairwise
-from numbers import Integral
+from numbers import Integral, Real
 from pathlib import PurePath
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeGuard, TypeVar, get_args, get_origin, get_type_hints
@@ -125,8 +125,8 @@ def is_whole(value: object) -> TypeGuard[int]:
 
 
 def is_number(value: object) -> TypeGuard[int | float]:
-    """Whether a value is a real number, of Python or a whole one of NumPy; True and False are none."""
-    return isinstance(value, float | Integral) and not isinstance(value, bool)
+    """Whether a value is a real number, of Python or of NumPy; True and False are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def hinted(**hints: str) -> Callable[[C], C]:

@@ -128,6 +128,12 @@ def choice(kind: type[E], value: str, field: str) -> E:
         raise InputError(f"{field} = {value!r}: choose one of {known}", field=field) from None
 
 
+def require_flag(value: object, name: str, section: str = "") -> None:
+    """Raise :class:`~equimesh.errors.InputError` for what is not True or False; the field is in the ``section``."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name} = {str(value)[:20]}: give True or False", field=f"{section}{name}")
+
+
 def finite_or_none(number: float | None) -> float | None:
     """``number`` as a float for JSON, ``None`` where it is not known or not finite."""
     return float(number) if number is not None and math.isfinite(number) else None

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -30,6 +33,7 @@ def test_words_are_what_they_name() -> None:
         (lambda: em.Problem(monitor=em.ArcLength(u=U), grid=GRID, boundary="open"), "'trace', 'equidistributed_1d'"),
         (lambda: em.solve(problem("paper", 9), mode="tigth"), "mode = 'tigth': choose one of 'discretization'"),
         (lambda: em.solve(problem("paper", 9), initial="zero"), "'nested', 'uniform'"),
+        (lambda: em.solve(problem("paper", 9), allow_relaxed="no"), "allow_relaxed = no: give True or False"),
         (lambda: em.Schwarz(ordering="random"), "'parallel', 'alternating'"),
         (lambda: em.Curvature(u=abs), "u = the function abs cannot be evaluated here: give a formula as a text, or"),
         (lambda: em.Curvature(u=np.eye(3)), r"values as em.GridSamples\(x=..., y=..., values=...\) on a grid"),
@@ -52,6 +56,32 @@ def test_words_are_what_they_name() -> None:
 def test_what_is_of_another_kind_is_refused(wrong: object, said: str) -> None:
     with pytest.raises(em.InputError, match=said):
         wrong()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "given"),
+    [
+        (kind, name, {})
+        for kind, names in (
+            (em.LeastError, "distortion smoothness obliqueness orthogonality degree rectilinear"),
+            (em.ArcLength, "a b scaled orthogonality"),
+            (em.Curvature, "isotropic floor orthogonality"),
+            (em.Auto, "orthogonality degree"),
+        )
+        for name in names.split()
+    ]
+    + [
+        (em.Schwarz, name, {})
+        for name in ("overlap", "tolerance", "max_iterations", "local_steps", "fallback", "compare_single_domain")
+    ]
+    + [(em.Smoothed, "radius", {"monitor": em.ArcLength(u=U)}), (em.Target, "error", {}), (em.LinearRobin, "p", {})],
+)
+def test_infinite_values_and_texts_are_no_settings(kind: Any, name: str, given: dict[str, Any]) -> None:
+    function = {"u": U} if any(field.name == "u" for field in dataclasses.fields(kind)) else {}
+    for value in (float("inf"), float("nan"), "1", [1]):
+        with pytest.raises(em.InputError) as refused:
+            kind(**function, **given, **{name: value})
+        assert refused.value.field.rpartition(".")[2] == name
 
 
 def test_a_nan_that_warns_is_refused_as_every_other() -> None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import scipy
 
 from equimesh.errors import InputError
+from equimesh.inputs import require_flag
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import Closed, tied_nodes
 from equimesh.numerics.types import Array
@@ -185,8 +186,7 @@ class AnnulusSector:
     closed: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.closed, bool):
-            raise InputError(f"closed = {str(self.closed)[:20]}: give True or False", field="domain.closed")
+        require_flag(self.closed, "closed", "domain.")
         if self.closed and self.angles is QUARTER_TURN:
             object.__setattr__(self, "angles", (0.0, FULL_TURN))
         for name in ("center", "radii", "angles"):

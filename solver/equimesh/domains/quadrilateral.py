@@ -12,6 +12,7 @@ import numpy.typing as npt
 from equimesh.domains.curve import PAIRS, Curve, closed_curve, seam_of
 from equimesh.domains.domain import OPEN, Interval, check_extent
 from equimesh.errors import InputError
+from equimesh.inputs import require_flag
 from equimesh.meshes.nested import Closed
 from equimesh.numerics.types import Array
 
@@ -60,8 +61,7 @@ class Quadrilateral:
             if not isinstance(getattr(self, name), Curve):
                 message = f"{name} must be a Curve: Curve.of_expressions(x, y) or Curve.through(points)"
                 raise InputError(message, field=f"domain.{name}")
-        if not isinstance(self.closed, bool):
-            raise InputError(f"closed = {str(self.closed)[:20]}: give True or False", field="domain.closed")
+        require_flag(self.closed, "closed", "domain.")
         boxes = np.array([curve.box for curve in (self.bottom, self.right, self.top, self.left)])
         low, high = boxes[:, :, 0].min(axis=0), boxes[:, :, 1].max(axis=0)
         for k, name in enumerate("xy"):

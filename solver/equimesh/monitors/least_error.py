@@ -17,6 +17,7 @@ from equimesh.fields.nodal_field import HermiteField, NodalField
 from equimesh.fields.on_domain import OnDomain, recover, reference_on
 from equimesh.fields.periodic import Periodic, repeated_field
 from equimesh.fields.quad_field import QuadField
+from equimesh.inputs import require_flag
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.second_order import corners_of, lattice_of, nodes_of_cells
 from equimesh.meshes.second_order import require_degree as require_value_degree
@@ -120,8 +121,7 @@ class LeastError:
 
     def __post_init__(self) -> None:
         require_measured(self)
-        if not isinstance(self.rectilinear, bool):
-            raise InputError(f"rectilinear = {str(self.rectilinear)[:20]}: give True or False", field="rectilinear")
+        require_flag(self.rectilinear, "rectilinear")
         require_purpose(self.purpose, ("finite_element", "interpolation"), self.degree)
         if not (is_number(self.obliqueness) and 0.0 <= self.obliqueness <= MAX_WEIGHT):
             raise InputError(

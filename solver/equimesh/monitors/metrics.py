@@ -15,6 +15,7 @@ from equimesh.domains.domain import Box, Domain, Periods, closed_of, is_closed, 
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_fields
 from equimesh.fields.periodic import within
+from equimesh.inputs import require_flag
 from equimesh.monitors.monitor import (
     AnyDomain,
     Matrices,
@@ -29,6 +30,7 @@ from equimesh.monitors.monitor import (
 )
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, Pair
+from equimesh_schema.document import is_number
 
 # The arc-length monitor of the paper.
 
@@ -126,12 +128,11 @@ class ArcLength:
     def __post_init__(self) -> None:
         require_fields(self, "u")
         require_orthogonality(self.orthogonality)
-        if not 0.0 <= self.a <= 1.0:
-            raise InputError(f"a = {self.a}: the relaxation parameter a must lie in [0, 1]", field="a")
-        if not (self.b >= 0.0 and math.isfinite(self.b)):
-            raise InputError(f"b = {self.b}: the damping parameter b must be finite and not negative", field="b")
-        if not isinstance(self.scaled, bool):
-            raise InputError(f"scaled = {str(self.scaled)[:20]}: give True or False", field="scaled")
+        if not (is_number(self.a) and 0.0 <= self.a <= 1.0):
+            raise InputError(f"a = {self.a!r:.40}: the relaxation parameter a must lie in [0, 1]", field="a")
+        if not (is_number(self.b) and self.b >= 0.0 and math.isfinite(self.b)):
+            raise InputError(f"b = {self.b!r:.40}: the damping parameter b must be finite and not negative", field="b")
+        require_flag(self.scaled, "scaled")
         if not self.scaled:
             object.__setattr__(self, "factor", 1.0)
 
@@ -248,8 +249,9 @@ class Curvature:
         require_orthogonality(self.orthogonality)
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
-        if not 0.0 < self.floor <= 1.0:
-            raise InputError(f"floor = {self.floor}: the floor must be positive and at most 1", field="floor")
+        require_flag(self.isotropic, "isotropic")
+        if not (is_number(self.floor) and 0.0 < self.floor <= 1.0):
+            raise InputError(f"floor = {self.floor!r:.40}: the floor must be positive and at most 1", field="floor")
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points, from the exact Hessian of u.
@@ -429,9 +431,9 @@ class Smoothed:
     _table: Table | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.radius <= MAX_RADIUS:
+        if not (is_number(self.radius) and 0.0 < self.radius <= MAX_RADIUS):
             raise InputError(
-                f"radius = {self.radius}: the radius of smoothing is positive and at most {MAX_RADIUS:g} of the"
+                f"radius = {self.radius!r:.40}: the radius of smoothing is positive and at most {MAX_RADIUS:g} of the"
                 " domain's shorter extent; leave the smoothing out for none",
                 field="radius",
             )

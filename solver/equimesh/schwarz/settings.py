@@ -10,7 +10,7 @@ from numbers import Integral
 from typing import Literal, TypeAlias, TypeGuard, get_args
 
 from equimesh.errors import DecompositionError, InputError
-from equimesh.inputs import choice
+from equimesh.inputs import choice, require_flag
 from equimesh.meshes.mesh import Grid
 from equimesh.numerics.types import IntArray
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
@@ -127,6 +127,8 @@ class Schwarz:
                 f" {', '.join(f'{kind.__name__}()' for kind in get_args(TransmissionCondition))}",
                 field="schwarz.transmission",
             )
+        for name in ("fallback", "compare_single_domain"):
+            require_flag(getattr(self, name), name, "schwarz.")
         object.__setattr__(self, "ordering", choice(Ordering, self.ordering, "schwarz.ordering"))
         object.__setattr__(self, "local_solver", choice(LocalSolver, self.local_solver, "schwarz.local_solver"))
         if self.acceleration != "auto":

@@ -11,7 +11,7 @@ from equimesh.domains.domain import Rectangle, closed_of, is_closed, map_mesh
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, smallest_tolerance
 from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
-from equimesh.inputs import choice
+from equimesh.inputs import choice, require_flag
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.subdomains import Subdomains, owners
 from equimesh.meshes.mesh import Mesh
@@ -161,6 +161,7 @@ class Equidistribute:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", choice(Mode, self.mode, "mode"))
+        require_flag(self.allow_relaxed, "allow_relaxed")
 
     def require(self, problem: Problem[Any], initial: AnyStart) -> None:
         """Refuse a monitor or a domain that subdomains cannot solve, and a grid that is too fine for its start."""

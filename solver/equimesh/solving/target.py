@@ -74,7 +74,10 @@ class Target:
         if self.error is not None and not (is_number(self.error) and 0.0 < self.error < math.inf):
             raise InputError(f"error = {self.error!r}: the requested error must be a positive number", field="error")
         if self.max_points is not None and not is_whole(self.max_points):
-            raise InputError(f"max_points = {self.max_points!r:.40}: give a whole number", field="max_points")
+            raise InputError(
+                f"max_points = {self.max_points!r:.40}: give a whole number, of at least 25 points on a grid",
+                field="max_points",
+            )
 
     @property
     def most(self) -> int:
