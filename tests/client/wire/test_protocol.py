@@ -50,7 +50,7 @@ from equimesh_client.wire.protocol import (
     problem_of,
     sha256_of,
 )
-from equimesh_client.wire.settings import Deadline, Settings, pause_before_retry, retry_after_of
+from equimesh_client.wire.settings import Deadline, Settings, headers_with_key, pause_before_retry, retry_after_of
 from equimesh_client.wire.stream import Event, EventParser, RawEvent, StreamPosition
 from equimesh_client.wire.transport import base_url
 
@@ -341,6 +341,13 @@ PARTS_OF_A_SERVICE = ["http://h/v1/meshes", "http://h?x=1", "http://h/#x"]
 def test_a_url_that_is_none(connect: Any, url: str) -> None:
     with pytest.raises(BadArgument):
         connect(url)
+
+
+def test_a_key_ends_with_its_line_and_has_one() -> None:
+    assert headers_with_key(None, "secret\n") == {"Authorization": "Bearer secret"}
+    with pytest.raises(BadArgument, match="another character that no key has") as refused:
+        headers_with_key(None, "sec\nret")
+    assert "sec" not in str(refused.value)
 
 
 @pytest.mark.parametrize("end", ["", "/", "/v1", "/v1/"])

@@ -450,3 +450,24 @@ def test_vectors_follow_their_points(tmp_path: Path) -> None:
     vectors = arrays_of(piece.find("PointData"))["v"].reshape(N_ETA, N_XI, 3)
     np.testing.assert_array_equal(vectors, np.stack([x.T, 2 * x.T, 0 * x.T], axis=-1))
     np.testing.assert_array_equal(arrays_of(piece.find("CellData"))["rho"].reshape(N_ETA - 1, N_XI - 1), DATA.q_eq.T)
+
+
+WITHOUT_DATA = {"medit", "su2", "abaqus", "p3d", "foam", "hohqmesh", "re2", "nmsh", "specfem"}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_data_are_kept_where_a_format_has_a_place_and_the_callers_stay_as_they_are(
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given = [DATA.mesh.x, DATA.mesh.y, DATA.mesh.cells, DATA.u, DATA.q_eq, DATA.subdomain]
+    before = [np.array(values) for values in given]
+    path = tmp_path / "mesh.of_another_name"
+    assert write_mesh(path, DATA, format=name) == (path,)
+    assert [*tmp_path.iterdir()] == [path]
+    assert capfd.readouterr() == ("", "")
+    assert all(np.array_equal(now, then) for now, then in zip(given, before, strict=True))
+    files = [path.read_bytes()]
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            files += [part for one in archive.namelist() for part in (one.encode(), archive.read(one))]
+    assert any(b"q_eq" in content.lower() for content in files) == (name not in WITHOUT_DATA)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +48,19 @@ def test_own_monitors_pass(name: str) -> None:
 def test_own_monitors_pass_on_another_domain(name: str) -> None:
     ring = em.AnnulusSector(center=(0.3, 0.2), radii=(0.5, 1.0), angles=(20.0, 110.0))
     check_monitor(MONITORS[name], domain=ring)
+
+
+def test_bound_monitors_have_the_same_metric_in_another_process() -> None:
+    x, y = np.array([0.1, 0.52, 0.9]), np.array([0.3, 0.47, 0.8])
+    bound = [one.on(em.Rectangle()) for one in MONITORS.values()]
+    program = (
+        "import pickle, sys; bound, x, y = pickle.load(sys.stdin.buffer);"
+        " sys.stdout.buffer.write(pickle.dumps([one.metric(x, y) for one in bound]))"
+    )
+    sent = pickle.dumps((bound, x, y))
+    there = subprocess.run([sys.executable, "-c", program], input=sent, check=True, stdout=subprocess.PIPE).stdout
+    for one, metric in zip(bound, pickle.loads(there), strict=True):
+        assert all(np.array_equal(here, other) for here, other in zip(one.metric(x, y), metric, strict=True))
 
 
 @dataclass(frozen=True)
