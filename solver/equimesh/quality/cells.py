@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from equimesh.domains.domain import Domain
+from equimesh.domains.domain import Domain, Rectangle
 from equimesh.meshes.cell_edges import CellEdges
 from equimesh.meshes.mesh import Grid, Mesh, MeshRows
 from equimesh.meshes.nested import OPEN, Closed
@@ -227,10 +227,20 @@ class UniformCells(Cells):
     def corners(self, cells: Block) -> Array:
         """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
         numbers = np.arange(cells.start, cells.stop) if isinstance(cells, slice) else cells
-        i, j = np.divmod(numbers, self.shape[1])
-        s, t = np.linspace(0.0, 1.0, self.grid.n_xi), np.linspace(0.0, 1.0, self.grid.n_eta)
-        s0, s1, t0, t1 = s[i], s[i + 1], t[j], t[j + 1]
-        return np.concatenate(self.domain.map(np.stack([s0, s1, s1, s0]), np.stack([t0, t0, t1, t1])))
+        i = numbers // self.shape[1]
+        j, (s, t), out = numbers - i * self.shape[1], self._reference, np.empty((8, numbers.size))
+        out[0] = out[3] = s[i]
+        out[1] = out[2] = s[i + 1]
+        out[4] = out[5] = t[j]
+        out[6] = out[7] = t[j + 1]
+        if not (isinstance(self.domain, Rectangle) and self.domain.is_unit_square):
+            out[:4], out[4:] = self.domain.map(out[:4], out[4:])
+        return out
+
+    @cached_property
+    def _reference(self) -> Pair:
+        """The lines of the uniform mesh of the unit square."""
+        return np.linspace(0.0, 1.0, self.grid.n_xi), np.linspace(0.0, 1.0, self.grid.n_eta)
 
 
 AnyMesh: TypeAlias = Mesh | MeshRows
