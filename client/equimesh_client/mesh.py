@@ -337,9 +337,14 @@ class Mesh(Blocking, MeshOperations["Mesh"]):
         return self.arrays().cells
 
     @property
-    def boundary(self) -> Mapping[str, IntArray]:
+    def sides(self) -> Mapping[str, IntArray]:
         """Edges ``(k, 2)`` of the sides ``left``, ``right``, ``bottom`` and ``top``, or of those of blocks by name."""
-        return self.arrays().boundary
+        return self.arrays().sides
+
+    @property
+    def boundary(self) -> Mapping[str, IntArray]:
+        """The same as :attr:`sides`, which is its name in ``equimesh``, too."""
+        return self.sides
 
     @property
     def blocks(self) -> Mapping[str, IntArray]:

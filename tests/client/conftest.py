@@ -23,7 +23,7 @@ class Blocking:
         self._target = target
 
     def __getattr__(self, name: str) -> Any:
-        if isinstance(self._target, AsyncMesh) and name in ("points", "cells", "boundary", "x", "y", "u"):
+        if isinstance(self._target, AsyncMesh) and name in ("points", "cells", "sides", "boundary", "x", "y", "u"):
             return getattr(self.arrays(), name)
         value = getattr(self._target, name)
         if name in ("quality", "convergence"):

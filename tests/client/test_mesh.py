@@ -27,7 +27,8 @@ def test_generate_gives_arrays_measures_and_pictures(connect: Any, service: Any,
     assert mesh.x.shape == mesh.y.shape == mesh.u.shape == (5, 4)
     assert mesh.points.shape == (20, 2)
     assert mesh.cells.shape == (12, 4)
-    assert {side: len(edges) for side, edges in mesh.boundary.items()} == {"left": 3, "right": 3, "bottom": 4, "top": 4}
+    assert mesh.sides is mesh.boundary
+    assert {side: len(edges) for side, edges in mesh.sides.items()} == {"left": 3, "right": 3, "bottom": 4, "top": 4}
     assert mesh.quality.q_eq.max == 1.5
     assert mesh.convergence.rate == 0.5
     assert mesh.spec()["schwarz"]["overlap"] == 2

@@ -63,10 +63,15 @@ class MeshArrays(Coupled):
         """Node coordinates, shape ``(n, 2)``, where n is ``n_xi * n_eta`` for a grid."""
         return np.column_stack([self.x.ravel(), self.y.ravel()])
 
+    @property
+    def sides(self) -> Mapping[str, IntArray]:
+        """The edges of each side, as in ``boundary``: ``equimesh`` has this name alone."""
+        return self.boundary
+
     def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
         """Points, cells and sides for other libraries; ``cells`` as requested, or else as they are."""
         shape = (self.x.shape[0], self.x.shape[1]) if self.x.ndim == 2 else None
-        return MeshParts(points=self.points, cells=self.cells, sides=self.boundary, shape=shape).mesh_parts(cells)
+        return MeshParts(points=self.points, cells=self.cells, sides=self.sides, shape=shape).mesh_parts(cells)
 
 
 # What the names of the arrays of sides and of blocks begin with in the file of a mesh of blocks.
@@ -135,7 +140,7 @@ def meshio_mesh(arrays: MeshArrays) -> Any:
         meshio = importlib.import_module("meshio")
     except ImportError as error:
         raise BadArgument("to_meshio() needs meshio, which is not installed: pip install meshio") from error
-    sides = list(arrays.boundary.items())
+    sides = list(arrays.sides.items())
     empty = np.zeros(0, dtype=np.int64)
     kind, parts = ("triangle", 2) if arrays.cells.shape[1] == 3 else ("quad", 1)
     of_cells = {"Q_eq": (arrays.q_eq, np.nan), "subdomain": (arrays.subdomain, -1)}  # each with its value on sides
