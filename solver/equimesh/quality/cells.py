@@ -31,7 +31,7 @@ from equimesh.quality.cell_maps import (
 from equimesh_coupling.elements import gauss
 from equimesh_coupling.parts import corner_cuts, cuts_at_corners
 
-BLOCK_POINTS = 9 << 10
+BLOCK_POINTS = 6 << 10
 """Points of a block of cells: its arrays stay in the cache, and memory that is here already has room for them."""
 
 Block: TypeAlias = slice | IntArray
