@@ -35,8 +35,9 @@ if TYPE_CHECKING:
     from equimesh.meshes.mesh import Grid, Mesh
     from equimesh.meshes.mesh_data import MeshData
     from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
-    from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
+    from equimesh.monitors.metrics import ArcLength, Curvature
     from equimesh.monitors.monitor import Monitor
+    from equimesh.monitors.smoothed import Smoothed
     from equimesh.monitors.tensor import Intersection, Tensor, Weight
     from equimesh.quality.measures import Quality, measure
     from equimesh.rounds.next_mesh import Round

@@ -32,7 +32,8 @@ from equimesh.io.npz import save_npz
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.reading.read import BLOCK_MESH_DICT, FORMAT_OF, description_format, read_bytes, read_description
 from equimesh.upload.columns import Limits
-from equimesh.upload.samples import block_nodes, checked_nodes, is_nodal, read_arrays, samples_of
+from equimesh.upload.nodal import block_nodes, checked_nodes, is_nodal
+from equimesh.upload.samples import read_arrays, samples_of
 from equimesh_service.files.port import StoredFile
 from equimesh_service.spec.document import check_bounds
 from equimesh_service.store.rows import NewSamples, SamplesRow

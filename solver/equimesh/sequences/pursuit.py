@@ -25,8 +25,9 @@ from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import Auto, LeastError
-from equimesh.monitors.metrics import Curvature, Smoothed
+from equimesh.monitors.metrics import Curvature
 from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Intersection
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz

@@ -15,8 +15,9 @@ from equimesh.least_error.nest import Level, coarse_level
 from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import Auto, LeastError
-from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
+from equimesh.monitors.metrics import ArcLength, Curvature
 from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.smoothed import Smoothed
 from equimesh.quality.faces import measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import measure_errors

@@ -17,8 +17,9 @@ from equimesh.errors import InputError
 from equimesh.least_error.nest import coarse_level, nested_levels
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import Auto
-from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
+from equimesh.monitors.metrics import ArcLength, Curvature
 from equimesh.monitors.monitor import MAX_ORTHOGONALITY, Monitor, weaken
+from equimesh.monitors.smoothed import Smoothed
 from equimesh.quality.faces import check_cells, measure_faces, poisson_error
 from equimesh.solving.orthogonality import bounded, is_within
 from equimesh.solving.solution import AnySolution, Solution

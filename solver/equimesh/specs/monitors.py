@@ -20,20 +20,13 @@ from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.sample_arrays import HDF5_SUFFIXES
 from equimesh.io.write import Cells
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
-from equimesh.monitors.metrics import ArcLength, Curvature, Smoothed
+from equimesh.monitors.metrics import ArcLength, Curvature
 from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Intersection, Tensor, Weight
 from equimesh.specs.document import Makers, Reading, text, within
-from equimesh.upload.samples import (
-    MAX_BYTES,
-    NEEDS_BLOCKS,
-    OF_BLOCKS,
-    BlockNodes,
-    block_nodes,
-    nodal_samples,
-    read_samples,
-    with_cells,
-)
+from equimesh.upload.nodal import NEEDS_BLOCKS, OF_BLOCKS, BlockNodes, block_nodes, nodal_samples, with_cells
+from equimesh.upload.samples import MAX_BYTES, read_samples
 from equimesh_schema import monitors as monitors_schema
 from equimesh_schema import sources as sources_schema
 from equimesh_schema.sources import SOURCES

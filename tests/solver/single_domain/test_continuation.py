@@ -12,9 +12,10 @@ from cases import problem
 from equimesh.equations.newton_solve import newton_steps
 from equimesh.numerics.newton import newton_iterations
 from equimesh.numerics.types import Array
-from equimesh.single_domain.continuation import CROSS_LINE_WEIGHTS, Interior, Relaxation, scale, with_solved_sides
+from equimesh.single_domain.continuation import CROSS_LINE_WEIGHTS, Interior, Relaxation, scale
 from equimesh.single_domain.iteration import single_domain_steps
 from equimesh.single_domain.level import Step, interpolated_level
+from equimesh.single_domain.solved_sides import with_solved_sides
 
 
 def two_peaks(points: int, **settings: float) -> em.Problem:

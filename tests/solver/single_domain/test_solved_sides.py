@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.single_domain.continuation import cut, sampled, straight_start, with_solved_sides
+from equimesh.single_domain.solved_sides import cut, sampled, straight_start, with_solved_sides
 from equimesh.sweeps.sweep import SideNodes, Sides
 
 

@@ -41,7 +41,7 @@ from equimesh import (
 )
 from equimesh.specs import BuiltSpec, build, build_domain, build_schwarz, count_points, load
 from equimesh.specs.spec import NOT_WITH_BLOCKS
-from equimesh.upload.samples import block_nodes
+from equimesh.upload.nodal import block_nodes
 from refusals import REFUSALS
 
 U = {"expression": "tanh(5*(x - y))"}

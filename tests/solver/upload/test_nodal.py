@@ -11,7 +11,8 @@ import pytest
 
 import equimesh as em
 from equimesh.testing.geometries import l_shape
-from equimesh.upload.samples import BlockNodes, block_nodes, is_nodal, nodal_samples, read_samples
+from equimesh.upload.nodal import BlockNodes, block_nodes, is_nodal, nodal_samples
+from equimesh.upload.samples import read_samples
 
 NODES = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
 ARRAYS = {"x": NODES.x, "y": NODES.y, "values": NODES.x * NODES.y}
