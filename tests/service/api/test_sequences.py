@@ -6,8 +6,10 @@ import asyncio
 import hashlib
 import io
 import json
+import os
 import threading
 import time
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,9 @@ import equimesh as em
 from equimesh_service import Settings, running
 from equimesh_service.api import sequences
 from equimesh_service.assembly.bodies import MAX_SHORT_BYTES
+from equimesh_service.dispatch.dispatcher import Dispatcher
 from equimesh_service.files.address import files_address
+from equimesh_service.store.rows import Claim
 from equimesh_service.store.store import Store
 from equimesh_service.upkeep.retention import Retention
 from service.conftest import small
@@ -125,6 +129,42 @@ def test_of_two_steps_at_once_one_is_taken(http: httpx.Client) -> None:
     late = http.post(sequence["links"]["steps"], json={"step": 0, "u": {"expression": "x"}})
     assert "at step 1, not 0" in late.json()["detail"]
     assert http.post(sequence["links"]["steps"], json={"step": 7, "u": {"expression": "x"}}).status_code == 409
+
+
+def test_a_step_whose_worker_is_killed_is_the_same_step_while_another_sequence_takes_its_own(
+    http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    give, taken, lock = Dispatcher.begin_request, list[str](), threading.Lock()
+
+    def killed_once(self: Dispatcher, claim: Claim, function: Any, task: Any) -> Future[Any]:
+        with lock:
+            taken.append(task.place.sequence_id)
+            dies = taken[-1] == doomed and taken.count(doomed) == 2
+        return give(self, claim, os._exit, 1) if dies else give(self, claim, function, task)
+
+    def follow(sequence: dict[str, Any], mesh: dict[str, Any], found: list[dict[str, Any]]) -> None:
+        for number in range(3):
+            u = front(mesh["x"], mesh["y"], 0.02 * (number + 1))
+            body = packed(step=number, u=u, plane=mesh["x"] - 2 * mesh["y"])
+            answer = http.post(f"{sequence['links']['steps']}?format=npz", content=body, headers=NPZ)
+            mesh = unpacked(answer)
+            assert answer.headers["equimesh-step"] == str(number + 1)
+            found.append(mesh)
+
+    begun = [begin(http) for _ in range(2)]
+    doomed = begun[0][0]["links"]["self"].rpartition("/")[2]
+    monkeypatch.setattr(Dispatcher, "begin_request", killed_once)
+    meshes: list[list[dict[str, Any]]] = [[], []]
+    threads = [threading.Thread(target=follow, args=(*at, found)) for at, found in zip(begun, meshes, strict=True)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert taken.count(doomed) >= 2, "one of its workers was killed"
+    assert [len(found) for found in meshes] == [3, 3]
+    for one, other in zip(*meshes, strict=True):
+        for name in ("x", "y", "plane", "velocity"):
+            np.testing.assert_array_equal(one[name], other[name])
 
 
 def test_a_step_that_waits_is_checked_by_its_worker(http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
