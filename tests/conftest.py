@@ -40,9 +40,11 @@ END_SECONDS, KILL_SECONDS = 300.0, 270.0
 def pytest_configure(config: pytest.Config) -> None:
     """Mark what this run starts, and compile once what several processes would all compile.
 
-    Services of tests start without a warm-up, which costs more than what most of them solve.
+    Services of tests start without a warm-up, which costs more than what most of them solve. They let requests wait
+    longer than a mesh takes on a busy machine.
     """
     os.environ.setdefault("EQUIMESH_WARM_UP", "none")
+    os.environ.setdefault("EQUIMESH_MAX_WAIT", "300")
     if not hasattr(config, "workerinput"):
         name = config.stash[MARK] = f"{os.getpid()} {time.time()}"
         leftovers.mark(name)
@@ -61,35 +63,21 @@ compiled, of = count_compiled()
 raise SystemExit(compiled < of)
 """
 
-# Compiles the tests as pytest does, without importing any: that is what all processes do afterwards.
-COMPILE_TESTS = """
-import sys, pathlib, pytest
-from _pytest.assertion import rewrite
-
-class Compile:
-    def pytest_cmdline_main(self, config):
-        for path in map(pathlib.Path, sys.argv[1:]):
-            source, code = rewrite._rewrite_test(path, config)
-            kept = rewrite.get_cache_dir(path) / (path.stem + rewrite.PYC_TAIL)
-            kept.parent.mkdir(exist_ok=True)
-            rewrite._write_pyc(config.stash[rewrite.assertstate_key], code, source, kept)
-        return 0
-
-pytest.main(["-p", "no:cacheprovider"], plugins=[Compile()])
-"""
-
 
 def _compile_once() -> None:
-    """Compile the kernels in two processes, which meet in the middle; the second one then compiles tests.
+    """Compile the kernels in two processes, which meet in the middle; the second one then collects tests.
 
-    What is compiled already, as after a run before, is left out.
+    Pytest compiles what it collects. What is compiled already, as after a run before, is left out.
     """
     warm_up = [sys.executable, "-c", "from equimesh.warm_up import warm_up; warm_up()"]
     backwards = "from equimesh.warm_up import warm_up_rare; warm_up_rare(backwards=True)"
-    second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$0" -c "$@"', sys.executable, backwards, COMPILE_TESTS]
-    second += map(str, _not_compiled())
+    tests = [str(path) for path in _not_compiled()]
+    collect = (
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--collect-only", *tests] if tests else ["true"]
+    )
+    second = ["sh", "-c", '"$0" -c "$1"; shift; exec "$@"', sys.executable, backwards, *collect]
     if subprocess.run([sys.executable, "-c", ALL_KEPT]).returncode == 0:
-        warm_up, second = ["true"], [sys.executable, "-c", *second[5:]]
+        warm_up, second = ["true"], collect
     silent = subprocess.DEVNULL
     with subprocess.Popen(second, stdin=silent, stdout=silent, stderr=silent, start_new_session=True) as compiling:
         try:
