@@ -351,9 +351,8 @@ def test_geometries_are_measured_with_fronts_on_their_window() -> None:
 
 def test_chosen_counts_are_compared_with_those_of_the_domain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(geometry, "BUDGETS", {"layer": geometry.BUDGETS["layer"]})
-    l2, h1 = geometry.budget(200)
+    l2 = next(geometry.budget(200))
     assert l2.value > 2.0
-    assert h1.value > 1.2
     assert "chosen" in l2.note
 
 

@@ -67,7 +67,7 @@ class Saboteur:
 @pytest.mark.parametrize(
     ("database_url", "jobs", "deeds"),
     [
-        ("sqlite", 20, {"both": 1}),
+        ("sqlite", 12, {"both": 1}),
         pytest.param("sqlite", 200, {"worker": 10, "service": 2, "both": 1}, marks=pytest.mark.everything),
         pytest.param("postgresql", 60, {"worker": 5, "both": 1}, marks=pytest.mark.everything),
     ],

@@ -105,7 +105,7 @@ def test_the_schwarz_limit_is_the_single_domain_mesh(
     condition: em.TransmissionCondition, partition: tuple[int, int], boundary: em.Boundary, ordering: em.Ordering
 ) -> None:
     monitor = em.ArcLength(u=em.Expression(CONVERGES[condition.name]), scaled=False)
-    case = em.Problem(monitor=monitor, grid=em.Grid(n_xi=16, n_eta=15), boundary=boundary)
+    case = em.Problem(monitor=monitor, grid=em.Grid(n_xi=12, n_eta=11), boundary=boundary)
     settings = em.Schwarz(
         subdomains=partition, overlap=4, transmission=condition, ordering=ordering, tolerance=1e-11, max_iterations=150
     )

@@ -123,7 +123,7 @@ def test_a_formula_with_a_foreign_sign_is_refused_there(tree: Tree, where: int, 
         assert (error.position.line, error.position.column) == (where + 1, 2 if where else 1)
 
 
-@seeded
+@settings(seeded, max_examples=30)
 @given(text=st.text(max_size=60))
 @example(text="\x00")
 @example(text="\ud800")

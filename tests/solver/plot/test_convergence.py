@@ -13,6 +13,8 @@ from equimesh import Expression, Grid, LeastError, Problem, solve
 from equimesh.plot.convergence import draw_convergence, draw_descent, draw_histories
 from solver.plot.drawings import convergence, texts
 
+pytestmark = pytest.mark.usefixtures("without_layout")
+
 
 def test_convergence_shows_the_components_of_the_error(tmp_path: Path) -> None:
     path = tmp_path / "convergence.svg"

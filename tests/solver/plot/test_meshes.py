@@ -39,6 +39,7 @@ from solver.quality.handmade import wavy
 matplotlib = pytest.importorskip("matplotlib")
 
 
+@pytest.mark.usefixtures("without_layout")
 def test_the_mesh_is_red_and_blue_with_a_purple_overlap(tmp_path: Path) -> None:
     data, path = result(strips()), tmp_path / "mesh.svg"
     draw_mesh(data, path, decomposition=strips())
@@ -91,6 +92,7 @@ def test_the_decomposition_names_its_subdomains_and_the_ends_of_the_overlap(tmp_
     assert "Omega" not in texts(path)
 
 
+@pytest.mark.usefixtures("without_layout")
 def test_large_meshes_are_thinned_and_the_title_says_so(tmp_path: Path) -> None:
     decomposition = strips(601, 5, overlap=2)
     data, path = result(decomposition), tmp_path / "mesh.svg"
@@ -107,6 +109,7 @@ def test_large_meshes_are_thinned_and_the_title_says_so(tmp_path: Path) -> None:
     assert "drawn" not in texts(path)
 
 
+@pytest.mark.usefixtures("without_layout")
 def test_many_subdomains_are_counted_instead_of_named(tmp_path: Path) -> None:
     decomposition = Decomposition(grid=Grid(n_xi=60, n_eta=5), subdomains=(14, 1), overlap=2)
     draw_mesh(result(decomposition), tmp_path / "mesh.svg", decomposition=decomposition)
@@ -114,6 +117,7 @@ def test_many_subdomains_are_counted_instead_of_named(tmp_path: Path) -> None:
     assert "subdomain 1\n" not in texts(tmp_path / "mesh.svg")
 
 
+@pytest.mark.usefixtures("without_layout")
 def test_quality_of_a_folded_or_perfect_mesh(tmp_path: Path) -> None:
     data, path = result(strips()), tmp_path / "quality.svg"
     draw_quality(data, path)
@@ -144,6 +148,7 @@ def test_pictures_are_as_wide_and_as_high_as_their_meshes(
 # The uniform mesh next to the adapted one: one scale of colours, and the gain in words.
 
 
+@pytest.mark.usefixtures("without_layout")
 @pytest.mark.parametrize(
     ("gain", "told"),
     [
@@ -162,6 +167,7 @@ def test_the_gain_is_told_in_words_below_the_picture(gain: float | None, told: s
     assert ("interpolation error of u" in texts(tmp_path / "pair.svg")) == (gain is not None)
 
 
+@pytest.mark.usefixtures("without_layout")
 def test_errors_of_rounding_have_no_gain_and_no_colours(tmp_path: Path) -> None:
     comparison = em.mesh("x", 9).against_uniform
     draw_comparison(comparison, tmp_path / "exact.svg")
@@ -169,6 +175,7 @@ def test_errors_of_rounding_have_no_gain_and_no_colours(tmp_path: Path) -> None:
     assert "interpolation error of u" not in texts(tmp_path / "exact.svg")
 
 
+@pytest.mark.usefixtures("without_layout")
 def test_a_folded_mesh_has_grey_cells_and_no_gain(tmp_path: Path) -> None:
     comparison = compared()
     assert comparison.interpolation is not None
@@ -186,6 +193,7 @@ def test_a_folded_mesh_has_grey_cells_and_no_gain(tmp_path: Path) -> None:
     assert right.mean() > 0.2
 
 
+@pytest.mark.usefixtures("without_layout")
 def test_both_meshes_have_one_scale_of_colours(tmp_path: Path) -> None:
     draw_comparison(compared(), tmp_path / "pair.png")  # the error is ten times smaller on the right
     image = matplotlib.image.imread(tmp_path / "pair.png")[..., :3]
@@ -261,6 +269,7 @@ def test_every_cell_has_the_colour_of_its_value(known: bool) -> None:
         assert np.array_equal(np.ravel(axes.collections[1].get_array()), mesh.block_cells[1].ravel())
 
 
+@pytest.mark.usefixtures("without_layout")
 def test_pictures_of_blocks_name_them(tmp_path: Path) -> None:
     data, path = data_of(l_shape()), tmp_path / "mesh.svg"
     draw_mesh(data, path)
@@ -275,6 +284,7 @@ def test_pictures_of_blocks_name_them(tmp_path: Path) -> None:
     assert "u on the mesh of 65 points" in texts(path)
 
 
+@pytest.mark.usefixtures("without_layout")
 def test_blocks_are_compared_with_the_mesh_that_they_began_with(tmp_path: Path) -> None:
     u, mesh, before = Expression("tanh(9*(x + y - 1))"), l_shape(), l_shape(bend=0.0)
     errors = measure_errors(mesh, u, uniform=before)

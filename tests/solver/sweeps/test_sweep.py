@@ -278,7 +278,7 @@ CASES = {
     "flat sides": arc_length(samples(), 33, 40, boundary="equidistributed_1d"),
     "domain": arc_length(em.Expression("sin(3*x)*y"), 33, 33, em.Rectangle(x=(0, 2), y=(-1, 1))),
     "own code": arc_length(Saddle(), 40, 40),
-    "metric of points": em.Problem(monitor=em.Curvature(u=STEEP), grid=em.Grid(n_xi=20, n_eta=20)),
+    "metric of points": em.Problem(monitor=em.Curvature(u=STEEP), grid=em.Grid(n_xi=10, n_eta=10)),
 }
 
 
