@@ -10,7 +10,7 @@ from pathlib import Path
 
 from distributed import Client
 
-START_SECONDS = 60.0
+START_SECONDS = 300.0
 """How long a process may take to start, on a machine that has much else to do."""
 SETTINGS = {
     "DASK_DISTRIBUTED__SCHEDULER__LOCKS__LEASE_VALIDATION_INTERVAL": "200ms",

@@ -35,7 +35,7 @@ class Handler(BaseHTTPRequestHandler):
         place = urlsplit(self.service)
         headers = {name: value for name, value in self.headers.items() if not (self.trusted and is_telling(name))}
         body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
-        wire = HTTPConnection(str(place.hostname), place.port, timeout=60)
+        wire = HTTPConnection(str(place.hostname), place.port, timeout=600.0)
         try:
             wire.request(self.command, self.path, body, headers)
             found = wire.getresponse()

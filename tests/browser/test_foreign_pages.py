@@ -32,14 +32,14 @@ GRID = {"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [2, 3]]}}
 
 @pytest.fixture(scope="module")
 def http(page_url: str) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=page_url, timeout=60.0) as client:
+    with httpx.Client(base_url=page_url, timeout=600.0) as client:
         yield client
 
 
 @pytest.fixture(scope="module")
 def ids(http: httpx.Client) -> dict[str, str]:
     """A mesh, samples and a sequence, which a page knows by their ids, and might delete."""
-    wait = {"Prefer": "wait=30"}
+    wait = {"Prefer": "wait=300"}
     mesh = http.post("/v1/meshes", json=small(), headers=wait).json()["id"]
     sequence = http.post("/v1/sequences", json=small(), headers=wait).json()["id"]
     for each in http.get("/v1/meshes").json()["items"]:

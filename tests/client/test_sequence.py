@@ -33,7 +33,7 @@ def front(x: Any, y: Any, moved: float) -> Any:
 
 @pytest.mark.parametrize("connect", ["async"], indirect=True)
 def test_a_sequence_steps_and_ends(connect: Any, url: str) -> None:
-    client = connect(url, timeout=30.0)
+    client = connect(url, timeout=300.0)
     sequence = client.sequences.start("tanh(15*(x + y/2 - 0.6))", (13, 17), keep=3)
     before = sequence.x
     one = sequence.step(lambda x, y: front(x, y, 0.05), {"p": sequence.x - sequence.y})
@@ -115,7 +115,7 @@ def test_the_last_good_mesh_stays_after_bad_input(url: str) -> None:
 
 @pytest.mark.parametrize("connect", ["sync"], indirect=True)
 def test_settings_change_midway_and_sequences_are_listed(connect: Any, url: str) -> None:
-    client = connect(url, timeout=30.0)
+    client = connect(url, timeout=300.0)
     sequence = client.sequences.start(monitor=Weight(rho="1 + x"), n=9)
     with pytest.raises(BadArgument, match="has no u"):
         sequence.current.u  # noqa: B018

@@ -240,7 +240,7 @@ def test_compiled_loops_are_those_of_the_image(project: Project) -> None:
     """All loops come from the archive of the image, and nothing is compiled again."""
     with project.client() as http:
         for spec in (mesh(0.5), {"monitor": {"u": "tanh(20*(x - y))"}, "grid": {"n_xi": 33, "n_eta": 33}}):
-            made = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"})
+            made = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=300"})
             assert made.json()["status"] == "succeeded"
     assert project.shell("docker compose exec equimesh sh -c 'ls /data/loops/*/ | wc -l'").strip() == "0"
 
@@ -346,7 +346,7 @@ def test_the_image_alone_serves_this_machine(project: Project) -> None:
     name = project.page("deploy.md", "alone").split()[-1]
     try:
         until(lambda: is_ready(FIRST), "the container is ready")
-        made = httpx.post(f"{FIRST}/v1/meshes", json=mesh(0.1), headers={"Prefer": "wait=30"}, timeout=60.0)
+        made = httpx.post(f"{FIRST}/v1/meshes", json=mesh(0.1), headers={"Prefer": "wait=300"}, timeout=60.0)
         assert made.json()["status"] == "succeeded"
     finally:
         project.engine.run("podman", "rm", "--force", "--volumes", name)

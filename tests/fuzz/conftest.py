@@ -51,7 +51,7 @@ def fuzz_url(fuzz_settings: Settings) -> Iterator[str]:
 @pytest.fixture(scope="session")
 def fuzz_http(fuzz_url: str) -> Iterator[httpx.Client]:
     """A plain HTTP client."""
-    with httpx.Client(base_url=fuzz_url, timeout=60.0) as client:
+    with httpx.Client(base_url=fuzz_url, timeout=600.0) as client:
         yield client
 
 

@@ -154,7 +154,7 @@ def test_requests_one_after_the_other_without_waiting(fuzz_url: str) -> None:
 
 
 def test_who_hangs_up_leaves_nothing_behind(fuzz_url: str, fuzz_http: httpx.Client) -> None:
-    mesh = fuzz_http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()
+    mesh = fuzz_http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=300"}).json()
     until(lambda: fuzz_http.get(mesh["links"]["self"]).json()["status"] == "succeeded")
     body = json.dumps(small()).encode()
     head = b"POST /v1/meshes HTTP/1.1\r\n" + JSON + b"Content-Length: %d\r\n\r\n"
@@ -179,7 +179,7 @@ def test_who_hangs_up_leaves_nothing_behind(fuzz_url: str, fuzz_http: httpx.Clie
         wire.close()
         assert fuzz_http.get("/livez").status_code == 200
     until(lambda: connections(fuzz_url) <= before)
-    answer = fuzz_http.post("/v1/meshes", json=small(cells="triangle"), headers={"Prefer": "wait=30"})
+    answer = fuzz_http.post("/v1/meshes", json=small(cells="triangle"), headers={"Prefer": "wait=300"})
     mesh = until(lambda: (m := fuzz_http.get(answer.json()["links"]["self"]).json())["finished_at"] and m)
     assert mesh["status"] == "succeeded"
     assert fuzz_http.get("/readyz").json()["status"] == "ok"

@@ -42,7 +42,7 @@ def http(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) ->
         log_level="info",
         reuse=False,
     )
-    with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as client:
+    with running(settings) as url, httpx.Client(base_url=url, timeout=600.0) as client:
         yield client
 
 
@@ -60,7 +60,7 @@ def mesh_of(http: httpx.Client, mesh_id: str) -> dict[str, Any]:
 
 def test_a_mesh_is_solved_there_and_its_files_are_here(cluster: ClusterProcesses, http: httpx.Client) -> None:
     # The first mesh of a process may take longer than the limit of time on a busy machine.
-    mesh = until(lambda: (one := ask(http, small(), Prefer="wait=30"))["status"] == "succeeded" and one)
+    mesh = until(lambda: (one := ask(http, small(), Prefer="wait=300"))["status"] == "succeeded" and one)
     assert http.get(f"{mesh['links']['file']}?format=npz").content.startswith(b"PK")
     log = cluster.log("worker")
     assert log.count(f"mesh {mesh['id']} succeeded") == 1, "another process has solved it"
@@ -107,7 +107,7 @@ def test_limits_of_time_and_memory_hold_there(http: httpx.Client) -> None:
 
 def test_requests_that_wait_are_answered_when_their_mesh_is_done(http: httpx.Client) -> None:
     answers: list[dict[str, Any]] = []
-    threads = [threading.Thread(target=lambda: answers.append(ask(http, small(), Prefer="wait=30"))) for _ in range(8)]
+    threads = [threading.Thread(target=lambda: answers.append(ask(http, small(), Prefer="wait=300"))) for _ in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:

@@ -61,7 +61,7 @@ def url(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) -> 
 
 @pytest.fixture(scope="module")
 def http(url: str) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=url, timeout=60.0) as client:
+    with httpx.Client(base_url=url, timeout=600.0) as client:
         yield client
 
 
@@ -139,7 +139,7 @@ def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(
 def test_a_head_is_the_answer_where_it_is_requested(http: httpx.Client) -> None:
     answer = http.post("/v1/meshes?format=pvtu", json={**SPEC, "parts": 2}, headers={"Prefer": "wait=60"})
     while answer.status_code == 202:  # the wait of a request is 30 s at most
-        answer = http.get(answer.headers["location"] + "/file?format=pvtu", params={"wait": 30})
+        answer = http.get(answer.headers["location"] + "/file?format=pvtu", params={"wait": 300})
     assert answer.status_code in (200, 201), answer.text
     assert b"PUnstructuredGrid" in answer.content
 

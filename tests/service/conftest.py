@@ -90,7 +90,7 @@ def url(settings: Settings) -> Iterator[str]:
 @pytest.fixture(scope="session")
 def http(url: str) -> Iterator[httpx.Client]:
     """A plain HTTP client."""
-    with httpx.Client(base_url=url, timeout=60.0) as client:
+    with httpx.Client(base_url=url, timeout=600.0) as client:
         yield client
 
 
@@ -98,7 +98,7 @@ def http(url: str) -> Iterator[httpx.Client]:
 def finished(http: httpx.Client) -> dict[str, Any]:
     """A mesh that was computed by Schwarz iteration."""
     answer = http.post(
-        "/v1/meshes", json=small(schwarz={"overlap": 2}, label="finished"), headers={"Prefer": "wait=30"}
+        "/v1/meshes", json=small(schwarz={"overlap": 2}, label="finished"), headers={"Prefer": "wait=300"}
     )
     assert answer.status_code == 201, answer.text
     mesh: dict[str, Any] = answer.json()

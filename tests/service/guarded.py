@@ -33,7 +33,7 @@ class Guarded:
     def having(self, secret: str | None) -> httpx.Client:
         """A client with this secret."""
         headers = {} if secret is None else {"Authorization": f"Bearer {secret}"}
-        return httpx.Client(base_url=self.url, headers=headers, timeout=60.0)
+        return httpx.Client(base_url=self.url, headers=headers, timeout=600.0)
 
 
 @contextmanager

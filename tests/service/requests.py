@@ -10,7 +10,7 @@ import numpy as np
 
 from service.conftest import small
 
-WAIT = {"Prefer": "wait=30"}
+WAIT = {"Prefer": "wait=300"}
 
 
 def post(http: httpx.Client, spec: dict[str, Any], query: str = "", **headers: str) -> httpx.Response:
@@ -26,7 +26,7 @@ def npz(**arrays: Any) -> bytes:
 def solved(http: httpx.Client, spec: dict[str, Any], **more: Any) -> dict[str, Any]:
     answer = http.post("/v1/meshes", **({"json": spec} | more), headers=WAIT)
     assert answer.status_code in (201, 202), answer.text
-    mesh: dict[str, Any] = http.get(answer.headers["Location"], params={"wait": 30}).json()
+    mesh: dict[str, Any] = http.get(answer.headers["Location"], params={"wait": 300}).json()
     assert mesh["status"] == "succeeded", mesh["error"]
     return mesh
 

@@ -31,7 +31,7 @@ from service.conftest import PAPER, until
 _CLIENTS = 4
 # Settings of a mesh that takes seconds.
 SLOW = {"transmission": {"kind": "classical"}, "tolerance": None, "max_iterations": 1000, "subdomains": [4, 1]}
-PATIENCE = 120.0  # seconds; for one request, over all its repetitions
+PATIENCE = 300.0  # seconds; for one request, over all its repetitions
 _HOURS = 8 * 3600.0
 
 
@@ -58,7 +58,7 @@ class Work:
         return threads
 
     def _client(self) -> None:
-        with httpx.Client(base_url=self.url, timeout=30.0) as http:
+        with httpx.Client(base_url=self.url, timeout=300.0) as http:
             while True:
                 try:
                     job = self._left.get_nowait()
@@ -189,7 +189,7 @@ def check_meshes(store: Store, work: Work) -> None:
 
 def check_downloads(url: str, store: Store) -> None:
     """The file of every successful mesh exists, and matches its ETag."""
-    with httpx.Client(base_url=url, timeout=30.0) as http:
+    with httpx.Client(base_url=url, timeout=300.0) as http:
         for row in store.meshes.page(status="succeeded", limit=1000):
             answer = http.get(f"/v1/meshes/{row.id}/file?format=npz")
             assert answer.status_code == 200

@@ -84,7 +84,7 @@ def by_python(case: Case, url: str) -> str:
                 step = sequence.step(at.x * at.x * at.x + at.y, {"T": at.x + 2 * at.y})
                 sequence.delete()
                 return numbers_of(step.arrays, step.arrays.fields["T"])
-            mesh = client.meshes.create(spec, wait=30).wait(progress=False).arrays()
+            mesh = client.meshes.create(spec, wait=300).wait(progress=False).arrays()
             if case.action != "generate":
                 x, y = mesh.x, mesh.y
                 u = x * x * x + y
@@ -94,7 +94,7 @@ def by_python(case: Case, url: str) -> str:
                 of_blocks = {"nodes": mesh.points.tolist(), "values": u.tolist()}
                 source = {"nodal": nodal} if x.ndim == 2 else {"block_nodes": of_blocks}
                 spec["monitor"] = {"kind": "nodal_solution", "u": source}
-                mesh = client.meshes.create(spec, wait=30).wait(progress=False).arrays()
+                mesh = client.meshes.create(spec, wait=300).wait(progress=False).arrays()
             return numbers_of(mesh)
         except EquimeshClientError as error:
             return str(error)
@@ -124,8 +124,10 @@ def slow(url: str) -> Iterator[str]:
         def do_POST(self) -> None:
             body = self.rfile.read(int(self.headers["Content-Length"]))
             keys.append(self.headers["Idempotency-Key"])
-            sent = {"Content-Type": "application/json", "Prefer": "wait=30"}
-            answer = httpx.post(url + self.path, content=body, headers=sent, timeout=60) if len(keys) % 2 == 0 else None
+            sent = {"Content-Type": "application/json", "Prefer": "wait=300"}
+            answer = (
+                httpx.post(url + self.path, content=body, headers=sent, timeout=600.0) if len(keys) % 2 == 0 else None
+            )
             if answer is not None:
                 assert keys[-1] == keys[-2]
             self.send_response(202 if answer is None else 201)

@@ -126,7 +126,7 @@ def test_what_is_copied_gives_the_mesh(name: str, visit: Callable[..., Page], pa
     spec = SPECS[name]
     page = visit(f"/#spec={quote(json.dumps(spec))}", permissions=CLIPBOARD)
     assert json.loads(copied(page, "spec")) == spec
-    answer = httpx.post(f"{page_url}/v1/meshes?format=npz", json=spec, headers={"Prefer": "wait=30"}, timeout=60)
+    answer = httpx.post(f"{page_url}/v1/meshes?format=npz", json=spec, headers={"Prefer": "wait=300"}, timeout=600.0)
     panel(page, "copy").get_by_label("Copy as").select_option("curl")
     panel(page, "copy").get_by_label("File").select_option("npz")
     kinds = ["curl", "python", "solver", "command"]

@@ -393,7 +393,7 @@ def ended(name: str, started: float, error: BaseException | None) -> str | None:
 
 
 def test_the_blocking_client_is_punctual(url: str, tmp_path: Path) -> None:
-    with Client(url, timeout=30.0) as client:
+    with Client(url, timeout=300.0) as client:
         todo = calls(client, Mesh(client._session, RECORD), tmp_path)
 
         def one(name: str) -> str | None:
@@ -411,7 +411,7 @@ def test_the_blocking_client_is_punctual(url: str, tmp_path: Path) -> None:
 
 def test_the_client_for_asyncio_is_punctual(url: str, tmp_path: Path) -> None:
     async def everything() -> list[str | None]:
-        async with AsyncClient(url, timeout=30.0) as client:
+        async with AsyncClient(url, timeout=300.0) as client:
             mesh = AsyncMesh(client._session, RECORD)
             todo: dict[str, Any] = calls(client, mesh, tmp_path)
             todo |= {"quality": mesh.quality, "convergence": mesh.convergence}

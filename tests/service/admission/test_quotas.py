@@ -147,7 +147,7 @@ def test_a_key_has_so_many_unfinished_meshes_and_points(
             for answer in made:
                 client.delete(answer.headers["location"])
         while not begun:  # until a worker is free
-            assert client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).status_code == 201
+            assert client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=300"}).status_code == 201
     assert [request.quota.in_flight for request in begun if request.quota] == [flying]
 
 
@@ -262,7 +262,7 @@ def test_what_is_stored_counts(guarded_service: Guarded) -> None:
         def upload(k: int) -> httpx.Response:
             return client.post("/v1/samples?filename=u.csv", content="x,y,u\n" + rows.replace(",0.0\n", f",{k}\n"))
 
-        mesh = client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()
+        mesh = client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=300"}).json()
         files = guarded_service.store.quotas.stored_bytes(row.id)
         assert files > 0
         sizes: list[int] = []
@@ -287,7 +287,7 @@ def test_samples_in_specs_count(guarded_service: Guarded) -> None:
     )
     spec["monitor"]["u"]["grid"]["y"] = spec["monitor"]["u"]["grid"]["x"]
     with guarded_service.client("write") as client:
-        made = [client.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}) for _ in range(5)]
+        made = [client.post("/v1/meshes", json=spec, headers={"Prefer": "wait=300"}) for _ in range(5)]
         # A reused mesh is not solved again, but its spec takes space.
         assert [answer.status_code for answer in made] == [201, 201, 201, 429, 429]
         assert "bytes in files, samples and specs; the limit is 200000" in made[-1].json()["detail"]

@@ -90,7 +90,7 @@ def test_every_key_of_the_spec_is_described(document: dict[str, Any]) -> None:
 def test_the_examples_work(http: httpx.Client, document: dict[str, Any], name: str) -> None:
     spec = EXAMPLES[name]["value"]
     validator(document, "MeshSpec").validate(spec)
-    name = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()["id"]
+    name = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=300"}).json()["id"]
     mesh = until(
         lambda: (found := http.get(f"/v1/meshes/{name}").json())["status"] not in ("queued", "running") and found
     )

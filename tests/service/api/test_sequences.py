@@ -30,7 +30,7 @@ from equimesh_service.upkeep.retention import Retention
 from service.conftest import small
 from service.requests import FRONT, WAIT
 
-NPZ = {"Content-Type": "application/x-npz", "Prefer": "wait=30"}
+NPZ = {"Content-Type": "application/x-npz", "Prefer": "wait=300"}
 
 
 def front(x: Any, y: Any, moved: float = 0.0) -> Any:
@@ -271,10 +271,10 @@ def test_a_step_that_fails_is_none(http: httpx.Client) -> None:
 
 def test_a_sequence_outlives_the_service_and_ends_with_its_time(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="warning")
-    with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
+    with running(settings) as url, httpx.Client(base_url=url, timeout=600.0) as http:
         sequence, mesh = begin(http)
     for number, status in ((0, 201), (1, 410)):
-        with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
+        with running(settings) as url, httpx.Client(base_url=url, timeout=600.0) as http:
             body = packed(step=number, u=front(mesh["x"], mesh["y"], 0.02))
             answer = http.post(sequence["links"]["steps"], content=body, headers=NPZ)
             assert answer.status_code == status, answer.text
@@ -303,7 +303,7 @@ def test_a_long_step_is_that_of_a_short_one(http: httpx.Client) -> None:
     x = unpacked(http.get(begun[0]["links"]["file"]))["x"]
     short = json.dumps({"step": 0, "u": {"nodes": (x * x).tolist()}, "fields": {"p": x.tolist()}})
     long = short + " " * MAX_SHORT_BYTES
-    headers = {"Content-Type": "application/json", "Prefer": "wait=30"}
+    headers = {"Content-Type": "application/json", "Prefer": "wait=300"}
     moved = [
         http.post(sequence["links"]["steps"], params={"format": "npz"}, content=body, headers=headers)
         for sequence, body in zip(begun, (short, long), strict=True)

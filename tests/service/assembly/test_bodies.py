@@ -217,7 +217,7 @@ def test_what_is_wrong_is_said(data: bytes, kind: str, said: str) -> None:
 
 
 def test_the_service_makes_the_same_mesh_of_both_forms(http: httpx.Client) -> None:
-    headers = {"Prefer": "wait=30"}
+    headers = {"Prefer": "wait=300"}
     body = packed(spec=json.dumps(SPEC), **SAMPLES)
     sent = {"spec": (None, json.dumps(SPEC), "application/json"), "samples": ("u.npz", packed(**SAMPLES))}
     path = "/v1/meshes?format=npz&reuse=false"

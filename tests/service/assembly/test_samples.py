@@ -223,8 +223,8 @@ def test_the_file_of_a_mesh_comes_with_the_spec(http: httpx.Client, mesh: dict[s
 
 def test_the_cells_of_blocks_are_chosen_for_a_number_of_points(http: httpx.Client) -> None:
     u = "tanh(30*(y - 0.3))"
-    made = solved(http, {"monitor": {"kind": "least_error", "u": u}, "domain": STEP, "grid": {"points": 300}})
-    target, monitor = em.Target(max_points=300), em.LeastError(u=em.Expression(u))
+    made = solved(http, {"monitor": {"kind": "least_error", "u": u}, "domain": STEP, "grid": {"points": 150}})
+    target, monitor = em.Target(max_points=150), em.LeastError(u=em.Expression(u))
     expected = em.solve_to(target, monitor=monitor, domain=em.Blocks.of(STEP))
     found = arrays(http, made)
     np.testing.assert_allclose(np.column_stack([found["x"], found["y"]]), expected.mesh.points, rtol=0.0, atol=1e-8)
@@ -233,7 +233,7 @@ def test_the_cells_of_blocks_are_chosen_for_a_number_of_points(http: httpx.Clien
     assert made["blocks"][1][0] < 2 * made["blocks"][2][1]  # the front is level
     assert (made["grid"], made["points"]) == (None, found["x"].size)
     canonical = http.get(made["links"]["self"] + "/spec").json()
-    assert (canonical["grid"], canonical["target"]["max_points"]) == (None, 300)
+    assert (canonical["grid"], canonical["target"]["max_points"]) == (None, 150)
     assert solved(http, canonical)["blocks"] == made["blocks"]
 
 

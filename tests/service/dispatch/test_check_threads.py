@@ -18,7 +18,7 @@ async def test_a_check_that_waits_for_a_worker_makes_room() -> None:
     def slow() -> None:
         with check_threads.while_waiting(""):
             waits.set()
-            done.wait(60.0)
+            done.wait(300.0)
 
     async with anyio.create_task_group() as group:
         group.start_soon(check_threads.run, slow)
@@ -31,7 +31,7 @@ async def test_a_check_that_waits_for_a_worker_makes_room() -> None:
 
     def occupy() -> None:
         begun.set()
-        busy.wait(60.0)
+        busy.wait(300.0)
 
     async with anyio.create_task_group() as group:  # afterwards there is as much room as before
         group.start_soon(check_threads.run, occupy)
@@ -54,7 +54,7 @@ class Slow:
     def wait(self, key_id: str) -> None:
         try:
             with self.check_threads.while_waiting(key_id):
-                self.done.wait(60.0)
+                self.done.wait(300.0)
         except Problem as problem:
             self.refused.append(problem)
 

@@ -161,7 +161,7 @@ def test_a_worker_that_a_claimed_mesh_needs_is_given_to_nobody_else(
     assert not turns[0].done()
     store.queue.finish(Claim("a", 1))
     engine.tasks[0].set_result(None)
-    assert turns[0].result(60.0)
+    assert turns[0].result(300.0)
     dispatcher.stop()
 
 
@@ -218,7 +218,7 @@ def test_a_dispatcher_that_is_stuck_is_not_alive(
     dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
     dispatcher.start(alone=True)
     until(lambda: dispatcher.is_alive())
-    monkeypatch.setattr(engine, "health", lambda: (go_on.wait(60.0), Health(ready=True, workers=2))[1])
+    monkeypatch.setattr(engine, "health", lambda: (go_on.wait(300.0), Health(ready=True, workers=2))[1])
     until(lambda: not dispatcher.is_alive())
     go_on.set()
     until(lambda: dispatcher.is_alive())
@@ -240,7 +240,7 @@ def _hold(dispatcher: Dispatcher, store: Store, name: str) -> None:
 def test_a_line_forms_where_no_worker_is_free(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
     until(dispatcher.line.reserve)
     _hold(dispatcher, store, "a")
-    assert dispatcher.line.join().result(60.0) is True
+    assert dispatcher.line.join().result(300.0) is True
     first, second, third = (dispatcher.line.join() for _ in range(3))
     assert not any(turn.done() for turn in (first, second, third))
     _finish(store, engine, 0, "a")
@@ -255,7 +255,7 @@ def test_a_line_forms_where_no_worker_is_free(dispatcher: Dispatcher, store: Sto
 def test_a_worker_that_came_too_late_is_given_to_the_next(dispatcher: Dispatcher) -> None:
     until(dispatcher.line.reserve)
     late = dispatcher.line.join()
-    assert late.result(60.0) is True
+    assert late.result(300.0) is True
     turn = dispatcher.line.join()
     assert not turn.done()
     dispatcher.line.leave(late)  # it has a worker, and nobody waits for it any more
@@ -350,7 +350,7 @@ def test_who_stands_in_line_too_long_goes_into_the_queue(dispatcher: Dispatcher)
     until(dispatcher.line.reserve)
     assert asyncio.run(dispatcher.line.obtain(seconds=0.05)) is False
     threading.Timer(0.05, dispatcher.line.release).start()
-    assert asyncio.run(dispatcher.line.obtain(seconds=60.0)) is True
+    assert asyncio.run(dispatcher.line.obtain(seconds=300.0)) is True
     assert not dispatcher.line.reserve()  # nobody is left in the line, and no worker was lost
     dispatcher.line.release()
     until(dispatcher.line.reserve)
@@ -365,10 +365,10 @@ def test_a_task_that_is_no_mesh_has_its_worker_until_it_ends(dispatcher: Dispatc
     assert not line.reserve("a")
     waiting = {key: line.join(key) for key in ("a", "b")}
     tasks[0].set_exception(WorkerLostError("it died"))
-    assert waiting["b"].result(60.0) is True
+    assert waiting["b"].result(300.0) is True
     assert not waiting["a"].done()
     tasks[1].set_result(b"")
-    assert waiting["a"].result(60.0) is True
+    assert waiting["a"].result(300.0) is True
     assert not line.reserve()
     for _ in waiting:
         line.release()
@@ -391,7 +391,7 @@ def test_a_worker_is_free_while_its_mesh_is_written_and_nobody_takes_the_mesh(
     go_on, keep = threading.Event(), dispatcher_module.store_finished
 
     def late(*arguments: Any) -> str | None:
-        assert go_on.wait(60.0)
+        assert go_on.wait(300.0)
         return keep(*arguments)
 
     monkeypatch.setattr(dispatcher_module, "store_finished", late)
@@ -404,7 +404,7 @@ def test_a_worker_is_free_while_its_mesh_is_written_and_nobody_takes_the_mesh(
     assert not ended.done()
     assert status(store, "a") == "running"
     go_on.set()
-    ending = ended.result(60.0)
+    ending = ended.result(300.0)
     assert (ending.status, [*ending.laps]) == ("succeeded", ["commit"])
     assert status(store, "a") == "succeeded"
     assert dispatcher._storing == set()
@@ -436,7 +436,7 @@ def test_a_mesh_that_cannot_be_written_says_so_and_does_not_run_for_ever(
     monkeypatch.setattr(dispatcher_module, "store_finished", fail)
     ended = _begin(dispatcher, store)
     engine.tasks[0].set_result(FINISHED)
-    problem = ended.exception(60.0)
+    problem = ended.exception(300.0)
     assert isinstance(problem, Problem)
     assert problem.name == name
     if end == "failed":

@@ -117,7 +117,7 @@ def test_samples_and_files_take_the_turns_of_their_key(
     with guarded_service.having(secret) as client:
         # Without a wait: a worker reads the samples of a request that waits.
         posted = client.post("/v1/meshes", json=small(monitor={"kind": "arc_length", "u": {"scattered": scattered}}))
-        mesh = client.get(posted.headers["Location"], params={"wait": 30}).json()
+        mesh = client.get(posted.headers["Location"], params={"wait": 300}).json()
         assert mesh["status"] == "succeeded", mesh["error"]
         samples = len(keys)
         assert samples >= 1

@@ -16,7 +16,7 @@ from equimesh_service.engine.port import Engine
 from equimesh_service.errors import MemoryLimitError, TimeLimitError, WorkerLostError
 
 # Far more than a busy machine needs.
-SECONDS = 60.0
+SECONDS = 300.0
 
 
 def add(first: int, second: int) -> int:

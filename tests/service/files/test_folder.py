@@ -26,9 +26,9 @@ def readable_by_others(folder: Path) -> list[str]:
 
 
 def test_a_service_hides_its_data(observed: Observed) -> None:
-    with httpx.Client(base_url=observed.url, timeout=60.0) as http:
+    with httpx.Client(base_url=observed.url, timeout=600.0) as http:
         spec = small(grid={"n_xi": 120, "n_eta": 120})
-        mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()
+        mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=300"}).json()
         assert http.get(f"/v1/meshes/{mesh['id']}/file", params={"format": "vtu"}).status_code == 200
     data = observed.log.parent / "data"
     assert len([path for path in data.rglob("*") if path.is_file()]) >= 5  # also a large one, which a worker wrote

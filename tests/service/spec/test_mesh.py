@@ -45,7 +45,7 @@ def test_bad_settings_are_refused_after_a_check_of_the_same_monitor(http: httpx.
 
 @pytest.mark.parametrize("constant", ["1", "0*x", "3 + t"])
 def test_a_constant_u_gives_the_uniform_mesh(http: httpx.Client, constant: str) -> None:
-    answer = http.post("/v1/meshes?format=npz", json=u(constant), headers={"Prefer": "wait=30"})
+    answer = http.post("/v1/meshes?format=npz", json=u(constant), headers={"Prefer": "wait=300"})
     assert answer.status_code == 201
     arrays = np.load(io.BytesIO(answer.content))
     np.testing.assert_allclose(arrays["x"], np.linspace(0, 1, 8)[:, None] * np.ones(9), atol=1e-14)

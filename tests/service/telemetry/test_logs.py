@@ -21,8 +21,8 @@ SECRET = "em_k1_" + "s" * 43
 
 def test_a_request_is_followed_into_the_worker(observed: Observed) -> None:
     spec = small(label="a private label")
-    headers = {"X-Request-Id": "night-7", "Prefer": "wait=30", "X-Api-Key": SECRET}
-    answer = httpx.post(f"{observed.url}/v1/meshes?format=vtu", json=spec, headers=headers, timeout=60.0)
+    headers = {"X-Request-Id": "night-7", "Prefer": "wait=300", "X-Api-Key": SECRET}
+    answer = httpx.post(f"{observed.url}/v1/meshes?format=vtu", json=spec, headers=headers, timeout=600.0)
     assert (answer.status_code, answer.headers["x-request-id"]) == (201, "night-7")
     mesh = answer.headers["location"].rpartition("/")[2]
     until(lambda: observed.lines(logger="equimesh_service.access", request_id="night-7"))

@@ -26,8 +26,8 @@ CALLER = "b7ad6b7169203331"
 
 def test_one_trace_from_the_client_to_the_solve_and_the_export(observed: Observed) -> None:
     headers = {"traceparent": f"00-{TRACE}-{CALLER}-01"}
-    with httpx.Client(base_url=observed.url, headers=headers, timeout=60.0) as http:
-        mesh = http.post("/v1/meshes", json=SPEC, headers={"Prefer": "wait=30"}).json()
+    with httpx.Client(base_url=observed.url, headers=headers, timeout=600.0) as http:
+        mesh = http.post("/v1/meshes", json=SPEC, headers={"Prefer": "wait=300"}).json()
         assert mesh["status"] == "succeeded"
         assert http.get(mesh["links"]["file"], params={"format": "msh"}).status_code == 200
     wanted = {"POST /v1/meshes", "enqueue", "queue wait", "attempt", "solve", "write", FILE, "export"}

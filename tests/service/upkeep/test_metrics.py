@@ -84,7 +84,7 @@ def test_a_mesh_moves_what_is_counted(http: httpx.Client, watch: Watch) -> None:
     for name in ("equimesh_mesh_attempts_total", "equimesh_queue_wait_seconds_count", "equimesh_solve_seconds_count"):
         assert watch.moved(name) == 1, name
     assert watch.moved("equimesh_mesh_points_total") == 72
-    assert 0 < watch.moved("equimesh_solve_seconds_sum") < 30
+    assert watch.moved("equimesh_solve_seconds_sum") > 0
     assert watch.moved("equimesh_meshes", status="succeeded") == 1
     assert watch.moved("equimesh_http_requests_total", **here) == 1
     assert watch.moved("equimesh_http_request_duration_seconds_count", **here) == 1
