@@ -32,11 +32,9 @@ from equimesh_client import (
     Certificate,
     Client,
     Conflict,
-    Curvature,
     DeadlineExceeded,
     Estimate,
     Forbidden,
-    Intersection,
     InvalidInput,
     LinearRobin,
     Mesh,
@@ -46,13 +44,11 @@ from equimesh_client import (
     NotFound,
     Quadrilateral,
     QuotaExceeded,
-    Rectangle,
     RetryPolicy,
     Schwarz,
     Sequence,
     Tensor,
     Unauthorized,
-    Weight,
 )
 from equimesh_client.client import AsyncMeshes, AsyncSamplesStore, Meshes, SamplesStore
 from equimesh_client.sequence import AsyncSequences, Sequences
@@ -252,42 +248,6 @@ BEND = Quadrilateral(
     top=[[0, 1], [0, 2]],
     left=("cos(q*t)", "sin(q*t)", {"q": np.pi / 2}),
 )
-
-
-DOMAINS = (None, Rectangle(x=(-1, 1)), AnnulusSector(), BEND)
-MONITORS = (
-    ArcLength(smoothing=0.05),
-    Curvature(norm="h1"),
-    Weight("1 + x*x"),
-    Tensor("2", "0", lambda x, _: 1 + x * x),
-    Intersection([Curvature(), Weight("1 + x*x")], smoothing=0.1),
-)
-
-
-@pytest.mark.parametrize(
-    ("connect", "monitor", "domain"),
-    [
-        pytest.param(
-            *(("sync", "async")[k % 2], monitor, domain),
-            id=f"{type(monitor).__name__}, domain {i}",
-            marks=pytest.mark.everything if (k + i) % 2 else (),
-        )
-        for k, monitor in enumerate(MONITORS)
-        for i, domain in enumerate(DOMAINS)
-    ],
-    indirect=["connect"],
-)
-def test_every_monitor_on_every_domain(client: Any, monitor: Any, domain: Any) -> None:
-    mesh = client.generate(FRONT, 17, monitor=monitor, domain=domain)
-    assert np.allclose(mesh.u, np.tanh(3 * (mesh.x - mesh.y)))
-    certificate = mesh.certificate
-    assert (certificate.status, certificate.mode) == ("converged", "discretization")
-    assert certificate.interpolation_gain["l2"] > 0
-    assert (mesh.relaxed, certificate.relaxed) == (False, ())
-    # the certificate takes a cheaper quadrature
-    assert mesh.quality.interpolation_error["gain_l2"] == pytest.approx(certificate.interpolation_gain["l2"], rel=0.3)
-    if isinstance(domain, AnnulusSector) or domain is BEND:
-        assert np.allclose(np.hypot(mesh.x, mesh.y)[[0, -1]], [[1], [2]])
 
 
 @BLOCKING

@@ -322,6 +322,7 @@ def test_a_stop_answers_everybody_and_hands_back_what_was_computed(served: Servi
     for thread in threads:
         thread.start()
     with _reading_nothing(served.port, big):
+        until(lambda: _connections(served.port) == 3)
         time.sleep(0.5)
         served.signal(signal.SIGINT)
         time.sleep(0.2)
@@ -359,6 +360,13 @@ def _check_nothing_is_left(service: ServiceProcess) -> None:
         command for command in map(command_of, service.left()) if command and "resource_tracker" not in command
     ] == []
     until(lambda: not service.left())
+
+
+def _connections(port: int) -> int:
+    """The number of connections to a service from which it has read all that came."""
+    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    of_service = [(state, queue) for _, local, _, state, queue, *_ in lines if local.endswith(f":{port:04X}")]
+    return sum(state == "01" and queue.endswith(":00000000") for state, queue in of_service)
 
 
 @contextmanager
