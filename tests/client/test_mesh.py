@@ -50,7 +50,7 @@ def test_wait_follows_a_slow_mesh(connect: Any, service: Any) -> None:
     mesh = connect(service.url).meshes.create(spec(label="slow"))
     assert mesh.status == "queued"
     assert not mesh.is_finished
-    assert mesh.wait(deadline=10).status == "succeeded"
+    assert mesh.wait(deadline=300).status == "succeeded"
     assert mesh.progress.fraction == 1.0
     assert mesh.label == "slow"
 
@@ -58,7 +58,7 @@ def test_wait_follows_a_slow_mesh(connect: Any, service: Any) -> None:
 def test_wait_survives_dropped_connections(connect: Any, service: Any, fault: Any) -> None:
     mesh = connect(service.url).meshes.create(spec(label="slow"))
     service.faults = [fault("GET /v1/meshes/m0$", times=2), fault("GET /v1/meshes/m0$", "half", times=1)]
-    assert mesh.wait(deadline=10).status == "succeeded"
+    assert mesh.wait(deadline=300).status == "succeeded"
 
 
 def test_wait_has_a_deadline_and_leaves_the_mesh_alone(connect: Any, service: Any) -> None:

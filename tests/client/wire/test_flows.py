@@ -130,9 +130,12 @@ def test_somebody_else_there(connect: Any, service: Any, fault: Any) -> None:
 
 
 def test_generate_cancels_what_nobody_waits_for(connect: Any, service: Any) -> None:
-    with pytest.raises(DeadlineExceeded):
-        connect(service.url).generate("x", 5, label="hang", deadline=0.4)
-    assert service.meshes["m0"]["status"] == "canceled"
+    for deadline in (0.4, 4.0, 40.0):  # a busy machine may need a while to send the request
+        with pytest.raises(DeadlineExceeded):
+            connect(service.url).generate("x", 5, label="hang", deadline=deadline)
+        if service.meshes:
+            break
+    assert [mesh["status"] for mesh in service.meshes.values()] == ["canceled"]
 
 
 def test_generate_cancels_a_mesh_whose_id_never_arrived(connect: Any, service: Any, fault: Any) -> None:
@@ -206,7 +209,7 @@ def test_to_meshio_names_the_sides(connect: Any, service: Any) -> None:
 def test_events_come_once_each_over_dropped_connections(connect: Any, service: Any) -> None:
     mesh = connect(service.url).generate("x", 5)
     service.cuts = [100, 130, 40]
-    events = list(mesh.events(deadline=10))
+    events = list(mesh.events(deadline=300))
     assert [event.id for event in events] == [1, 2, 3, 4, 5]
     assert [event.kind for event in events] == [kind for kind, _ in service.events]
     assert [event.data for event in events] == [data for _, data in service.events]
@@ -219,7 +222,7 @@ def test_events_come_once_each_over_dropped_connections(connect: Any, service: A
 def test_events_survive_a_cut_anywhere(connect: Any, service: Any, cut: int) -> None:
     mesh = connect(service.url).meshes.create(spec())
     service.cuts = [cut]
-    events = list(mesh.events(deadline=10))
+    events = list(mesh.events(deadline=300))
     assert [event.id for event in events] == [1, 2, 3, 4, 5]
     assert [(event.kind, event.data) for event in events] == service.events
 
@@ -234,7 +237,7 @@ def test_events_that_never_come_are_given_up(connect: Any, service: Any) -> None
     mesh = connect(service.url).generate("x", 5)
     service.cuts = [0] * 99
     with pytest.raises(ServiceUnreachable, match="event stream"):
-        list(mesh.events(deadline=10))
+        list(mesh.events(deadline=300))
 
 
 def test_events_have_a_deadline(connect: Any, service: Any) -> None:
@@ -256,7 +259,7 @@ def test_events_come_back_when_the_service_says_so(connect: Any, service: Any, f
     mesh = connect(service.url).generate("x", 5)
     service.faults = [fault("events", "status", status=503, headers={"Retry-After": "1"})]
     start = time.monotonic()
-    assert len(list(mesh.events(deadline=10))) == 5
+    assert len(list(mesh.events(deadline=300))) == 5
     assert time.monotonic() - start > 0.95
     service.faults = [fault("events", "status", status=429, headers={"Retry-After": "3600"})]
     with pytest.raises(RateLimited):
@@ -322,7 +325,7 @@ class Dripper:
         self.listener.shutdown(socket.SHUT_RDWR)
         self.listener.close()
         for thread in self.threads:
-            thread.join(timeout=10)
+            thread.join(timeout=300)
 
 
 @pytest.fixture(params=list(BEHAVIOURS))
