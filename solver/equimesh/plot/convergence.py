@@ -62,7 +62,7 @@ def draw_descent(records: Sequence[Mapping[str, Any]], path: str | Path) -> None
             ylabel=f"times smaller than\non the {'initial' if of_blocks else 'uniform'} mesh",
             yscale="log",
         )
-        upper.legend(fontsize=9)
+        upper.legend(loc="upper right", fontsize=9)
         for axes in (upper, lower):
             axes.grid(True)
 

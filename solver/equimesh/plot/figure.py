@@ -94,7 +94,7 @@ def semilog(axes: Axes, series: Series) -> None:
             axes.plot([], [], end, color="#888888", label=label)
     axes.grid(True)
     if len(axes.get_legend_handles_labels()[0]) > 1:
-        axes.legend(fontsize=9)
+        axes.legend(loc="upper right", fontsize=9)  # "best" searches, and warns on a busy machine
 
 
 def iteration_axis(axes: Axes, at: Array) -> None:
