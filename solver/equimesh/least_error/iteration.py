@@ -8,7 +8,7 @@ one with the smallest error there.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -98,6 +98,8 @@ class DescentEnd:
     """The unknowns, shape ``(2, nodes)``: reference coordinates on a grid."""
     record: Descent
     """The record of the last step."""
+    history: tuple[Mapping[str, Any], ...] = ()
+    """The numbers of all steps to it, where it was kept."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -62,14 +62,15 @@ def solve_least_error(
     records: list[Descent] = []
     telling = options.part(course=_course(solve, start, initial, coarse))
     steps = solve.steps(start, uniform_only=initial is Initial.UNIFORM, coarse=coarse)
-    found = _finish(problem, solve, steps, telling, records)
+    before = () if coarse is None else _before(coarse)
+    found = _finish(problem, solve, steps, telling, records, before)
     if start is not None:
         found = _or_given(found, start, monitor.norm)
     if is_no_worse(found, monitor.norm):
         return found
     for other in other_ways(solve, records[-1].start):
         telling = options.part(None, doing="another way", course=_course(solve, None, initial, None))
-        again = _finish(problem, solve, other, telling, records)
+        again = _finish(problem, solve, other, telling, records, before)
         if is_no_worse(again, monitor.norm):
             return again
     return replace(found, **_initial(problem))
@@ -103,6 +104,11 @@ def _course(
     compared = solve.last_compared(levels if start is None else levels[:-1])
     starts = 1 if start is not None or coarse is not None or initial is Initial.UNIFORM else 2
     return DescentProgress(levels[0 if coarse is None else coarse.level.number + 1 :], starts, compared)
+
+
+def _before(coarse: DescentEnd) -> tuple[Mapping[str, Any], ...]:
+    """The numbers of the steps to a coarse mesh, without the last one where the solve tells it again."""
+    return coarse.history[:-1] if coarse.level.is_finest else coarse.history
 
 
 def other_ways(solve: LeastErrorSolve, start: str) -> Iterator[Iterator[Descent]]:
@@ -148,8 +154,12 @@ def _finish(
     steps: Iterable[Descent],
     options: SolveOptions,
     records: list[Descent],
+    before: Sequence[Mapping[str, Any]],
 ) -> AnySolution:
-    """The solution at the end of a descent, whose steps are added to the ``records``."""
+    """The solution at the end of a descent, whose steps are added to the ``records``.
+
+    ``before`` are the numbers of steps that were taken before.
+    """
     first = len(records)
     for record in steps:
         records.append(options.observe(record))
@@ -160,7 +170,7 @@ def _finish(
         **placed,
         status=status_unless_folded(Status.COMPLETED, folded=placed["mesh"].is_folded_on(options.threads)),
         newton_steps=sum(record.level + 1 == record.levels for record in records[first:]),
-        descent=tuple(record.numbers() for record in records),
+        descent=(*before, *(record.numbers() for record in records)),
         threads=options.threads,
     )
 
@@ -183,13 +193,14 @@ def _initial(problem: Problem[Any]) -> dict[str, Any]:
 
 
 def end_of(steps: Generator[Descent, None, DescentEnd], options: SolveOptions) -> DescentEnd:
-    """The end of a descent, after all steps were reported to the observer."""
+    """The end of a descent with its history, after all steps were reported to the observer."""
+    history = list[Mapping[str, Any]]()
     while True:
         try:
-            options.observe(next(steps))
+            history.append(options.observe(next(steps)).numbers())
         except StopIteration as end:
             reached: DescentEnd = end.value
-            return reached
+            return replace(reached, history=tuple(history))
 
 
 def comparison_share(levels: Sequence[Level], count: int = len(LEAST_ERROR_SETTINGS)) -> float:

@@ -39,6 +39,16 @@ def test_the_comparison_lists_the_best_first_and_that_is_chosen(norm: str) -> No
     assert getattr(solution.interpolation, f"gain_{norm}") > 2.0
 
 
+@pytest.mark.parametrize("n", [17, 65])
+def test_the_history_of_the_chosen_descent_begins_on_its_coarsest_grid(n: int) -> None:
+    solution = em.solve(em.Problem(em.Auto(u=FRONT), em.Grid(n, n)), threads=1)
+    levels = [record["level"] for record in solution.descent]
+    assert sorted({*levels}) == list(range(levels[-1] + 1))
+    assert solution.descent[-1]["grid"] == [n, n]
+    steps = [(record["level"], record["start"], record["step"]) for record in solution.descent[:-1]]
+    assert len({*steps}) == len(steps), "a step is told once, but the best of the coarsest meshes compared"
+
+
 def test_for_a_degree_the_candidates_are_least_error_alone() -> None:
     monitor = em.Auto(FRONT, degree=2, purpose="interpolation")
     solution = em.solve(em.Problem(monitor, em.Grid(33, 33)), threads=1)
