@@ -194,7 +194,7 @@ def find_cells(points: Pair, nodes: Pair, columns: int, cells: IntPair) -> None:
     a point has the one that a walk comes to first.
     """
     (px, py), (x, y), (of_i, of_j) = points, nodes, cells
-    are_nodes = px.size == x.size and columns == x.shape[1]
+    are_nodes, joined = px.size == x.size and columns == x.shape[1], (meets(x, y), meets(x.T, y.T))
     i = j = other_i = other_j = row = column = end = 0
     for p in range(px.size):
         if p == end:
@@ -207,10 +207,10 @@ def find_cells(points: Pair, nodes: Pair, columns: int, cells: IntPair) -> None:
         if of_i[p] >= 0:
             i, j = of_i[p], of_j[p]
         elif is_nearer(px[p], py[p], x, y, (other_i, other_j), (i, j)):
-            i, j = walk(px[p], py[p], x, y, other_i, other_j)
+            i, j = walk(px[p], py[p], x, y, joined, (other_i, other_j))
             other_i, other_j = i, j
         else:
-            i, j = walk(px[p], py[p], x, y, i, j)
+            i, j = walk(px[p], py[p], x, y, joined, (i, j))
         of_i[p], of_j[p] = i, j
         column += 1
         if column == columns:
@@ -482,12 +482,22 @@ def by_splines(
 
 
 @compiled
-def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int, int]:
-    """The cell of a point, or one near it at a side, found by steps from cell to cell from (i, j).
+def meets(x: Array, y: Array) -> bool:
+    """Whether the last line of nodes is the first one again, as where a ring is cut."""
+    size = np.abs(x[1] - x[0]).max() + np.abs(y[1] - y[0]).max()
+    return bool(np.abs(x[-1] - x[0]).max() + np.abs(y[-1] - y[0]).max() <= EDGE_SHARE * size)
 
-    Where a domain is not convex the steps can end at a side, far from the point: then all cells are searched.
+
+@compiled
+def walk(
+    px: float, py: float, x: Array, y: Array, joined: tuple[bool, bool], start: tuple[int, int]
+) -> tuple[int, int]:
+    """The cell of a point, or one near it at a side, found by steps from cell to cell from the ``start``.
+
+    Steps go on across a cut at which two sides are ``joined``. Where a domain is not convex they can end at a side, far
+    from the point: then all cells are searched.
     """
-    rows, columns = x.shape[0] - 1, x.shape[1] - 1
+    rows, columns, (i, j), (round_i, round_j) = x.shape[0] - 1, x.shape[1] - 1, start, joined
     for _ in range(4 * (rows + columns)):
         worst, to_i, to_j = -1e-12, i, j
         x0, x1, x2, x3 = x[i, j] - px, x[i + 1, j] - px, x[i + 1, j + 1] - px, x[i, j + 1] - px
@@ -496,14 +506,14 @@ def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int,
         below, right, above, left = x0 * y1 - x1 * y0, x1 * y2 - x2 * y1, x2 * y3 - x3 * y2, x3 * y0 - x0 * y3
         if min(below, right, above, left) >= 0.0:
             return i, j
-        if below < 0.0 and j > 0 and below < worst * ((x1 - x0) ** 2 + (y1 - y0) ** 2):
-            worst, to_i, to_j = below / ((x1 - x0) ** 2 + (y1 - y0) ** 2), i, j - 1
-        if right < 0.0 and i < rows - 1 and right < worst * ((x2 - x1) ** 2 + (y2 - y1) ** 2):
-            worst, to_i, to_j = right / ((x2 - x1) ** 2 + (y2 - y1) ** 2), i + 1, j
-        if above < 0.0 and j < columns - 1 and above < worst * ((x3 - x2) ** 2 + (y3 - y2) ** 2):
-            worst, to_i, to_j = above / ((x3 - x2) ** 2 + (y3 - y2) ** 2), i, j + 1
-        if left < 0.0 and i > 0 and left < worst * ((x0 - x3) ** 2 + (y0 - y3) ** 2):
-            worst, to_i, to_j = left / ((x0 - x3) ** 2 + (y0 - y3) ** 2), i - 1, j
+        if below < 0.0 and (j > 0 or round_j) and below < worst * ((x1 - x0) ** 2 + (y1 - y0) ** 2):
+            worst, to_i, to_j = below / ((x1 - x0) ** 2 + (y1 - y0) ** 2), i, (j - 1) % columns
+        if right < 0.0 and (i < rows - 1 or round_i) and right < worst * ((x2 - x1) ** 2 + (y2 - y1) ** 2):
+            worst, to_i, to_j = right / ((x2 - x1) ** 2 + (y2 - y1) ** 2), (i + 1) % rows, j
+        if above < 0.0 and (j < columns - 1 or round_j) and above < worst * ((x3 - x2) ** 2 + (y3 - y2) ** 2):
+            worst, to_i, to_j = above / ((x3 - x2) ** 2 + (y3 - y2) ** 2), i, (j + 1) % columns
+        if left < 0.0 and (i > 0 or round_i) and left < worst * ((x0 - x3) ** 2 + (y0 - y3) ** 2):
+            worst, to_i, to_j = left / ((x0 - x3) ** 2 + (y0 - y3) ** 2), (i - 1) % rows, j
         if to_i == i and to_j == j:
             if is_near(px, py, x, y, i, j):
                 return i, j

@@ -17,7 +17,7 @@ from equimesh.fields.nodal_field import HermiteField
 from equimesh.fields.patch_field import PatchField
 from equimesh.fields.quad_field import QuadField
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.meshes.second_order import ValueDegree, corners_of, lattice_of
+from equimesh.meshes.second_order import ValueDegree, lattice_of
 from equimesh.numerics.types import Array, Pair
 from equimesh_coupling.parts import Cells
 
@@ -139,18 +139,15 @@ def recover(
 
     They have the shape of :func:`~equimesh.meshes.second_order.nodes_of_elements`, and on either kind of ``cells`` are
     those at the nodes of :func:`~equimesh.meshes.second_order.lattice_of` the mesh. Of degree 1 and 2 u is a
-    :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks a :class:`~equimesh.fields.quad_field.QuadField`, and
-    on a grid with curved sides one of the reference square, so that a layer along such a side has the values of that
-    side on all of it. Of degree 3 and more, of degree 2 on triangles with curved sides, and where such a side bends by
-    more than the cells along it are thick, it is a :class:`~equimesh.fields.patch_field.PatchField` of x and y, whose
-    polynomials go on up to the side.
+    :class:`~equimesh.fields.nodal_field.HermiteField`, on blocks a :class:`~equimesh.fields.quad_field.QuadField`. Of
+    degree 1 on a grid with curved sides it is one of the reference square, so that a layer along such a side has the
+    values of that side on all of it. Nodes of degree 2 lie on chords of the side, which are no lines of that square. Of
+    degree 3 and more, and of degree 2 on triangles with curved sides, u is a
+    :class:`~equimesh.fields.patch_field.PatchField`, whose polynomials go on up to the side.
     Of degree 1 on a grid gradients are ``fitted`` where that is requested. Raises as these.
     """
-    nodes = mesh if degree == 1 else lattice_of(mesh, degree, cells)
-    is_straight = isinstance(domain, Rectangle)
-    reference = reference_on(nodes, domain) if mesh.is_grid and degree < 3 else mesh
-    is_bent = cells == "triangle" and not is_straight
-    if degree > 2 or (mesh.is_grid and degree == 2 and (is_bent or reference.is_folded) and not mesh.is_folded):
+    nodes, is_bent = mesh if degree == 1 else lattice_of(mesh, degree, cells), not isinstance(domain, Rectangle)
+    if degree > 2 or (degree == 2 and cells == "triangle" and mesh.is_grid and is_bent):
         patches = PatchField(mesh=mesh, values=values, degree=degree, cells=cells)
         corners = reference_on(mesh, domain) if mesh.is_grid else mesh
         return RecoveredField(u=patches, reference=corners, values=patches.values, left=patches.left)
@@ -158,9 +155,10 @@ def recover(
     if not mesh.is_grid:
         own = QuadField(mesh=nodes, values=values, fitted=degree > 1)
         return RecoveredField(u=own, reference=mesh, values=own.values)
-    own = HermiteField(mesh=nodes if is_straight else reference, values=values, fitted=fitted or degree > 1)
-    u = own if is_straight else OnDomain(reference=own, domain=domain)
-    return RecoveredField(u=u, reference=corners_of(reference, degree), values=own.values)
+    reference, is_mapped = reference_on(mesh, domain), degree == 1 and is_bent
+    own = HermiteField(mesh=reference if is_mapped else nodes, values=values, fitted=fitted or degree > 1)
+    u = OnDomain(reference=own, domain=domain) if is_mapped else own
+    return RecoveredField(u=u, reference=reference, values=own.values)
 
 
 def reference_on(mesh: Mesh, domain: Domain) -> Mesh:

@@ -131,14 +131,16 @@ def test_cells_may_be_thinner_than_the_bend_of_their_side(degree: int, cells: An
     found = em.adapt(exact(u, degree, cells), 7, domain=domain, degree=degree, cells=cells, rounds=1)
     grid = em.Grid(n_xi=7, n_eta=7)
     uniform = measured(u, domain, em.Mesh.uniform(grid), Rule(norm="l2", cells=cells, points=5, degree=degree))
-    assert found.rounds[0].estimate == pytest.approx(uniform, rel=0.25)
+    assert found.rounds[0].estimate == pytest.approx(uniform, rel=0.3)
     assert found.rounds[1].estimate < 0.6 * found.rounds[0].estimate
     assert not found.mesh.is_folded
 
 
-def test_the_estimate_of_quadratic_triangles_holds_next_to_curved_sides() -> None:
+@pytest.mark.parametrize("cells", ["quad", "triangle"])
+def test_the_estimate_of_quadratic_elements_holds_next_to_curved_sides(cells: Any) -> None:
     u, domain, grid = em.Expression("exp(x)*y"), em.AnnulusSector(), em.Grid(7)
     mesh = map_mesh(em.Mesh.uniform(grid), domain)
-    found = em.adapt_round(mesh, exact(u, 2, "triangle")(mesh).reshape(13, 13), domain, degree=2, cells="triangle")
-    rule = Rule(norm="l2", cells="triangle", points=4, degree=2)
-    assert found.estimate == pytest.approx(measured(u, domain, em.Mesh.uniform(grid), rule), rel=0.1)
+    found = em.adapt_round(mesh, exact(u, 2, cells)(mesh).reshape(13, 13), domain, degree=2, cells=cells)
+    for norm, estimate in (("l2", found.estimate), ("h1", found.estimate_h1)):
+        rule = Rule(norm=norm, cells=cells, points=4, degree=2)  # type: ignore[arg-type]
+        assert estimate == pytest.approx(measured(u, domain, em.Mesh.uniform(grid), rule), rel=0.1)

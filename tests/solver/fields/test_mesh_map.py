@@ -103,3 +103,14 @@ def test_a_point_is_found_across_a_domain_that_is_not_convex(angle: float) -> No
     places = MeshMap.of(mesh).locate(*domain.map(s, t))
     assert np.abs(places.s / 16 - s).max() < 1e-3
     assert np.abs(places.t / 32 - t).max() < 1e-3
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_point_next_to_the_cut_of_a_ring_is_found_from_the_other_side(turned: bool) -> None:
+    domain, n = em.AnnulusSector(closed=True), 33
+    mesh = map_mesh(em.Mesh.uniform(em.Grid(n)), domain)
+    of = MeshMap.of(em.Mesh(mesh.x.T[::-1].copy(), mesh.y.T[::-1].copy()) if turned else mesh)
+    s, t = np.full(2, 0.5), np.array([0.999, 0.001])  # the walk to the second point begins at the first
+    places = of.locate(*domain.map(s, t))
+    around = 1.0 - places.s / (n - 1) if turned else places.t / (n - 1)
+    assert around == pytest.approx(t, abs=1e-4)
