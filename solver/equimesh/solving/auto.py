@@ -139,10 +139,9 @@ def choose_monitor(
     if not isinstance(auto, Auto):
         raise TypeError("only an Auto monitor is chosen")
     coarse = _Coarse.of(problem, options.threads, subdomains)
-    metrics = list(_metrics(auto))
     # Metrics follow the second derivatives of u, and none was ever the best for a solver.
-    if in_blocks(problem) or auto.degree > 1 or (auto.compares_solvers and not metrics_only):
-        metrics = []
+    without = in_blocks(problem) or auto.degree > 1 or (auto.compares_solvers and not metrics_only)
+    metrics = [] if without else list(_metrics(auto))
     least = [] if metrics_only else least_errors(auto, on_blocks=in_blocks(problem))
     parts = _parts(options, [DESCENT_WORK] * len(least) + [1.0] * len(metrics))
     measured = _solver_measure(coarse, auto) if auto.compares_solvers else lambda one: one
