@@ -37,7 +37,7 @@ def http(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) ->
         port=0,
         engine="dask",
         scheduler=cluster.scheduler,
-        memory_limit=48,
+        memory_limit=96,  # loading libraries can take 48
         time_limit=4.0,
         log_level="info",
         reuse=False,
