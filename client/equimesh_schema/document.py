@@ -437,7 +437,8 @@ def by_key(*documents: type[Document]) -> OneOf:
         has = value.__contains__ if isinstance(value, Mapping) else lambda key: hasattr(value, key)
         return next(filter(has, keys), None)
 
-    return OneOf(keys, tag, "source", f"this must be an object with one of the keys {', '.join(keys)}")
+    text = 'a text, such as "tanh(20*x)", or ' if "expression" in keys else ""
+    return OneOf(keys, tag, "source", f"this must be {text}an object with one of the keys {', '.join(keys)}")
 
 
 def by_kind(*documents: type[Document], default: str | None = None) -> OneOf:

@@ -31,6 +31,7 @@ class Rectangle(DomainDocument):
 
     USE = "A box; the unit square unless x and y are given."
     NEEDED = ()
+    REFUSED: ClassVar = dict.fromkeys(("vertices", "blocks"), 'a rectangle has none: add "kind": "blocks"')
     kind: Literal["rectangle"] = "rectangle"
     x: Pair = (0.0, 1.0)
     """[x0, x1], increasing."""

@@ -142,7 +142,8 @@ def read_domain(document: object) -> Domain:
     known = [name for name in keys_of(made) if name != "kind"]
     unknown = [name for name in fields if name not in known]
     if unknown:
-        raise BadArgument(f"a domain of kind {kind} has no {', '.join(map(str, unknown))}; it has {', '.join(known)}")
+        advice = made.REFUSED.get(unknown[0], f"it has {', '.join(known)}")
+        raise BadArgument(f"a domain of kind {kind} has no {', '.join(map(str, unknown))}; {advice}")
     missing = [name for name in required_of(made) if name in known and name not in fields]
     if missing:
         raise BadArgument(f"a domain of kind {kind} needs {', '.join(missing)}")

@@ -125,7 +125,7 @@ class AdaptLoop(Generic[M]):
             raise BadArgument(f"cells = {str(self.cells)[:20]!r}: choose 'quad' or 'triangle'")
         most, where = MAX_DEGREES[self.cells or "quad"], "" if self.cells is None else f" on {WORDS[self.cells]}"
         if self.degree is not None and not (is_whole(self.degree) and 1 <= self.degree <= most):
-            raise BadArgument(f"degree = {str(self.degree)[:20]}: give 1 to {most}, the degree of your elements{where}")
+            raise BadArgument(f"degree = {self.degree!r:.20}: give 1 to {most}, the degree of your elements{where}")
         try:
             check_goal(self.goal, self.tolerance, self.degree, cells=self.cells)
         except ValueError as error:

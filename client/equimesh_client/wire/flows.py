@@ -129,9 +129,10 @@ def persist(call: Call, settings: Settings, deadline: Deadline, sink: Download |
 
 def unreachable(url: str, reason: str) -> ServiceUnreachable:
     """The exception for a service that does not answer, with the remedy."""
-    return ServiceUnreachable(
-        f"no equimesh service answers at {url} ({reason}); start one with `equimesh serve`, or give its URL"
-    )
+    advice = "start one with `equimesh serve`, or give its URL"
+    if "[SSL" in reason and "CERTIFICATE" not in reason:
+        advice = "give http:// if the service has no TLS"
+    return ServiceUnreachable(f"no equimesh service answers at {url} ({reason}); {advice}")
 
 
 def request(call: Call, settings: Settings, deadline: Deadline | None = None) -> Flow[Reply]:

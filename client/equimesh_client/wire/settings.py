@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
 
 from equimesh_client.errors import BadArgument, DeadlineExceeded
+from equimesh_schema.document import is_number
 
 RETRIED = frozenset({429, 502, 503, 504})
 
@@ -31,8 +32,10 @@ class RetryPolicy:
     jitter: Callable[[], float] = field(default=random.random, repr=False)
 
     def __post_init__(self) -> None:
-        if self.retries < 0 or self.first < 0 or self.longest < 0 or self.patience < 0:
-            raise BadArgument("numbers of a retry policy must not be negative")
+        for name in ("retries", "first", "longest", "patience"):
+            value = getattr(self, name)
+            if not (is_number(value) and value >= 0):
+                raise BadArgument(f"{name} = {value!r:.40}: give a number that is not negative")
 
     def backoff(self, attempt: int) -> float:
         """Seconds to wait after failed attempt number ``attempt`` (from 0) when the service names no time."""
@@ -81,6 +84,12 @@ DEADLINE_SECONDS = 600.0
 """Time for a wait when the caller gives no deadline."""
 
 
+def require_seconds(name: str, value: object) -> None:
+    """Raise :class:`BadArgument` for a time that is no positive number."""
+    if not (is_number(value) and value > 0):
+        raise BadArgument(f"{name} = {value!r:.40}: give a positive number of seconds")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Deadline:
     """A moment of the monotonic clock; ``seconds`` is what the caller allowed."""
@@ -92,8 +101,7 @@ class Deadline:
     @classmethod
     def after(cls, seconds: float, clock: Callable[[], float] = time.monotonic) -> Deadline:
         """The moment ``seconds`` from now. Raises :class:`BadArgument` unless it is positive."""
-        if not seconds > 0:
-            raise BadArgument(f"deadline = {seconds}: must be a positive number of seconds")
+        require_seconds("deadline", seconds)
         return cls(seconds=seconds, end=clock() + seconds, clock=clock)
 
     @property
@@ -113,6 +121,9 @@ class Settings:
     url: str
     timeout: float
     policy: RetryPolicy
+
+    def __post_init__(self) -> None:
+        require_seconds("timeout", self.timeout)
 
     @property
     def attempts(self) -> float:
@@ -135,6 +146,8 @@ def headers_with_key(headers: Mapping[str, str] | None, key: str | None) -> dict
     take precedence over the environment. Raises :class:`BadArgument` for two keys, and for a character that keys do not
     have; the message does not contain the key.
     """
+    if not isinstance(key, str | None):
+        raise BadArgument("the key is no text: give one, as `equimesh keys create` prints it")
     merged = dict(headers or {})
     own = any(name.lower() == HEADER.lower() for name in merged)
     secret = (os.environ.get(VARIABLE, "") if key is None and not own else key or "").strip()

@@ -125,7 +125,7 @@ def base_url(url: str) -> str:
     try:
         parsed = httpx.URL(url)
     except (httpx.InvalidURL, TypeError) as error:
-        raise BadArgument(f"{url!r} is not a URL: {error}") from error
+        raise BadArgument(f"{url!r} is not a URL, such as http://127.0.0.1:8000: {error}") from error
     if parsed.scheme not in ("http", "https") or not parsed.host:
         raise BadArgument(f"{url!r} is not the URL of a service, such as http://127.0.0.1:8000")
     path = parsed.path.rstrip("/").removesuffix("/v1").rstrip("/")

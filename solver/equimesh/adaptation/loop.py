@@ -388,7 +388,7 @@ def _check_domain(domain: object) -> None:
     is_blocks = isinstance(domain, Blocks)
     if not is_blocks and not (callable(getattr(domain, "map", None)) and callable(getattr(domain, "jacobian", None))):
         raise InputError(
-            f"domain = {str(domain)[:40]!r} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
+            f"domain = {domain!r:.40} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
             field="domain",
         )
 

@@ -255,7 +255,7 @@ def require_domain(domain: object) -> None:
         callable(getattr(domain, name, None)) for name in ("map", "jacobian")
     ):
         raise InputError(
-            f"domain = {str(domain)[:40]!r} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
+            f"domain = {domain!r:.40} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
             field="domain",
         )
 

@@ -69,7 +69,8 @@ def require_unfolded(mesh: Mesh) -> None:
     if mesh.is_folded:
         raise InputError(
             "the mesh is folded, or has a coordinate that is not finite: no function on its nodes is one of x and"
-            " y; give a mesh whose min_jacobian is positive",
+            " y; give a mesh whose min_jacobian is positive: x and y of a grid have xi first, as from"
+            " numpy.meshgrid(..., indexing='ij')",
             field="mesh",
         )
 

@@ -163,7 +163,8 @@ class _Reader:
             return f"{shown} is not known: write {remedy}"
         known = [*FUNCTIONS] if is_call else [*self.names, *FUNCTIONS]
         same = [other for other in known if other.casefold() == name.casefold()]
-        if close := same or difflib.get_close_matches(name[:40], known, n=1, cutoff=0.6):
+        swapped = [other for other in known if sorted(other) == sorted(name)]  # two letters that changed places
+        if close := same or swapped or difflib.get_close_matches(name[:40], known, n=1, cutoff=0.6):
             return f"{shown} is not known: did you mean {close[0]}?"
         for character in name:
             if not character.isascii():

@@ -261,6 +261,6 @@ def require_degree(degree: Any, cells: object = "quad") -> ValueDegree:
         found: ValueDegree = int(degree)  # type: ignore[assignment]
         return found
     raise InputError(
-        f"degree = {str(degree)[:20]}: give 1 to {MAX_DEGREE}, the degree of the elements at whose nodes values are",
+        f"degree = {degree!r:.20}: give 1 to {MAX_DEGREE}, the degree of the elements at whose nodes values are",
         field="degree",
     )

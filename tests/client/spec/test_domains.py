@@ -84,6 +84,7 @@ def test_boxes_agree_with_the_solver() -> None:
         (lambda: read_domain([]), "JSON object"),
         (lambda: read_domain({"kind": "disk"}), "unknown kind of domain 'disk'; there are rectangle"),
         (lambda: read_domain({"kind": "rectangle", "z": 1}), "has no z; it has x, y, periodic"),
+        (lambda: read_domain({"blocks": []}), 'has no blocks; a rectangle has none: add "kind": "blocks"'),
         (lambda: read_domain({"x": 3}), "pair of numbers"),
         (lambda: read_domain({"periodic": "z"}), "periodic of a domain is one of None, 'x', 'y', 'both'"),
         (lambda: read_domain({"kind": "annulus_sector", "closed": 1}), "closed of a domain is one of False, True"),

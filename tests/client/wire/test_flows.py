@@ -123,6 +123,11 @@ def test_nobody_there(connect: Any) -> None:
             connect(url, retries=1).capabilities()
 
 
+def test_a_service_without_tls(connect: Any, service: Any) -> None:
+    with pytest.raises(ServiceUnreachable, match="give http:// if the service has no TLS"):
+        connect(service.url.replace("http://", "https://"), retries=0).capabilities()
+
+
 def test_somebody_else_there(connect: Any, service: Any, fault: Any) -> None:
     service.faults = [fault("capabilities", "status", status=200, body=["nothing"])]  # type: ignore[arg-type]
     with pytest.raises(ServiceUnreachable, match="not one of an equimesh service"):

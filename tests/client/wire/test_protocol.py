@@ -226,7 +226,7 @@ def test_time_runs_down_to_zero() -> None:
     assert str(deadline.exceeded("waiting")) == "waiting: the deadline of 3 s has passed"
 
 
-@pytest.mark.parametrize("seconds", [0.0, -1.0, math.nan])
+@pytest.mark.parametrize("seconds", [0.0, -1.0, math.nan, "9"])
 def test_a_deadline_is_a_positive_number(seconds: float) -> None:
     with pytest.raises(BadArgument, match="positive number of seconds"):
         Deadline.after(seconds)
@@ -329,8 +329,12 @@ def test_retry_after_is_a_number_or_a_date(value: str, seconds: float | None) ->
 
 
 def test_a_policy_has_no_negative_number() -> None:
-    with pytest.raises(BadArgument):
+    with pytest.raises(BadArgument, match="retries = -1: give a number that is not negative"):
         RetryPolicy(retries=-1)
+    with pytest.raises(BadArgument, match="first = '1': give a number"):
+        RetryPolicy(first="1")  # type: ignore[arg-type]
+    with pytest.raises(BadArgument, match="timeout = '30': give a positive number of seconds"):
+        Settings(url="http://h", timeout="30", policy=RetryPolicy())  # type: ignore[arg-type]
 
 
 OTHER_URLS = ["127.0.0.1:8000", "ftp://x", "http://", "nonsense", "http://[::1"]
@@ -348,6 +352,8 @@ def test_a_key_ends_with_its_line_and_has_one() -> None:
     with pytest.raises(BadArgument, match="another character that no key has") as refused:
         headers_with_key(None, "sec\nret")
     assert "sec" not in str(refused.value)
+    with pytest.raises(BadArgument, match="the key is no text: give one"):
+        headers_with_key(None, 5)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("end", ["", "/", "/v1", "/v1/"])

@@ -190,6 +190,15 @@ def test_an_unknown_word_gets_the_nearest_known_one(http: httpx.Client) -> None:
         assert re.search(f"did you mean '?{near}'?", errors[pointer]), errors
 
 
+def test_another_form_that_fits_is_named(http: httpx.Client) -> None:
+    for spec, pointer, words in (
+        (small(monitor={"u": 3}), "/monitor/u", 'a text, such as "tanh(20*x)", or an object with one of the keys'),
+        (small(domain={"blocks": []}), "/domain/blocks", 'a rectangle has none: add "kind": "blocks"'),
+    ):
+        (error,) = http.post("/v1/meshes", json=spec).json()["errors"]
+        assert (error["pointer"], words in error["message"]) == (pointer, True)
+
+
 def test_few_faults_are_looked_for() -> None:
     wrong = {"expression": 3, "parameters": {f"p{k}": "a" for k in range(64)}, **{f"q{k}": 1 for k in range(60)}}
     tensor = {"kind": "tensor", "m11": wrong, "m12": wrong, "m22": wrong}

@@ -226,7 +226,8 @@ def test_solutions_and_indicators_are_not_mixed() -> None:
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"domain": "annulus"}, "no domain"),
+        ({"domain": "annulus"}, "domain = 'annulus' is no domain"),
+        ({"domain": {"kind": 1}}, "domain = {'kind': 1} is no domain"),
         ({"observe": 5}, "no function"),
         ({"solve": 9, "n": abs}, "solve = 9 is no function: give one that takes a mesh"),
         ({"solve": lambda: 1}, r"solve cannot be called as solve\(mesh\): too many"),

@@ -83,7 +83,7 @@ def test_what_cannot_be_a_function_is_refused() -> None:
     bad[2, 3] = np.nan
     with pytest.raises(SamplesError, match=r"values\[2\]\[3\]"):
         em.NodalField(mesh=mesh, values=bad)
-    with pytest.raises(InputError, match="folded"):
+    with pytest.raises(InputError, match=r"folded.* xi first, as from numpy\.meshgrid"):
         em.NodalField(mesh=em.Mesh(mesh.y, mesh.x), values=np.zeros(mesh.x.shape))
 
 

@@ -50,6 +50,7 @@ POSITIONS = [
     ("x·/y", 2, "missing between '·' and '/'"),
     ("0,5*x", 1, "point"),
     ("snh(x)", 0, "did you mean sinh?"),
+    ("tahn(x)", 0, "did you mean tanh?"),
     ("X", 0, "did you mean x?"),
     ("x + alpa", 4, "did you mean alpha?"),
     ("foo(x)", 0, "not a known function"),

@@ -167,6 +167,8 @@ def test_values_of_another_degree_are_refused_with_the_shape_that_is_needed() ->
         adapt_round(mesh, mesh.x, degree=2)
     with pytest.raises(InputError, match="degree = 5: give 1 to 4, the degree of the elements at whose nodes"):
         adapt_round(mesh, mesh.x, degree=5)
+    with pytest.raises(InputError, match="degree = '2': give 1 to 4"):
+        adapt_round(mesh, mesh.x, degree="2")  # type: ignore[arg-type]
 
 
 def test_a_round_has_all_numbers_of_the_next_mesh() -> None:
