@@ -128,11 +128,11 @@ def base_url(url: str) -> str:
         raise BadArgument(f"{url!r} is not a URL, such as http://127.0.0.1:8000: {error}") from error
     if parsed.scheme not in ("http", "https") or not parsed.host:
         raise BadArgument(f"{url!r} is not the URL of a service, such as http://127.0.0.1:8000")
-    path = parsed.path.rstrip("/").removesuffix("/v1").rstrip("/")
-    if "/v1/" in f"{path}/" or "?" in url or "#" in url:
+    path = parsed.raw_path.rstrip(b"/").removesuffix(b"/v1").rstrip(b"/")  # as it was given: %2F is no slash
+    if b"/v1/" in path + b"/" or "?" in url or "#" in url:
         start = url.partition("#")[0].partition("?")[0].partition("/v1/")[0].rstrip("/")
         raise BadArgument(f"{url!r} is the URL of a part of a service: give that of the service, such as {start}")
-    return str(parsed.copy_with(path=path or "/")).rstrip("/")
+    return str(parsed.copy_with(raw_path=path or b"/")).rstrip("/")
 
 
 def _options(url: str, headers: Mapping[str, str]) -> dict[str, Any]:

@@ -358,7 +358,7 @@ def test_a_key_ends_with_its_line_and_has_one() -> None:
 
 @pytest.mark.parametrize("end", ["", "/", "/v1", "/v1/"])
 def test_the_path_of_a_service_is_kept(end: str) -> None:
-    assert base_url(f"https://host:8000/a%20b{end}") == "https://host:8000/a%20b"
+    assert base_url(f"https://host:8000/a%20b%2Fc{end}") == "https://host:8000/a%20b%2Fc"
     assert base_url(f"http://[::1]:8000{end}") == "http://[::1]:8000"
 
 
