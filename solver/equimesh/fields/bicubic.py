@@ -309,7 +309,8 @@ class Bicubic:
         if x.shape != y.shape:
             x, y = np.broadcast_arrays(x, y)
         values = np.empty((COUNT[order], *x.shape))
-        if order < 2 and x.ndim == 2 and x.strides[1] == y.strides[0] == 0 and self._fill_lines(x[:, 0], y[0], values):
+        on_lines = order < 2 and x.ndim == 2 and x.size > 0 and x.strides[1] == y.strides[0] == 0
+        if on_lines and self._fill_lines(x[:, 0], y[0], values):
             return tuple(values)
         rows = values.reshape(len(values), -1)
         if math.isfinite(total(x.ravel(), y.ravel())):

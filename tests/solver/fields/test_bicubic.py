@@ -52,6 +52,8 @@ def test_where_lines_cross_it_is_what_it_is_at_points(order: int, bad: float) ->
     expected = bicubic.evaluate(*np.meshgrid(first, second, indexing="ij"), order)
     found = bicubic.evaluate(first[:, None], second[None], order)
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    assert bicubic.evaluate(first[:0, None], second[None], order)[0].shape == (0, 7)
+    assert bicubic.evaluate(first[:, None], second[None, :0], order)[0].shape == (5, 0)
 
 
 def test_slopes_are_bounded_as_fitpack_bounds_them() -> None:
