@@ -10,6 +10,7 @@ from numpy import ma  # now: its import parses code, which fails now and then in
 
 from equimesh.errors import InputError, SamplesError
 from equimesh.numerics.types import Array
+from equimesh_schema.document import is_number
 
 
 def real_array(value: object, name: str, *, ndim: int) -> Array:
@@ -132,6 +133,17 @@ def require_flag(value: object, name: str, section: str = "") -> None:
     """Raise :class:`~equimesh.errors.InputError` for what is not True or False; the field is in the ``section``."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{name} = {str(value)[:20]}: give True or False", field=f"{section}{name}")
+
+
+def keep_floats(settings: object, *names: str) -> None:
+    """Keep real numbers of other types among these ``settings`` as floats: with float32 loops have fewer digits.
+
+    What is no number stays as it is.
+    """
+    for name in names:
+        value: Any = getattr(settings, name)
+        if not isinstance(value, int | float) and is_number(value):
+            object.__setattr__(settings, name, float(value))
 
 
 def finite_or_none(number: float | None) -> float | None:

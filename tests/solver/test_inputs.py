@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -56,6 +57,20 @@ def test_words_are_what_they_name() -> None:
 def test_what_is_of_another_kind_is_refused(wrong: object, said: str) -> None:
     with pytest.raises(em.InputError, match=said):
         wrong()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("number", [np.float32(0.25), np.longdouble(0.25), Fraction(1, 4), np.int64(1)])
+def test_settings_of_other_real_numbers_become_floats(number: Any) -> None:
+    least, smoothed = (
+        em.LeastError(u=U, distortion=number, smoothness=number, obliqueness=number),
+        em.Smoothed(monitor=em.ArcLength(u=U, a=number, b=number, orthogonality=number), radius=number / 4),
+    )
+    target, schwarz = em.Target(error=number), em.Schwarz(tolerance=number)
+    arc: Any = smoothed.monitor
+    kept = [least.distortion, least.smoothness, least.obliqueness, arc.a, arc.b, arc.orthogonality]
+    kept += [4 * smoothed.radius, em.Curvature(u=U, floor=number).floor, target.error, schwarz.tolerance]
+    assert kept == [float(number)] * 10
+    assert all(isinstance(one, float) for one in kept)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from equimesh.fields.nodal_field import HermiteField, NodalField
 from equimesh.fields.on_domain import OnDomain, recover, reference_on
 from equimesh.fields.periodic import Periodic, repeated_field
 from equimesh.fields.quad_field import QuadField
-from equimesh.inputs import require_flag
+from equimesh.inputs import keep_floats, require_flag
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.second_order import corners_of, lattice_of, nodes_of_cells
 from equimesh.meshes.second_order import require_degree as require_value_degree
@@ -52,7 +52,7 @@ def require_degree(degree: object, cells: Literal["quad", "triangle"]) -> None:
 def require_measured(monitor: LeastError | Auto) -> None:
     """Raises :class:`~equimesh.errors.InputError` for a u, an angle, a norm, cells or a degree that cannot be."""
     require_fields(monitor, "u")
-    require_orthogonality(monitor.orthogonality)
+    require_orthogonality(monitor)
     for name, known in (("norm", NORMS), ("cells", CELLS)):
         if getattr(monitor, name) not in known:
             raise InputError(f"{name} = {getattr(monitor, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
@@ -122,6 +122,7 @@ class LeastError:
     def __post_init__(self) -> None:
         require_measured(self)
         require_flag(self.rectilinear, "rectilinear")
+        keep_floats(self, "obliqueness", "distortion", "smoothness")
         require_purpose(self.purpose, ("finite_element", "interpolation"), self.degree)
         if not (is_number(self.obliqueness) and 0.0 <= self.obliqueness <= MAX_WEIGHT):
             raise InputError(
@@ -331,7 +332,7 @@ class NodalSolution:
     _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_orthogonality(self.orthogonality)
+        require_orthogonality(self)
         if not isinstance(self.u, NodalField | QuadField) and self._nodal is None:
             raise InputError(NOT_NODAL, field="u")
         if self.norm not in NORMS:

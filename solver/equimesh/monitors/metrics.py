@@ -13,7 +13,7 @@ import scipy
 from equimesh.domains.domain import Domain, closed_of, is_closed
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field, require_fields
-from equimesh.inputs import require_flag
+from equimesh.inputs import keep_floats, require_flag
 from equimesh.monitors.monitor import (
     AnyDomain,
     Monitor,
@@ -123,7 +123,8 @@ class ArcLength:
 
     def __post_init__(self) -> None:
         require_fields(self, "u")
-        require_orthogonality(self.orthogonality)
+        require_orthogonality(self)
+        keep_floats(self, "a", "b")
         if not (is_number(self.a) and 0.0 <= self.a <= 1.0):
             raise InputError(f"a = {self.a!r:.40}: the relaxation parameter a must lie in [0, 1]", field="a")
         if not (is_number(self.b) and self.b >= 0.0 and math.isfinite(self.b)):
@@ -242,10 +243,11 @@ class Curvature:
 
     def __post_init__(self) -> None:
         require_fields(self, "u")
-        require_orthogonality(self.orthogonality)
+        require_orthogonality(self)
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
         require_flag(self.isotropic, "isotropic")
+        keep_floats(self, "floor")
         if not (is_number(self.floor) and 0.0 < self.floor <= 1.0):
             raise InputError(f"floor = {self.floor!r:.40}: the floor must be positive and at most 1", field="floor")
 

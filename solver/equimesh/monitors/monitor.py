@@ -13,6 +13,7 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
+from equimesh.inputs import keep_floats
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
 from equimesh_schema.document import is_number
@@ -195,8 +196,10 @@ def orthogonality_of(monitor: Monitor) -> float | None:
     return min((bound for bound in bounds if bound is not None), default=None)
 
 
-def require_orthogonality(angle: object) -> None:
+def require_orthogonality(monitor: Any) -> None:
     """Raises :class:`~equimesh.errors.InputError` for a bound that is neither ``None`` nor an angle in (0, 90]."""
+    keep_floats(monitor, "orthogonality")
+    angle = monitor.orthogonality
     if angle is None:
         return
     if not is_number(angle) or not 0.0 < angle <= MAX_ORTHOGONALITY:

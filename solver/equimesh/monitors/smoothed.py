@@ -14,6 +14,7 @@ from equimesh.domains.domain import Box, Domain, Periods, periods_of
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
 from equimesh.fields.periodic import within
+from equimesh.inputs import keep_floats
 from equimesh.monitors.monitor import (
     Matrices,
     Monitor,
@@ -90,6 +91,7 @@ class Smoothed:
     _table: Table | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        keep_floats(self, "radius")
         if not (is_number(self.radius) and 0.0 < self.radius <= MAX_RADIUS):
             raise InputError(
                 f"radius = {self.radius!r:.40}: the radius of smoothing is positive and at most {MAX_RADIUS:g} of the"

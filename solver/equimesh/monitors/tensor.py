@@ -56,7 +56,7 @@ class Weight:
 
     def __post_init__(self) -> None:
         require_fields(self, "rho", *(["u"] if self.u is not None else []))
-        require_orthogonality(self.orthogonality)
+        require_orthogonality(self)
         if isinstance(self.rho, NodalField):
             object.__setattr__(self, "rho", HermiteField(mesh=self.rho.mesh, values=self.rho.values))
         if self.map not in MAPS:
@@ -111,7 +111,7 @@ class Tensor:
 
     def __post_init__(self) -> None:
         require_fields(self, "m11", "m12", "m22", *(["u"] if self.u is not None else []))
-        require_orthogonality(self.orthogonality)
+        require_orthogonality(self)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points."""
@@ -172,7 +172,7 @@ class Intersection:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "monitors", tuple(self.monitors))
-        require_orthogonality(self.orthogonality)
+        require_orthogonality(self)
         if not MIN_MONITORS <= len(self.monitors) <= MAX_MONITORS:
             raise InputError(
                 f"{len(self.monitors)} monitors: an intersection is of {MIN_MONITORS} to {MAX_MONITORS}",

@@ -10,7 +10,7 @@ from numbers import Integral
 from typing import Literal, TypeAlias, TypeGuard, get_args
 
 from equimesh.errors import DecompositionError, InputError
-from equimesh.inputs import choice, require_flag
+from equimesh.inputs import choice, keep_floats, require_flag
 from equimesh.meshes.mesh import Grid
 from equimesh.numerics.types import IntArray
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
@@ -141,6 +141,7 @@ class Schwarz:
             )
         self._check_newton()
         self._check_exchanges()
+        keep_floats(self, "tolerance")
         if not (self.tolerance is None or self.tolerance == "discretization" or _is_positive(self.tolerance)):
             raise InputError(
                 f'tolerance = {self.tolerance!r}: must be positive, or "discretization", or null for a fixed number of'

@@ -13,6 +13,7 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.problem import Boundary, Problem, require_domain
 from equimesh.errors import InputError
+from equimesh.inputs import keep_floats
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError, NodalSolution
 from equimesh.monitors.metrics import NORMS
@@ -71,6 +72,7 @@ class Target:
             raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
         if self.error is None and self.max_points is None:
             raise InputError("an error is required, or max_points for the least one on so many points", field="error")
+        keep_floats(self, "error")
         if self.error is not None and not (is_number(self.error) and 0.0 < self.error < math.inf):
             raise InputError(f"error = {self.error!r}: the requested error must be a positive number", field="error")
         if self.max_points is not None and not is_whole(self.max_points):
