@@ -496,7 +496,7 @@ def public(kind: type) -> dict[str, Any]:
 @pytest.mark.parametrize("pair", TWINS, ids=lambda pair: pair[0].__name__)
 def test_both_clients_have_the_same_names(pair: tuple[type, type]) -> None:
     # what is a property of one mesh is a method of the other, or in its arrays
-    only = {"points", "cells", "boundary", "blocks", "x", "y", "u"} if pair[0] is Mesh else set()
+    only = {"points", "cells", "boundary", "sides", "blocks", "x", "y", "u"} if pair[0] is Mesh else set()
     blocking, awaited = map(public, pair)
     assert set(blocking) - only == set(awaited)
 
@@ -530,7 +530,7 @@ def test_every_public_name_of_the_twins_works(
     assert (mesh.relaxed, mesh.warnings, mesh.certificate.status, mesh.attempts) == (False, (), "converged", 1)
     assert (mesh.progress.fraction, mesh.timings["solve"] > 0) == (1.0, True)
     assert {len(mesh.points), mesh.x.size, mesh.y.size, mesh.u.size, mesh.arrays().u.size} == {63}
-    assert (len(mesh.cells), len(mesh.boundary)) == (48, 4)
+    assert (len(mesh.cells), len(mesh.boundary), len(mesh.sides)) == (48, 4, 4)
     assert not getattr(mesh, "blocks", ())  # the twin has them in its arrays
     assert len(mesh.mesh_parts("triangle").cells) == 96
     assert mesh.quality.q_eq.max == np.nanmax(mesh.quality_of_cells().q_eq.cells)
@@ -587,7 +587,7 @@ def test_every_public_name_of_the_twins_works(
     kinds = [
         kind for pair in TWINS for kind in pair if kind.__name__.startswith("Async") is isinstance(client, Blocking)
     ]
-    in_arrays = {("AsyncMesh", name) for name in ("points", "cells", "boundary", "x", "y", "u")}
+    in_arrays = {("AsyncMesh", name) for name in ("points", "cells", "boundary", "sides", "x", "y", "u")}
     assert {(kind.__name__, name) for kind in kinds for name in public(kind)} - in_arrays <= used
 
 
