@@ -34,6 +34,8 @@ TWO_KINDS = (
     " in blocks"
 )
 """The reason why a mesh and a domain of two kinds are refused."""
+RIM_SHARE = 0.05
+"""How far nodes may lie from their places on the domain, as a share of the root of its area."""
 MORE_ESTIMATE_POINTS = 2
 """How many Gauss points a direction and cell estimates take more than the degree of the elements."""
 LEFT_SHARES: Mapping[Norm, float] = {"l2": 0.05, "h1": 0.15}
@@ -78,7 +80,7 @@ class Recovery:
 
         Raises as :func:`~equimesh.fields.on_domain.recover`, on blocks as
         :class:`~equimesh.fields.quad_field.QuadField`; :class:`~equimesh.errors.InputError` for a mesh with other cells
-        than the domain, too, and for a mesh and a domain of two kinds.
+        than the domain, too, for one of another domain, and for a mesh and a domain of two kinds.
         """
         if degree > 1:
             _check_count(values, mesh, degree, cells)
@@ -86,6 +88,8 @@ class Recovery:
             raise InputError(TWO_KINDS, field="mesh")
         if isinstance(domain, Blocks):
             domain = domain.with_counts_of(mesh)
+        elif not mesh.is_folded:
+            _check_place(mesh, domain)
         found = recover(mesh, values, domain, degree, cells)
         known = found.values
         rounding = ROUNDING_SHARE * float(np.abs(known).max()) * math.sqrt(domain.area)
@@ -158,6 +162,14 @@ def _check_count(values: npt.ArrayLike, mesh: Mesh, degree: ValueDegree, cells: 
             f" values at the middles of edges and {inside}, too, or the degree of your elements",
             field="values",
         )
+
+
+def _check_place(mesh: Mesh, domain: Domain) -> None:
+    """Refuse a grid whose nodes lie elsewhere than the domain; the message has the rectangle around them."""
+    away = map_mesh(reference_on(mesh, domain), domain).distance(mesh)
+    if not away <= RIM_SHARE * math.sqrt(domain.area):
+        box = ", ".join(f"{name}=({q.min():g}, {q.max():g})" for name, q in (("x", mesh.x), ("y", mesh.y)))
+        raise InputError(f"the mesh is one of another domain, such as Rectangle({box}): give that one", field="mesh")
 
 
 def on_domain(reference: Mesh, domain: Domain | Blocks) -> Any:

@@ -171,6 +171,15 @@ def test_values_of_another_degree_are_refused_with_the_shape_that_is_needed() ->
         adapt_round(mesh, mesh.x, degree="2")  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("domain", [em.Rectangle(x=(0, 2)), em.Rectangle(y=(-3, -2)), em.AnnulusSector()])
+def test_a_grid_of_another_domain_is_refused(domain: em.Domain) -> None:
+    mesh = uniform(9, 7)
+    with pytest.raises(InputError, match=r"of another domain, such as Rectangle\(x=\(0, 1\), y=\(0, 1\)\): give that"):
+        adapt_round(mesh, mesh.x, domain)
+    own = map_mesh(mesh, domain)
+    assert adapt_round(own, own.x, domain).mesh.distance(own) < 1.0
+
+
 def test_a_round_has_all_numbers_of_the_next_mesh() -> None:
     names = {field.name for field in dataclasses.fields(NextMesh)}
     assert names < {field.name for field in dataclasses.fields(Round)}
