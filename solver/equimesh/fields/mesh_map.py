@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from equimesh.domains.domain import Domain, map_mesh
+from equimesh.domains.domain import Domain, closed_of, map_mesh
 from equimesh.errors import InputError
 from equimesh.fields.bicubic import ORDER, Axis, Bicubic, at_patch, at_piece, buckets_per_length, piece, slopes_at_piece
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.nested import closed_mesh
 from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, BoolArray, IntPair, Pair
 
@@ -112,32 +113,30 @@ class MeshMap:
 
 
 def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
-    """The mesh of the reference square whose image on ``domain`` is ``mesh``: the inverse of ``map_mesh``."""
-    uniform = Mesh.uniform(mesh.grid)
-    places = MeshMap.of(map_mesh(uniform, domain)).locate(mesh.x, mesh.y)
+    """The mesh of the reference square whose image on ``domain`` is ``mesh``: the inverse of ``map_mesh``.
+
+    The seam of closed lines may bend: then they begin beside 0, and end as far beside 1.
+    """
+    closed = closed_of(domain)
+    places = MeshMap.of(map_mesh(Mesh.uniform(mesh.grid), domain)).locate(mesh.x, mesh.y)
     s, t = (along.reshape(mesh.x.shape) / (n - 1) for along, n in zip((places.s, places.t), mesh.x.shape, strict=True))
-    s[0], s[-1], t[:, 0], t[:, -1] = 0.0, 1.0, 0.0, 1.0  # where a ring is cut, the place alone does not tell the side
-    s, t, far = _polished(mesh, domain, s, t)
-    if far.max() > MAX_FAR_SHARE * max(np.ptp(mesh.x), np.ptp(mesh.y)):  # inner nodes near a cut, from its other side
-        for start in ((s, 1.0 - t), (1.0 - s, t)):
-            other_s, other_t, other_far = _polished(mesh, domain, *start)
-            nearer = other_far < far
-            s, t = np.where(nearer, other_s, s), np.where(nearer, other_t, t)
-            far = np.minimum(far, other_far)
-    return Mesh.of_unit_square(s, t)
-
-
-def _polished(mesh: Mesh, domain: Domain, s: Array, t: Array) -> tuple[Array, Array, Array]:
-    """The places of nodes in the reference square by Newton's method, and how far their images are from the nodes."""
+    s = _unwound(s) if closed[0] else s
+    t = _unwound(t.T).T if closed[1] else t
     for _ in range(POLISHING_STEPS):
         x, y = domain.map(s, t)
         x_s, x_t, y_s, y_t = domain.jacobian(s, t)
         det = x_s * y_t - x_t * y_s
         r, q = mesh.x - x, mesh.y - y
-        s = np.clip(s + (r * y_t - q * x_t) / det, 0.0, 1.0)
-        t = np.clip(t + (q * x_s - r * y_s) / det, 0.0, 1.0)
-    x, y = domain.map(s, t)
-    return s, t, np.hypot(mesh.x - x, mesh.y - y)
+        s, t = s + (r * y_t - q * x_t) / det, t + (q * x_s - r * y_s) / det
+        s, t = (along if one else np.clip(along, 0.0, 1.0) for along, one in zip((s, t), closed, strict=True))
+    return closed_mesh(Mesh(s, t), closed)
+
+
+def _unwound(along: Array) -> Array:
+    """Places along closed lines, which are the first dimension, without jumps by a whole turn."""
+    first = np.unwrap(along[0], period=1.0)
+    first = first - np.round(first.mean())
+    return np.asarray(np.unwrap(np.vstack([first[None], along[1:]]), axis=0, period=1.0))
 
 
 def through(values: Array) -> Bicubic:

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.domains.domain import Domain, Rectangle, map_mesh
+from equimesh.domains.domain import Domain, Rectangle, closed_of, map_mesh
 from equimesh.fields.expression import Field
 from equimesh.fields.mesh_map import MeshMap, reference_of
 from equimesh.fields.nodal_field import HermiteField
 from equimesh.fields.patch_field import PatchField
 from equimesh.fields.quad_field import QuadField
 from equimesh.meshes.mesh import Grid, Mesh
+from equimesh.meshes.nested import closed_mesh
 from equimesh.meshes.second_order import ValueDegree, lattice_of
 from equimesh.numerics.types import Array, Pair
 from equimesh_coupling.parts import Cells
@@ -155,17 +156,17 @@ def recover(
     if not mesh.is_grid:
         own = QuadField(mesh=nodes, values=values, fitted=degree > 1)
         return RecoveredField(u=own, reference=mesh, values=own.values)
-    reference, is_mapped = reference_on(mesh, domain), degree == 1 and is_bent
+    reference = reference_on(mesh, domain)
+    is_mapped = degree == 1 and is_bent and not reference.is_folded  # cells of a thick ring may fold there alone
     own = HermiteField(mesh=reference if is_mapped else nodes, values=values, fitted=fitted or degree > 1)
     u = OnDomain(reference=own, domain=domain) if is_mapped else own
     return RecoveredField(u=u, reference=reference, values=own.values)
 
 
 def reference_on(mesh: Mesh, domain: Domain) -> Mesh:
-    """The mesh of the reference square whose image is ``mesh``; its sides are those of the square exactly."""
+    """The mesh of the reference square whose image is ``mesh``; its sides are those of the square, but for seams."""
     if not isinstance(domain, Rectangle):
         return reference_of(mesh, domain)
-    if domain.is_unit_square:
-        return Mesh.of_unit_square(mesh.x, mesh.y)
     ((x0, x1), (y0, y1)) = domain.x, domain.y
-    return Mesh.of_unit_square((mesh.x - x0) / (x1 - x0), (mesh.y - y0) / (y1 - y0))
+    there = mesh if domain.is_unit_square else Mesh((mesh.x - x0) / (x1 - x0), (mesh.y - y0) / (y1 - y0))
+    return closed_mesh(there, closed_of(domain))

@@ -182,8 +182,8 @@ def limited(u: Field, domain: AnyDomain) -> Field:
         return HermiteField(mesh=u.mesh, values=u.values)
     reference = reference_on(u.mesh, domain)
     size = max(float(np.ptp(u.mesh.x)), float(np.ptp(u.mesh.y)))
-    if not u.mesh.distance(map_mesh(reference, domain)) <= MAX_FAR_SHARE * size:
-        return u  # of another domain
+    if reference.is_folded or not u.mesh.distance(map_mesh(reference, domain)) <= MAX_FAR_SHARE * size:
+        return u  # the mesh is one of another domain, or of a thick ring
     own = OnDomain(reference=HermiteField(mesh=reference, values=u.values), domain=domain)
     return repeated_field(own, domain, "u")
 

@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.domains.domain import Domain, map_mesh
+from equimesh.domains.domain import Domain, is_closed, map_mesh
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.expression import Field
 from equimesh.fields.on_domain import recover, reference_on
+from equimesh.fields.periodic import repeated_field
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import ROUNDING_SHARE
 from equimesh.meshes.mesh import Mesh
@@ -94,7 +95,7 @@ class Recovery:
         known = found.values
         rounding = ROUNDING_SHARE * float(np.abs(known).max()) * math.sqrt(domain.area)
         return cls(
-            u=found.u,
+            u=repeated_field(found.u, domain, "u") if is_closed(domain) else found.u,
             domain=domain,
             mesh=found.reference,
             values=known,

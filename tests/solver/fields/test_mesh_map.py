@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domains.domain import map_mesh
+from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.fields.mesh_map import (
     MIN_START_STEP_CELLS,
     MeshMap,
@@ -17,6 +19,9 @@ from equimesh.fields.mesh_map import (
     place_in_patches,
     reference_of,
 )
+from equimesh.fields.on_domain import reference_on
+from equimesh.meshes.nested import closed_mesh
+from equimesh.quality.measures import measure_errors
 from solver.fields.bent_meshes import ANYWHERE, largest, smooth_mesh
 
 
@@ -114,3 +119,19 @@ def test_a_point_next_to_the_cut_of_a_ring_is_found_from_the_other_side(turned: 
     places = of.locate(*domain.map(s, t))
     around = 1.0 - places.s / (n - 1) if turned else places.t / (n - 1)
     assert around == pytest.approx(t, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("domain", "formula"),
+    [
+        (em.AnnulusSector(closed=True), "exp(x)*y"),
+        (em.Rectangle(x=(1, 3), periodic="both"), "sin(pi*x)*cos(2*pi*y)"),
+    ],
+)
+def test_the_reference_of_a_mesh_whose_seam_bends_is_found(domain: Any, formula: str) -> None:
+    s, t = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 33), indexing="ij")
+    bent = closed_mesh(em.Mesh(s, t + 0.1 * np.sin(3 * s) - 0.04), closed_of(domain))
+    mesh, u = map_mesh(bent, domain), em.Expression(formula)
+    assert reference_on(mesh, domain).distance(bent) < 1e-12
+    estimate = em.adapt_round(mesh, u.evaluate(mesh.x, mesh.y)[0], domain).estimate_h1
+    assert estimate == pytest.approx(measure_errors(mesh, u).h1, rel=0.2)
