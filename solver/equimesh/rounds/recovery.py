@@ -92,10 +92,12 @@ class Recovery:
         elif not mesh.is_folded:
             _check_place(mesh, domain)
         found = recover(mesh, values, domain, degree, cells)
-        known = found.values
+        known, u = found.values, found.u
+        if not isinstance(domain, Blocks) and is_closed(domain):
+            u = repeated_field(u, domain, "u")
         rounding = ROUNDING_SHARE * float(np.abs(known).max()) * math.sqrt(domain.area)
         return cls(
-            u=repeated_field(found.u, domain, "u") if is_closed(domain) else found.u,
+            u=u,
             domain=domain,
             mesh=found.reference,
             values=known,
