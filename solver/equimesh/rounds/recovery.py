@@ -14,7 +14,7 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain, is_closed, map_mesh
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.expression import Field
-from equimesh.fields.on_domain import recover, reference_on
+from equimesh.fields.on_domain import OnDomain, recover, reference_on
 from equimesh.fields.periodic import repeated_field
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import ROUNDING_SHARE
@@ -93,8 +93,8 @@ class Recovery:
             _check_place(mesh, domain)
         found = recover(mesh, values, domain, degree, cells)
         known, u = found.values, found.u
-        if not isinstance(domain, Blocks) and is_closed(domain):
-            u = repeated_field(u, domain, "u")
+        if isinstance(u, OnDomain) and is_closed(u.domain):  # on a rectangle a solver may leave two values at a seam
+            u = repeated_field(u, u.domain, "u")
         rounding = ROUNDING_SHARE * float(np.abs(known).max()) * math.sqrt(domain.area)
         return cls(
             u=u,
