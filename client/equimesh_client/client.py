@@ -35,6 +35,7 @@ from equimesh_client.wire.transport import Session, Transport, base_url
 from equimesh_coupling.adaptation import Adaptation
 from equimesh_coupling.goals import Goal
 from equimesh_schema import Certificate
+from equimesh_schema.document import hinted
 from equimesh_schema.monitors import Norm
 
 
@@ -161,6 +162,7 @@ class ClientOperations(ABC, Generic[M]):
         return certificate
 
     @operation
+    @hinted(max_points="did you mean 'points'?")
     async def adapt(
         self,
         solve: Solve,

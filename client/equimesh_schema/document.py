@@ -144,8 +144,12 @@ def hinted(**hints: str) -> Callable[[C], C]:
                 raise TypeError(f"{made.__name__}() has no argument {name!r}; {hints[name]}")
             return call(*arguments, **given)
 
+        @wraps(call)
+        async def awaiting(*arguments: Any, **given: Any) -> Any:
+            return await hinting(*arguments, **given)
+
         if not isinstance(made, type):
-            return hinting  # type: ignore[return-value]
+            return awaiting if inspect.iscoroutinefunction(made) else hinting  # type: ignore[return-value]
         made.__init__ = hinting  # type: ignore[misc]
         return made
 

@@ -47,6 +47,39 @@ def real_array(value: object, name: str, *, ndim: int) -> Array:
     return array
 
 
+AT_PLACES = {"nodes": "a value at each node", "cells": "an average over each cell"}
+"""What is needed of values on a mesh, by their location."""
+
+
+def shaped_array(
+    value: object, name: str, wanted: tuple[int, ...], what: str, *, hint: str = "", vectors: bool = False
+) -> Array:
+    """:func:`real_array` of the shape ``wanted``, of ``vectors`` with one more axis where that is allowed.
+
+    Raises :class:`~equimesh.errors.SamplesError` that tells the shape, which is that of ``what`` at each place; a
+    ``hint`` stands in place of those about values in another order.
+    """
+    shape = shape_of(value)
+    axes = len(wanted) + (vectors and len(shape) > len(wanted))
+    if shape and (len(shape) != axes or shape[: len(wanted)] != wanted):
+        _check_nested(value, name, len(shape), field_name=name)
+        if not hint and len(wanted) == 2:
+            flat = "; reshape it" if shape == (math.prod(wanted),) else ""
+            hint = "; transpose it" if shape[:2] == wanted[::-1] else flat
+        order = ", xi first" if len(wanted) == 2 else ""
+        raise SamplesError(f"{name} has shape {shape}, but {what} is needed, shape {wanted}{order}{hint}", field=name)
+    return real_array(value, name, ndim=axes)
+
+
+def shape_of(value: Any) -> tuple[int, ...]:
+    """The shape of an array, or of nested lists by the first entries; empty for what is neither."""
+    if isinstance(value, np.ndarray):
+        return tuple(value.shape)
+    if not isinstance(value, (list, tuple)):
+        return ()
+    return (len(value), *(shape_of(value[0]) if value else ()))
+
+
 def _check_nested(value: object, path: str, ndim: int, *, field_name: str) -> None:
     """Refuse lists that are ragged, too shallow or too deep, or hold anything but real numbers."""
     if isinstance(value, np.ndarray):

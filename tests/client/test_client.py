@@ -37,6 +37,11 @@ def test_a_mesh_that_is_not_kept_is_computed_in_one_request(connect: Any, servic
         connect(service.url).compute("x", 5, nonsense=1)
 
 
+def test_an_argument_of_another_call_is_refused_with_its_name_here(connect: Any, service: Any) -> None:
+    with pytest.raises(TypeError, match=r"adapt\(\) has no argument 'max_points'; did you mean 'points'"):
+        connect(service.url).adapt(len, max_points=100)
+
+
 def test_two_creates_are_two_meshes(connect: Any, service: Any) -> None:
     client = connect(service.url)
     assert client.generate("x", 5).id != client.generate("x", 5).id

@@ -98,11 +98,14 @@ def start_error(settings: Settings, error: OSError) -> str:
 
 
 def _complaint(entry: Any) -> str:
+    from equimesh_service.problems.problem import sentence_of
+
+    said = sentence_of(entry) or str(entry["msg"]).removeprefix("Value error, ")
     if not entry["loc"]:  # of several settings together
-        return str(entry["msg"]).removeprefix("Value error, ")
+        return said
     name = "_".join(str(part) for part in entry["loc"])
     flag, variable = "--" + name.replace("_", "-"), f"EQUIMESH_{name.upper()}"
-    return f"{flag} (or {variable}) = {entry['input']}: {entry['msg']}"
+    return f"{flag} (or {variable}) = {entry['input']}: {said}"
 
 
 def add_database_options(parser: argparse.ArgumentParser) -> None:

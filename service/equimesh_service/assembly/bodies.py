@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError, SamplesError
 from equimesh.formulas.vocabulary import LIMITS
-from equimesh.inputs import real_array
+from equimesh.inputs import AT_PLACES, real_array, shape_of, shaped_array
 from equimesh.io.reading.bounds import open_zip
 from equimesh.meshes.mesh import Mesh
 from equimesh.specs.spec import BuiltSpec
@@ -233,14 +233,12 @@ def checked_values(values: Any, mesh: Mesh, name: str, *, location: Location = "
     _refuse_not_finite(values, name)
     if not mesh.is_grid:
         return _in_one_row(values, mesh, name, location, vectors=vectors)
-    array = real_array(values, name, ndim=dimensions(values) if vectors else 2)
-    n_xi, n_eta = mesh.x.shape
-    shapes: dict[Location, tuple[int, int]] = {"nodes": (n_xi, n_eta), "cells": (n_xi - 1, n_eta - 1)}
-    if array.shape[:2] != shapes[location]:
-        if not vectors and array.shape == shapes["cells"]:
-            message = f"{name} has averages of the cells: a monitor needs its values at the {n_xi} x {n_eta} nodes"
-            raise SamplesError(message, field=name)
-        raise SamplesError(_other_shape(name, array.shape, shapes, location), field=name)
+    shapes, other = {"nodes": mesh.node_shape, "cells": mesh.cell_shape}, "cells" if location == "nodes" else "nodes"
+    if shape_of(values)[:2] == shapes[other]:
+        is_sent = f"and is sent as {location}: give it the location {other}"
+        advice = is_sent if vectors else "and a monitor needs one for each of the nodes"
+        raise SamplesError(f"{name} has one value for each of the {other}, {advice}", field=name)
+    array = shaped_array(values, name, shapes[location], AT_PLACES[location], vectors=vectors)
     if array.ndim == 3 and not 1 <= array.shape[2] <= MAX_COMPONENTS:
         message = f"{name} has vectors of {array.shape[2]} components: 1 to {MAX_COMPONENTS} are allowed"
         raise SamplesError(message, field=name)
@@ -322,20 +320,6 @@ def dimensions(values: Any) -> int:
         return 3 if values.ndim == 3 else 2
     first = values[0] if isinstance(values, list) and values else None
     return 3 if isinstance(first, list) and first and isinstance(first[0], list) else 2
-
-
-def _other_shape(
-    name: str, shape: tuple[int, ...], shapes: Mapping[Location, tuple[int, int]], location: Location
-) -> str:
-    """The sentence about values of another shape."""
-    n, m = shapes[location]
-    other: Location = "cells" if location == "nodes" else "nodes"
-    if shape[:2] == shapes[other]:
-        return f"{name} has one value for each of the {other}, and is sent as {location}: give it the location {other}"
-    hint = "; transpose it" if shape[:2] == (m, n) else ""
-    return (
-        f"{name} has shape {shape}, but the mesh has {n} x {m} {location}: one value is needed for each, xi first{hint}"
-    )
 
 
 @dataclass(frozen=True)

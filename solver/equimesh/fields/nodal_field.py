@@ -22,7 +22,7 @@ from equimesh.fields.mesh_map import (
 )
 from equimesh.fields.patch_gradients import patch_gradients
 from equimesh.formulas.vocabulary import LIMITS
-from equimesh.inputs import brackets, real_array
+from equimesh.inputs import AT_PLACES, brackets, shaped_array
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled, inlined
 from equimesh.numerics.types import Array, Pair
@@ -100,15 +100,7 @@ class NodalField:
 
 def nodal_values(values: npt.ArrayLike, mesh: Mesh) -> Array:
     """Finite numbers at all nodes of any mesh; raises :class:`~equimesh.errors.SamplesError` for ``values``."""
-    checked, needed = real_array(values, "values", ndim=len(mesh.node_shape)), mesh.node_shape
-    if checked.shape != needed:
-        nodes, order = (needed, ", xi first") if mesh.is_grid else (needed[0], "")
-        hint = "; transpose it" if mesh.is_grid and checked.shape == needed[::-1] else ""
-        raise SamplesError(
-            f"values has shape {checked.shape}, but the mesh has {nodes} nodes: one value is needed at each"
-            f"{order}{hint}",
-            field="values",
-        )
+    checked = shaped_array(values, "values", mesh.node_shape, AT_PLACES["nodes"])
     large = np.abs(checked) > LIMITS.magnitude
     if large.any():
         index = tuple(np.argwhere(large)[0])

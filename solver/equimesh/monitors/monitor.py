@@ -225,22 +225,11 @@ def require_strength(strength: float) -> float:
     return float(strength)
 
 
-# A monitor that adapts less than another.
-
-
 @dataclass(frozen=True, kw_only=True)
-class Weakened:
-    """The metric of ``monitor`` to the matrix power ``strength`` in [0, 1]: 0 gives the identity.
-
-    The directions stay, the ratio of the metric lengths of two vectors shrinks. A
-    :class:`~equimesh.monitors.monitor.Monitor`.
-    """
+class OfMonitor:
+    """A monitor that is made of another one, whose u and map it has."""
 
     monitor: Monitor
-    strength: float
-
-    def __post_init__(self) -> None:
-        require_strength(self.strength)
 
     @property
     def u(self) -> Field | None:
@@ -251,6 +240,23 @@ class Weakened:
     def map(self) -> str:
         """The map of the monitor."""
         return map_of(self.monitor)
+
+
+# A monitor that adapts less than another.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weakened(OfMonitor):
+    """The metric of ``monitor`` to the matrix power ``strength`` in [0, 1]: 0 gives the identity.
+
+    The directions stay, the ratio of the metric lengths of two vectors shrinks. A
+    :class:`~equimesh.monitors.monitor.Monitor`.
+    """
+
+    strength: float
+
+    def __post_init__(self) -> None:
+        require_strength(self.strength)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` of ``M**strength`` at physical points."""

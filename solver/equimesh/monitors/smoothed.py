@@ -12,16 +12,15 @@ import scipy
 
 from equimesh.domains.domain import Box, Domain, Periods, periods_of
 from equimesh.errors import InputError
-from equimesh.fields.expression import Field
 from equimesh.fields.periodic import within
 from equimesh.inputs import keep_floats
 from equimesh.monitors.monitor import (
     Matrices,
     Monitor,
+    OfMonitor,
     Probe,
     bound_copy,
     is_bound_to,
-    map_of,
     weaken,
 )
 from equimesh.numerics.compiled import compiled
@@ -69,7 +68,7 @@ class Table:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Smoothed:
+class Smoothed(OfMonitor):
     """The metric of ``monitor``, each entry averaged with a Gaussian over its physical neighbourhood in the domain.
 
     ``radius`` is the standard deviation of the Gaussian in units of the shorter extent of the domain's box, in
@@ -85,7 +84,6 @@ class Smoothed:
     range.
     """
 
-    monitor: Monitor
     radius: float = 0.05
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
     _table: Table | None = field(default=None, init=False, repr=False, compare=False)
@@ -98,16 +96,6 @@ class Smoothed:
                 " domain's shorter extent; leave the smoothing out for none",
                 field="radius",
             )
-
-    @property
-    def u(self) -> Field | None:
-        """The u of the monitor."""
-        return self.monitor.u
-
-    @property
-    def map(self) -> str:
-        """The map of the monitor."""
-        return map_of(self.monitor)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points, from the table.

@@ -10,8 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.errors import SamplesError
-from equimesh.inputs import real_array
+from equimesh.inputs import AT_PLACES, shaped_array
 from equimesh.meshes.cell_edges import QuadLinks, links_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
@@ -133,10 +132,8 @@ def integral(mesh: Mesh, values: npt.ArrayLike, location: Literal["nodes", "cell
     ``mesh.cell_shape`` and ``mesh.node_shape``: ``(n_xi - 1, n_eta - 1)`` and ``(n_xi, n_eta)`` on a grid. Raises
     :class:`~equimesh.errors.SamplesError` for another shape.
     """
-    checked = real_array(values, "values", ndim=len(mesh.node_shape))
     wanted = mesh.node_shape if location == "nodes" else mesh.cell_shape
-    if checked.shape != wanted:
-        raise SamplesError(f"values have shape {checked.shape}: {wanted} is needed for {location}", field="values")
+    checked = shaped_array(values, "values", wanted, AT_PLACES[location])
     cells, flat = Cells.of(mesh), checked.reshape(-1)
     return total(cells.node_weights, flat[cells.kept]) if location == "nodes" else total(cells.area, flat)
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError, SamplesError
 from equimesh.formulas.vocabulary import LIMITS
-from equimesh.inputs import real_array
+from equimesh.inputs import AT_PLACES, shape_of, shaped_array
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 
@@ -60,13 +60,12 @@ class MeshValues:
 
     def on(self, mesh: Mesh, name: str) -> Array:
         """The checked values on ``mesh``; raises :class:`~equimesh.errors.SamplesError` with the field ``name``."""
-        axes = len(mesh.node_shape)
-        checked = real_array(self.values, name, ndim=_dimensions(self.values, axes))
-        nodes, cells = mesh.node_shape, mesh.cell_shape
-        wanted, other = (nodes, cells) if self.location == "nodes" else (cells, nodes)
-        shape = checked.shape[:axes]
-        if shape != wanted:
-            raise SamplesError(_other_shape(name, shape, wanted, other, self.location), field=name)
+        shapes, axes = {"nodes": mesh.node_shape, "cells": mesh.cell_shape}, len(mesh.node_shape)
+        other = "cells" if self.location == "nodes" else "nodes"
+        is_other = shape_of(self.values)[:axes] == shapes[other]
+        hint = f"; for values of this shape give location='{other}'" if is_other else ""
+        what = AT_PLACES[self.location]
+        checked = shaped_array(self.values, name, shapes[self.location], what, hint=hint, vectors=True)
         if checked.ndim > axes and not 1 <= checked.shape[axes] <= MAX_COMPONENTS:
             raise SamplesError(
                 f"{name} has {checked.shape[axes]} components: a field has 1 to {MAX_COMPONENTS}", field=name
@@ -85,28 +84,6 @@ class MeshValues:
 def mesh_values(field: Any) -> MeshValues:
     """The field as it is; an array as values at nodes that are carried by splines."""
     return field if isinstance(field, MeshValues) else MeshValues(field)
-
-
-def _dimensions(values: Any, axes: int) -> int:
-    """The ``axes`` of one value at each place, and one more for vectors; ``axes`` also for what is no array."""
-    try:
-        return axes + 1 if np.ndim(values) == axes + 1 else axes
-    except ValueError:  # lists of unequal lengths
-        return axes
-
-
-def _other_shape(
-    name: str, shape: tuple[int, ...], wanted: tuple[int, ...], other: tuple[int, ...], location: str
-) -> str:
-    """The message for values of another shape."""
-    what = "a value at each node" if location == "nodes" else "an average over each cell"
-    if shape == other:
-        word = "cells" if location == "nodes" else "nodes"
-        hint = f"; for values of this shape give location='{word}'"
-    else:
-        hint = "; transpose it" if len(wanted) == 2 and shape == wanted[::-1] else ""
-    order = ", xi first" if len(wanted) == 2 else ""
-    return f"{name} has shape {shape}, but {what} is needed, shape {wanted}{order}{hint}"
 
 
 def _is_beyond(values: Array, bounds: tuple[float, float]) -> bool:

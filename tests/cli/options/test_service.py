@@ -56,7 +56,7 @@ def test_an_option_wins_over_the_environment(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_bad_value_names_option_and_variable() -> None:
-    with pytest.raises(CommandError, match=r"--port \(or EQUIMESH_PORT\) = many: "):
+    with pytest.raises(CommandError, match=r"--port \(or EQUIMESH_PORT\) = many: this must be a whole number$"):
         merged_settings({"port": "many"})
 
 

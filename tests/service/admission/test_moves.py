@@ -90,7 +90,7 @@ CELLS = np.ones((4, 3))
         (
             {"u": {"nodes": CELLS.tolist()}},
             "/u/nodes",
-            "averages of the cells: a monitor needs its values",
+            "one value for each of the cells, and a monitor needs one for each of the nodes",
         ),
         ({"u": "x", "fields": {"rho": CELLS.tolist()}}, "/fields/rho", "rho has one value for each of the cells"),
         (

@@ -243,10 +243,11 @@ BAD[2, 3] = np.nan
     [
         (BAD, "nodes", r"p\[2\]\[3\] is NaN \(1 of 20 values are not finite\), as from a solver that diverged"),
         (NODES.T, "nodes", "transpose it"),
-        (NODES[:3], "nodes", r"shape \(3, 4\), but the mesh has 5 x 4 nodes"),
+        (NODES[:3], "nodes", r"shape \(3, 4\), but a value at each node is needed, shape \(5, 4\), xi first$"),
         (CELLS, "nodes", "one value for each of the cells, and is sent as nodes: give it the location cells"),
         (NODES, "cells", "one value for each of the nodes, and is sent as cells: give it the location nodes"),
-        (NODES.ravel(), "nodes", "2 dimensions, not 1"),
+        (NODES.ravel(), "nodes", r"shape \(5, 4\), xi first; reshape it"),
+        (NODES.ravel().tolist(), "nodes", r"shape \(5, 4\), xi first; reshape it"),
         (np.ones((5, 4, 17)), "nodes", "vectors of 17 components"),
         (1e200 * NODES, "nodes", r"p\[0\]\[1\] = 1e\+200"),
         ([[1.0, 2.0], [3.0]], "nodes", "the same length"),

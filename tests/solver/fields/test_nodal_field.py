@@ -146,6 +146,9 @@ def test_bad_values_and_folded_meshes_are_refused() -> None:
     mesh = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
     with pytest.raises(SamplesError, match=r"values has shape \(4, 5\).*transpose it"):
         HermiteField(mesh=mesh, values=np.ones((4, 5)))
+    for flat in (np.ones(20), [1.0] * 20):
+        with pytest.raises(SamplesError, match=r"a value at each node is needed, shape \(5, 4\), xi first; reshape it"):
+            HermiteField(mesh=mesh, values=flat)
     with pytest.raises(SamplesError, match=r"values\[1\]\[2\] is NaN"):
         HermiteField(mesh=mesh, values=np.where(mesh.x * 0 + np.arange(20).reshape(5, 4) == 6, np.nan, 1.0))
     with pytest.raises(InputError, match="the mesh is folded"):

@@ -100,7 +100,7 @@ def test_points_outside_and_points_that_are_none() -> None:
 def test_values_that_do_not_fit_are_refused_with_their_place() -> None:
     mesh = corner(3)
     values = np.zeros(len(mesh.points))
-    with pytest.raises(em.SamplesError, match="one value is needed at each"):
+    with pytest.raises(em.SamplesError, match="a value at each node is needed"):
         QuadField(mesh=mesh, values=values[:-1])
     values[4] = 1e300
     with pytest.raises(em.SamplesError, match=r"values\[4\] = 1e\+300"):

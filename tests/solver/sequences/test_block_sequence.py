@@ -124,7 +124,7 @@ def test_what_cannot_be_used_is_refused() -> None:
     for several in ({"u": front(0.0), "v": front(0.1)}, (front(0.0), front(0.1))):
         with pytest.raises(em.InputError, match="several parts"):
             moving.step(several)
-    with pytest.raises(em.SamplesError, match="one value is needed at each"):
+    with pytest.raises(em.SamplesError, match="a value at each node is needed"):
         moving.step(np.zeros(7))
     with pytest.raises(em.SamplesError, match="rho has shape"):
         moving.step(front(0.1), {"rho": np.zeros(7)})

@@ -222,7 +222,7 @@ def test_areas_and_centroids_are_exact() -> None:
 
 def test_values_of_another_shape_are_refused() -> None:
     assert em.integral(smooth_mesh(9), np.ones((8, 11)), "cells") == pytest.approx(1.0)
-    with pytest.raises(SamplesError, match=r"\(9, 12\) is needed for nodes"):
+    with pytest.raises(SamplesError, match=r"a value at each node is needed, shape \(9, 12\), xi first$"):
         em.integral(smooth_mesh(9), np.ones((8, 11)))
 
 
