@@ -18,7 +18,8 @@ from equimesh.blocks.sides import side_edges
 from equimesh.blocks.sliding import BoundaryEdge
 from equimesh.blocks.spline_curve import SplineCurve
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import Mesh, quads_of_block
+from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 
 # The nodes of a block between its four sides, by transfinite interpolation.

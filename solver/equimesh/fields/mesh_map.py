@@ -11,17 +11,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from equimesh.domains.domain import Domain, closed_of, map_mesh
 from equimesh.errors import InputError
 from equimesh.fields.bicubic import ORDER, Axis, Bicubic, at_patch, at_piece, buckets_per_length, piece, slopes_at_piece
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.nested import closed_mesh
 from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, BoolArray, IntPair, Pair
 
 MAX_STEPS = 20  # of Newton's method
-POLISHING_STEPS = 4  # of Newton's method on the map of a domain, from the result of its spline
-MAX_FAR_SHARE = 1e-9  # of the extent of a domain: a node further from the image of its place has another place
 MIN_START_STEP_CELLS = 0.01  # near enough to start Newton's method on the splines
 MIN_STEP_CELLS = 1e-8  # the next step after a smaller one would be lost in rounding
 MAX_DISTANCE_CELLS = 1.0  # between the point by the spline and by the bilinear cell that holds it
@@ -110,33 +106,6 @@ class MeshMap:
         of_x, of_y = self.x.polynomials, self.y.polynomials
         patches = (NO_PATCHES, NO_PATCHES) if of_x is None or of_y is None else (of_x, of_y)
         return MapSplines(self.x.along_x, self.x.along_y, self.x.coefficients, self.y.coefficients, patches)
-
-
-def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
-    """The mesh of the reference square whose image on ``domain`` is ``mesh``: the inverse of ``map_mesh``.
-
-    The seam of closed lines may bend: then they begin beside 0, and end as far beside 1.
-    """
-    closed = closed_of(domain)
-    places = MeshMap.of(map_mesh(Mesh.uniform(mesh.grid), domain)).locate(mesh.x, mesh.y)
-    s, t = (along.reshape(mesh.x.shape) / (n - 1) for along, n in zip((places.s, places.t), mesh.x.shape, strict=True))
-    s = _unwound(s) if closed[0] else s
-    t = _unwound(t.T).T if closed[1] else t
-    for _ in range(POLISHING_STEPS):
-        x, y = domain.map(s, t)
-        x_s, x_t, y_s, y_t = domain.jacobian(s, t)
-        det = x_s * y_t - x_t * y_s
-        r, q = mesh.x - x, mesh.y - y
-        s, t = s + (r * y_t - q * x_t) / det, t + (q * x_s - r * y_s) / det
-        s, t = (along if one else np.clip(along, 0.0, 1.0) for along, one in zip((s, t), closed, strict=True))
-    return closed_mesh(Mesh(s, t), closed)
-
-
-def _unwound(along: Array) -> Array:
-    """Places along closed lines, which are the first dimension, without jumps by a whole turn."""
-    first = np.unwrap(along[0], period=1.0)
-    first = first - np.round(first.mean())
-    return np.asarray(np.unwrap(np.vstack([first[None], along[1:]]), axis=0, period=1.0))
 
 
 def through(values: Array) -> Bicubic:

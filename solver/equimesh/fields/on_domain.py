@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from equimesh.domains.domain import Domain, Rectangle, closed_of, map_mesh
 from equimesh.fields.expression import Field
-from equimesh.fields.mesh_map import MeshMap, reference_of
+from equimesh.fields.mesh_map import MeshMap
 from equimesh.fields.nodal_field import HermiteField
 from equimesh.fields.patch_field import PatchField
 from equimesh.fields.quad_field import QuadField
@@ -26,6 +26,8 @@ GRID = Grid(n_xi=65, n_eta=65)
 """The nodes through which splines follow the map of a domain, to start Newton's method."""
 POLISHING_STEPS = 2
 """Steps of Newton's method on the map itself."""
+REFERENCE_STEPS = 4
+"""The same for all nodes of a mesh, from the splines of a uniform one of its own size."""
 STEP = 1e-5
 """Distance of the points whose Jacobians give the second derivatives of the map; maps hold so far beyond the square."""
 MAX_CACHED_DOMAINS = 4
@@ -170,3 +172,30 @@ def reference_on(mesh: Mesh, domain: Domain) -> Mesh:
     ((x0, x1), (y0, y1)) = domain.x, domain.y
     there = mesh if domain.is_unit_square else Mesh((mesh.x - x0) / (x1 - x0), (mesh.y - y0) / (y1 - y0))
     return closed_mesh(there, closed_of(domain))
+
+
+def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
+    """The mesh of the reference square whose image on ``domain`` is ``mesh``: the inverse of ``map_mesh``.
+
+    The seam of closed lines may bend: then they begin beside 0, and end as far beside 1.
+    """
+    closed = closed_of(domain)
+    places = MeshMap.of(map_mesh(Mesh.uniform(mesh.grid), domain)).locate(mesh.x, mesh.y)
+    s, t = (along.reshape(mesh.x.shape) / (n - 1) for along, n in zip((places.s, places.t), mesh.x.shape, strict=True))
+    s = _unwound(s) if closed[0] else s
+    t = _unwound(t.T).T if closed[1] else t
+    for _ in range(REFERENCE_STEPS):
+        x, y = domain.map(s, t)
+        x_s, x_t, y_s, y_t = domain.jacobian(s, t)
+        det = x_s * y_t - x_t * y_s
+        r, q = mesh.x - x, mesh.y - y
+        s, t = s + (r * y_t - q * x_t) / det, t + (q * x_s - r * y_s) / det
+        s, t = (along if one else np.clip(along, 0.0, 1.0) for along, one in zip((s, t), closed, strict=True))
+    return closed_mesh(Mesh(s, t), closed)
+
+
+def _unwound(along: Array) -> Array:
+    """Places along closed lines, which are the first dimension, without jumps by a whole turn."""
+    first = np.unwrap(along[0], period=1.0)
+    first = first - np.round(first.mean())
+    return np.asarray(np.unwrap(np.vstack([first[None], along[1:]]), axis=0, period=1.0))

@@ -10,7 +10,8 @@ import numpy as np
 
 from equimesh.least_error.nest import Level
 from equimesh.meshes.cell_edges import originals_of
-from equimesh.meshes.mesh import Mesh, quads_of_block
+from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 
 COARSEST_CELLS = 4

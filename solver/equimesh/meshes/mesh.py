@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, overload
+from typing import Any, ClassVar, Literal, TypeAlias, overload
 
 import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.meshes.cell_edges import Join, joins_of
+from equimesh.meshes.connected import Connected, cells_of_blocks, check_table, no_ties
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.threads import run_on_threads
@@ -160,20 +161,6 @@ ComparedWith: TypeAlias = Literal["uniform", "initial"]
 """The mesh with which others are compared: the uniform one of a grid, or the one that blocks begin with."""
 
 
-def _no_ties() -> IntArray:
-    return np.empty((0, 2), dtype=np.int64)
-
-
-class Connected(NamedTuple):
-    """Which nodes a mesh connects: all that it has besides their coordinates."""
-
-    cells: IntArray
-    sides: Mapping[str, IntArray]
-    blocks: tuple[IntArray, ...]
-    block_names: tuple[str, ...]
-    ties: IntArray
-
-
 @dataclass(frozen=True, eq=False, init=False)
 class Mesh(Coupled):
     """A mesh of quadrilaterals: a grid of rows, made of ``x`` and ``y``, or one of any topology, made of ``points``.
@@ -234,16 +221,13 @@ class Mesh(Coupled):
             if x.shape != y.shape or x.ndim != 2:
                 raise InputError(f"x and y need one common shape (n_xi, n_eta), not {x.shape} and {y.shape}")
             if ties is not None:
-                _check_table(ties, "ties", 2, x.size)
+                check_table(ties, "ties", 2, x.size)
             own.update(x=x, y=y, _points=None, _connected=None, _ties=ties)
             return
         if x is not None or y is not None or points is None or cells is None or sides is None:
             raise InputError("give x and y of a grid, or points, cells and sides of any other mesh", field="points")
-        ties = _no_ties() if ties is None else ties
-        _check_tables(points, {"cells": (cells, 4), "ties": (ties, 2)}, sides)
-        _check_blocks(blocks, len(points))
-        found = Connected(cells, sides, blocks, _names_of(blocks, block_names), ties)
-        own.update(x=points[:, 0], y=points[:, 1], _points=points, _connected=found, _ties=ties)
+        found = Connected.of(points, cells, sides, blocks, block_names, no_ties() if ties is None else ties)
+        own.update(x=points[:, 0], y=points[:, 1], _points=points, _connected=found, _ties=found.ties)
 
     def __getstate__(self) -> dict[str, Any]:
         """What the mesh was made of, for pickle: cells of blocks are found anew."""
@@ -350,7 +334,7 @@ class Mesh(Coupled):
     @property
     def ties(self) -> IntArray:
         """Pairs of nodes that are one, shape ``(k, 2)``: a copy, and its original."""
-        return _no_ties() if self._ties is None else self._ties
+        return no_ties() if self._ties is None else self._ties
 
     @property
     def periodic(self) -> tuple[Join, ...]:
@@ -511,89 +495,3 @@ class MeshRows:
     def strips(self) -> Iterator[tuple[Array, Array]]:
         """x and y around the cells of every strip of own rows."""
         return (self.nodes(first, last) for first, last in self.rows.strips)
-
-
-# Checks of the numbers of a mesh, and the cells of its blocks.
-
-
-def _check_tables(points: Array, tables: Mapping[str, tuple[IntArray, int]], sides: Mapping[str, IntArray]) -> None:
-    """Refuse points, cells, ties and edges of other shapes."""
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise InputError(f"points has shape {points.shape}: it must be (n, 2)", field="points")
-    for name, (table, columns) in {**tables, **{f"sides.{name}": (edges, 2) for name, edges in sides.items()}}.items():
-        _check_table(table, name, columns, len(points))
-
-
-def _check_table(table: IntArray, name: str, columns: int, count: int) -> None:
-    """Refuse another number of columns, and what is no number of a node."""
-    if table.size and table.dtype.kind not in "iu":
-        raise InputError(f"{name} has values of the type {table.dtype}: give the numbers of nodes", field=name)
-    if table.ndim != 2 or table.shape[1] != columns:
-        raise InputError(f"{name} has shape {table.shape}: it must be (k, {columns})", field=name)
-    _check_numbers(table, name, count)
-
-
-def _check_blocks(blocks: tuple[IntArray, ...], count: int) -> None:
-    """Refuse blocks of other shapes, and numbers that are no nodes."""
-    for k, block in enumerate(blocks):
-        if block.ndim != 2 or min(block.shape) < 2:
-            raise InputError(f"blocks[{k}] has shape {block.shape}: at least 2 nodes each way", field=f"blocks[{k}]")
-    numbers = np.concatenate([block.reshape(-1) for block in blocks]) if blocks else np.empty(0)
-    if numbers.size and not (numbers.min() >= 0 and numbers.max() < count):
-        for k, block in enumerate(blocks):
-            _check_numbers(block, f"blocks[{k}]", count)
-
-
-def _names_of(blocks: tuple[IntArray, ...], names: tuple[str, ...]) -> tuple[str, ...]:
-    """A name for each block."""
-    if names and len(names) != len(blocks):
-        message = f"{len(names)} names for {len(blocks)} blocks: one name for each block"
-        raise InputError(message, field="block_names")
-    return names or tuple(f"block{k}" for k in range(len(blocks)))
-
-
-def cells_of_blocks(blocks: tuple[IntArray, ...], cells: IntArray) -> tuple[IntArray, ...]:
-    """For each block the places of its cells among ``cells``, shape ``(n_i - 1, n_j - 1)``."""
-    if not blocks:
-        return ()
-    corners = [quads_of_block(block) for block in blocks]
-    ends = np.cumsum([len(block) for block in corners])
-    wanted = np.concatenate(corners)
-    if len(wanted) == len(cells) and np.array_equal(wanted, cells):
-        found = np.arange(len(cells))
-    else:
-        found = _places(np.sort(cells, axis=1), np.sort(wanted, axis=1))
-    pieces = np.split(found, ends[:-1])
-    shapes = [(block.shape[0] - 1, block.shape[1] - 1) for block in blocks]
-    return tuple(piece.reshape(shape) for piece, shape in zip(pieces, shapes, strict=True))
-
-
-def quads_of_block(block: IntArray) -> IntArray:
-    """The nodes of every cell of a block, counter-clockwise, shape ``(m, 4)``; j runs fastest."""
-    corners = block[:-1, :-1], block[1:, :-1], block[1:, 1:], block[:-1, 1:]
-    return np.stack([corner.ravel() for corner in corners], axis=1)
-
-
-def _check_numbers(table: IntArray, name: str, count: int) -> None:
-    """Refuse numbers that are no nodes."""
-    if table.size and not (table.min() >= 0 and table.max() < count):
-        place = np.unravel_index(int(((table < 0) | (table >= count)).argmax()), table.shape)
-        where = "".join(f"[{int(k)}]" for k in place)
-        raise InputError(f"{name}{where} = {table[place]}: the nodes have the numbers 0 to {count - 1}", field=name)
-
-
-def _places(rows: IntArray, wanted: IntArray) -> IntArray:
-    """The place among ``rows`` of each of the ``wanted`` rows; both have four sorted columns."""
-    both = np.concatenate([rows, wanted])
-    order = np.lexsort(both.T[::-1])
-    ordered = both[order]
-    starts = np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)])
-    group = np.empty(len(both), dtype=np.int64)
-    group[order] = np.cumsum(starts) - 1
-    place = np.full(group.max() + 1, -1)
-    place[group[: len(rows)]] = np.arange(len(rows))
-    found = place[group[len(rows) :]]
-    if found.size and found.min() < 0:
-        cell = wanted[found.argmin()].tolist()
-        raise InputError(f"a block has a cell with the nodes {cell}, which is no cell of the mesh", field="blocks")
-    return found

@@ -18,7 +18,8 @@ from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.decomposition import AXES, Decomposition, SubdomainWindow
 from equimesh.sweeps import kernels
 from equimesh.sweeps.line_sums import cell_metrics
-from equimesh.sweeps.sweep import WHOLE, Correction, Frame, SideNodes, Sides, Sweep, error_left, memory_needed
+from equimesh.sweeps.sweep import WHOLE, Correction, Frame, SideNodes, Sides, Sweep, memory_needed
+from equimesh.sweeps.verdict import error_left
 
 # Sums of squared metric lengths along the pieces of the lines of a mesh, between some of its cross lines.
 

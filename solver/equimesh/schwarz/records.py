@@ -13,7 +13,7 @@ from equimesh.equations.problem import Problem
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.quality import measures
-from equimesh.sweeps.sweep import error_left
+from equimesh.sweeps.verdict import error_left
 
 
 @dataclass(frozen=True, kw_only=True)

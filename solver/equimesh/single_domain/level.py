@@ -22,7 +22,8 @@ from equimesh.single_domain.continuation import NONE, Relaxation
 from equimesh.sweeps.deviation import deviation
 from equimesh.sweeps.kernels import Nodes
 from equimesh.sweeps.one_strip import is_one_strip, sweeps_of
-from equimesh.sweeps.sweep import (
+from equimesh.sweeps.sweep import WHOLE, Frame, Sweep
+from equimesh.sweeps.verdict import (
     DONE,
     GO_ON,
     HALVE,
@@ -30,10 +31,7 @@ from equimesh.sweeps.sweep import (
     MIN_MOVE_SHARE,
     RESIDUAL,
     SMALLEST,
-    WHOLE,
-    Frame,
     Rules,
-    Sweep,
     Swept,
     judge,
     nothing_known,

@@ -31,7 +31,7 @@ from equimesh.solving.status import (
     after_newton,
     after_schwarz,
 )
-from equimesh.sweeps.sweep import ALGEBRAIC_SHARE
+from equimesh.sweeps.verdict import ALGEBRAIC_SHARE
 
 # How a Schwarz iteration ended, from its records: the status, its details, and what to try.
 

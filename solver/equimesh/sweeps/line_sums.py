@@ -14,7 +14,8 @@ from equimesh.meshes.rows import Rows, subtree
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 from equimesh.sweeps import kernels
-from equimesh.sweeps.kernels import Levels, Lines, close_lines
+from equimesh.sweeps.closed_lines import close_lines
+from equimesh.sweeps.kernels import Levels, Lines
 
 
 class LineSums:

@@ -39,20 +39,18 @@ from equimesh.sweeps.kernels import (
     xi_corrections,
 )
 from equimesh.sweeps.line_sums import cell_memory, centres, line_levels
-from equimesh.sweeps.sweep import (
+from equimesh.sweeps.sweep import MAX_NODES_AT_ONCE, Sides, memory_needed
+from equimesh.sweeps.verdict import (
     GO_ON,
     HALVE,
     LOST,
-    MAX_NODES_AT_ONCE,
     MIN_JACOBIAN_SHARE,
     MIN_MOVE_SHARE,
     RESIDUAL,
     SMALLEST,
     Rules,
-    Sides,
     Swept,
     judge,
-    memory_needed,
 )
 
 # Sweeps of one call, at most: each of them keeps its mesh until the call ends.
@@ -236,9 +234,8 @@ def sweeps_of(
         records = np.empty((min(at_once, most - made), 4))
         if not patches.given:
             values = _evaluated(problem, nodes, values, work)
-        verdict, count = sweep_on(
-            code, nodes, out, (patches, values), kind, coarser, rules, known, work, meshes, records
-        )
+        u = patches, values
+        verdict, count = sweep_on(code, nodes, out, u, kind, coarser, rules, known, work, meshes, records)
         for k in range(count if verdict == GO_ON else count - 1):
             yield Swept(GO_ON, records[k].tolist(), meshes[k, 0], meshes[k, 1])
         if verdict != GO_ON and count > 0:
@@ -305,7 +302,7 @@ def sweep_on(
     """At most as many sweeps of ``nodes`` as there are ``records``, shape ``(sweeps, 4)``: the verdict, and how many.
 
     ``meshes`` of shape ``(sweeps, 2, n_xi, n_eta)`` receives the nodes after each sweep. The memory of ``nodes`` and
-    ``out`` is exchanged in each sweep; the ``known`` numbers are those of :mod:`equimesh.sweeps.sweep`. A sweep that
+    ``out`` is exchanged in each sweep; the ``known`` numbers are those of :mod:`equimesh.sweeps.verdict`. A sweep that
     gives no valid mesh is not counted.
     """
     patches, values = u

@@ -1,4 +1,4 @@
-"""The subdomains that one of several processes holds: the merged mesh in their windows, its lines, its rows."""
+"""The subdomains that one of several processes holds: the merged mesh in their windows, and its lines."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.meshes.mesh import Mesh, MeshRows, largest_difference, smallest_jacobian
+from equimesh.meshes.mesh import Mesh, largest_difference, smallest_jacobian
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.schwarz.decomposition import AXES, ENDS, Decomposition, Place, SubdomainWindow, common, rim
@@ -19,7 +19,6 @@ from equimesh.schwarz.merged_mesh import MergedMeshes, Numbers, WholeWork, produ
 from equimesh.sweeps.line_sums import cell_metrics
 from equimesh.sweeps.sweep import Correction, Frame, SideNodes, Sides, Sweep, memory_needed
 from equimesh_cluster.messages import Channel, Counted
-from equimesh_cluster.parts.rows import with_halos
 
 # The subdomains that one of several processes holds, and the merged mesh in their windows.
 #
@@ -155,22 +154,13 @@ class OnChannel(MergedMeshes):
 
     def mismatch(self, states: Mapping[int, Mesh], windows: Sequence[SubdomainWindow], mesh: Mesh) -> float:
         """The largest difference between a subdomain's solution and the merged mesh."""
-        return self._largest(
-            {
-                k: self._difference(
-                    states[k], windows[k].local(windows[k].covered), self.view(mesh, k), self._covered(k)
-                )
-                for k in self.numbers
-            }
-        )
+        places = {k: windows[k].local(windows[k].covered) for k in self.numbers}
+        return self._largest(lambda k: self._difference(states[k], places[k], self.view(mesh, k), self._covered(k)))
 
     def distance(self, one: Mesh, other: Mesh) -> float:
         """The largest difference of a coordinate between two merged meshes."""
         return self._largest(
-            {
-                k: self._difference(self.view(one, k), self._covered(k), self.view(other, k), self._covered(k))
-                for k in self.numbers
-            }
+            lambda k: self._difference(self.view(one, k), self._covered(k), self.view(other, k), self._covered(k))
         )
 
     def smallest_jacobian(self, mesh: Mesh, domain: Domain | None = None) -> float:
@@ -314,8 +304,8 @@ class OnChannel(MergedMeshes):
     def _covered(self, k: int) -> Place:
         return self.patches[k].local(self.patches[k].covered)
 
-    def _largest(self, numbers: Mapping[int, float]) -> float:
-        return float(np.max(self.every({k: [number] for k, number in numbers.items()})))
+    def _largest(self, number: Callable[[int], float]) -> float:
+        return float(np.max(self.every({k: [number(k)] for k in self.numbers})))
 
     def _difference(self, one: Mesh, at: Place, other: Mesh, there: Place) -> float:
         pairs = ((one.x[at], other.x[there]), (one.y[at], other.y[there]))
@@ -503,33 +493,3 @@ class WindowSweep:
         push = np.zeros(moves.size)
         push[1:-1] = -2.0 * along * moves[1:-1]
         return push
-
-
-def cuts_of_rows(holding: OnChannel) -> list[int]:
-    """The first row of every part, and the number of rows: of strips those that their part owns, else near equal."""
-    n_xi, count = holding.decomposition.grid.n_xi, holding.channel.count
-    if holding.decomposition.subdomains[1] > 1:
-        return [n_xi * part // count for part in range(count + 1)]
-    firsts = [holding.decomposition.parts[holding.held_by(part)[0]].spans[0].owned_first for part in range(count)]
-    return [*firsts, n_xi]
-
-
-def rows_of(holding: OnChannel, mesh: Mesh) -> MeshRows:
-    """The rows of this part of a merged mesh, and one more each way."""
-    grid, cuts = holding.decomposition.grid, cuts_of_rows(holding)
-    spans = with_halos(cuts)
-    begin, end = spans[holding.channel.number]
-    x, y = np.empty((2, end - begin, grid.n_eta))
-    for k, window in enumerate(holding.patches):
-        state = holding.view(mesh, k) if k in holding.numbers else None
-        for part, span in enumerate(spans):
-            place = common(window.part.owned, (slice(*span), slice(0, grid.n_eta)))
-            if place is None:
-                continue
-            nodes = holding.move(holding.holder_of(k), part, holding.cut_from(state, window, place), "rows")
-            if nodes is not None:
-                local = moved(place, (begin, 0))
-                x[local], y[local] = nodes
-    first, last = cuts[holding.channel.number : holding.channel.number + 2]
-    rows = Rows(shape=grid.shape, begin=begin, end=end, first=first, last=min(last, grid.n_xi - 1))
-    return MeshRows(x, y, rows)

@@ -15,10 +15,11 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh import Mesh, MeshRows
+from equimesh.meshes.rows import Rows
 from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.numerics.types import Array
-from equimesh.schwarz.decomposition import SubdomainWindow
+from equimesh.schwarz.decomposition import SubdomainWindow, common
 from equimesh.schwarz.iteration import iterations_on
 from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
@@ -32,9 +33,10 @@ from equimesh.solving.status import Announcer, Event, Initial, SolveOptions
 from equimesh_cluster.mesh_part import MeshPart
 from equimesh_cluster.messages import Channel, Traffic
 from equimesh_cluster.parts.checkpoints import Checkpoints, keep, resumed
-from equimesh_cluster.parts.holding import GHOSTS, OnChannel, cuts_of_rows, holder, rows_of
+from equimesh_cluster.parts.holding import GHOSTS, OnChannel, holder, moved
 from equimesh_cluster.parts.least_error import LEADER, PartMinimiseError, PartSubdomains
 from equimesh_cluster.parts.part_solution import PartSolution
+from equimesh_cluster.parts.rows import with_halos
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,3 +248,33 @@ def solve_part_of_blocks(
 def plain(record: Descent) -> dict[str, Any]:
     """The numbers of a step with its share of the work and its phase, without the mesh."""
     return {**record.numbers(), "fraction": record.fraction, "phase": record.phase}
+
+
+def cuts_of_rows(holding: OnChannel) -> list[int]:
+    """The first row of every part, and the number of rows: of strips those that their part owns, else near equal."""
+    n_xi, count = holding.decomposition.grid.n_xi, holding.channel.count
+    if holding.decomposition.subdomains[1] > 1:
+        return [n_xi * part // count for part in range(count + 1)]
+    firsts = [holding.decomposition.parts[holding.held_by(part)[0]].spans[0].owned_first for part in range(count)]
+    return [*firsts, n_xi]
+
+
+def rows_of(holding: OnChannel, mesh: Mesh) -> MeshRows:
+    """The rows of this part of a merged mesh, and one more each way."""
+    grid, cuts = holding.decomposition.grid, cuts_of_rows(holding)
+    spans = with_halos(cuts)
+    begin, end = spans[holding.channel.number]
+    x, y = np.empty((2, end - begin, grid.n_eta))
+    for k, window in enumerate(holding.patches):
+        state = holding.view(mesh, k) if k in holding.numbers else None
+        for part, span in enumerate(spans):
+            place = common(window.part.owned, (slice(*span), slice(0, grid.n_eta)))
+            if place is None:
+                continue
+            nodes = holding.move(holding.holder_of(k), part, holding.cut_from(state, window, place), "rows")
+            if nodes is not None:
+                local = moved(place, (begin, 0))
+                x[local], y[local] = nodes
+    first, last = cuts[holding.channel.number : holding.channel.number + 2]
+    rows = Rows(shape=grid.shape, begin=begin, end=end, first=first, last=min(last, grid.n_xi - 1))
+    return MeshRows(x, y, rows)

@@ -17,7 +17,8 @@ from equimesh.schwarz.iteration import iterations_on, schwarz_iterations
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.sweeps.sweep import Sweep, memory_needed
 from equimesh_cluster.messages import Channel, ThreadChannels
-from equimesh_cluster.parts.holding import OnChannel, WindowSweep, cuts_of_rows, holder, rows_of
+from equimesh_cluster.parts.holding import OnChannel, WindowSweep, holder
+from equimesh_cluster.parts.schwarz import cuts_of_rows, rows_of
 from solver.schwarz.bent import bent
 
 CASE = problem("tanh20", 25, 17)

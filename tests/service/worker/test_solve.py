@@ -16,7 +16,7 @@ import pytest
 
 import equimesh
 import equimesh as em
-from equimesh.fields.mesh_map import reference_of
+from equimesh.fields.on_domain import reference_of
 from equimesh.specs import build
 from equimesh_cluster.solving import Progress
 from equimesh_service.assembly.bodies import StepField

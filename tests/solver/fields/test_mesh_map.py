@@ -17,9 +17,8 @@ from equimesh.fields.mesh_map import (
     place_by_splines,
     place_in_cells,
     place_in_patches,
-    reference_of,
 )
-from equimesh.fields.on_domain import reference_on
+from equimesh.fields.on_domain import reference_of, reference_on
 from equimesh.meshes.nested import closed_mesh
 from equimesh.quality.measures import measure_errors
 from solver.fields.bent_meshes import ANYWHERE, largest, smooth_mesh

@@ -15,8 +15,8 @@ from hypothesis import assume, given
 import equimesh as em
 from equimesh.errors import ExpressionError
 from equimesh.fields.expression import FUNCTIONS, LIMITS, Expression
-from equimesh.formulas import program as module
-from equimesh.formulas.program import CODES, Line, Trace, TracedRow, compact
+from equimesh.formulas import routine as module
+from equimesh.formulas.routine import CODES, Line, Trace, TracedRow, compact
 from solver.formulas.random_formulas import (
     LARGE,
     SMOOTH,
@@ -229,11 +229,6 @@ def test_every_instruction_gives_the_numbers_of_numpy(function: Callable[..., An
             expected = function(operands[0] != 0.0, *operands[1:]) if function is np.where else function(*operands)
         found = calculated(CODES[function], x, y, by_blocks=by_blocks)
         assert np.array_equal(found, expected.astype(float), equal_nan=True)
-
-
-def test_a_copy_keeps_the_numbers() -> None:
-    x = numbers(1000, 3)
-    assert np.array_equal(calculated(module.COPY, x, x, by_blocks=True), x, equal_nan=True)
 
 
 # Arithmetic that is written down: the lines, those that are needed, and the rows that they share.

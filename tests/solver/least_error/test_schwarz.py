@@ -22,7 +22,8 @@ from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.restricted import Merged, RestrictedDescent
 from equimesh.least_error.subdomains import Subdomains, owners
 from equimesh.meshes.cell_edges import originals_of
-from equimesh.meshes.mesh import Mesh, quads_of_block
+from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.specs import build, subdomains_of
 from equimesh.testing.geometries import l_shape, obstacle

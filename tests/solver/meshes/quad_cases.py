@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 
 from equimesh.meshes.cell_edges import links_of
-from equimesh.meshes.mesh import Mesh, quads_of_block
+from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.mesh import Mesh
 
 CORE = 0.35  # half the side of the square in the disc
 

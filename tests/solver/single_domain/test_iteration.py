@@ -14,7 +14,7 @@ from equimesh.single_domain import iteration
 from equimesh.single_domain.iteration import single_domain_steps, steps_from
 from equimesh.single_domain.level import MAX_ERROR_FROM_MESH, TIGHT_DEVIATION, Mode, Step
 from equimesh.sweeps.deviation import deviation
-from equimesh.sweeps.sweep import ALGEBRAIC_SHARE
+from equimesh.sweeps.verdict import ALGEBRAIC_SHARE
 from solver.sweeps.windows import distance
 
 # Newton steps for tanh20 on 17, 33 and 65 points a side. Blessed numbers: those of today's solver, not of theory.

@@ -16,10 +16,11 @@ from equimesh.meshes.nested import Closed, padded
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array
 from equimesh.single_domain import iteration, level
+from equimesh.sweeps.closed_lines import copy_ends
 from equimesh.sweeps.deviation import deviation
-from equimesh.sweeps.kernels import copy_ends
 from equimesh.sweeps.one_strip import MAX_SWEEPS_AT_ONCE, NOT_GIVEN, Patches, is_one_strip
-from equimesh.sweeps.sweep import (
+from equimesh.sweeps.sweep import WHOLE, Correction, Frame, SideNodes, Sweep, halve_moves, memory_needed, take_midpoints
+from equimesh.sweeps.verdict import (
     CONTRACTION,
     DONE,
     GO_ON,
@@ -29,18 +30,10 @@ from equimesh.sweeps.sweep import (
     LOST,
     MAX_SLOW_SWEEPS,
     RESIDUAL,
-    WHOLE,
-    Correction,
-    Frame,
     Rules,
-    SideNodes,
-    Sweep,
     error_left,
-    halve_moves,
     judge,
-    memory_needed,
     nothing_known,
-    take_midpoints,
 )
 from solver.sweeps.windows import distance, disturbed, sweep_on
 

@@ -1,0 +1,321 @@
+"""Routines: runs of compiled arithmetic at many points, and functions of numpy between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from equimesh.formulas.jet import Component
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.types import Array, IntArray
+
+# Arithmetic on many numbers at once, as one compiled loop over a list of instructions.
+#
+# The interpreter is called once for all instructions, not once for each of them. So threads that evaluate expressions
+# at the same time do not wait for each other, and an expression at few points takes microseconds. The results are
+# those of numpy, to the last bit.
+
+# Numbers worked on at a time: the operands of all instructions stay in the first cache.
+BLOCK = 512
+
+ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, ABSOLUTE, SQRT = range(7)
+"""Instructions with numbers."""
+LESS, LESS_EQUAL, GREATER, GREATER_EQUAL, EQUAL, NOT_EQUAL, AND, OR, NOT, WHERE = range(7, 17)
+"""Instructions with conditions, which are the numbers 1 and 0."""
+
+X, Y, FIRST_FREE = range(3)
+"""Rows of the memory: the coordinates, and the first one for what is computed."""
+
+
+@compiled
+def calculate(
+    instructions: IntArray, memory: Array, numbers: int, x: Array, y: Array, results: Array, sources: IntArray
+) -> None:
+    """Do all ``instructions`` at all points ``x``, ``y``.
+
+    An instruction has a code, the row of the ``memory`` that it writes, and three rows that it reads, which are others.
+    The rows from ``numbers`` on hold one number each, in their first ``BLOCK`` places. Where there are ``results``, the
+    rows hold one block of points at a time: the coordinates are read into it, and the row ``sources[c]`` becomes a part
+    of ``results[c]``. Without ``results`` the rows hold all points.
+    """
+    for start in range(0, x.size, BLOCK):
+        size, shift = min(BLOCK, x.size - start), start
+        if results.shape[0] > 0:
+            shift = 0
+            for j in range(size):  # assigned slices take the compiler seconds, for the words of an error
+                memory[X, j] = x[start + j]
+                memory[Y, j] = y[start + j]
+        for k in range(instructions.shape[0]):
+            code = instructions[k, 0]
+            target = memory[instructions[k, 1], shift : shift + size]
+            begin = shift if instructions[k, 2] < numbers else 0
+            one = memory[instructions[k, 2], begin : begin + size]
+            begin = shift if instructions[k, 3] < numbers else 0
+            two = memory[instructions[k, 3], begin : begin + size]
+            if code == WHERE:
+                begin = shift if instructions[k, 4] < numbers else 0
+                choose(target, one, two, memory[instructions[k, 4], begin : begin + size])
+            elif code >= LESS:
+                decide(code, target, one, two)
+            elif code == ADD:
+                for j in range(size):
+                    target[j] = one[j] + two[j]
+            elif code == SUBTRACT:
+                for j in range(size):
+                    target[j] = one[j] - two[j]
+            elif code == MULTIPLY:
+                for j in range(size):
+                    target[j] = one[j] * two[j]
+            elif code == DIVIDE:
+                for j in range(size):
+                    target[j] = one[j] / two[j]
+            elif code == NEGATE:
+                for j in range(size):
+                    target[j] = -one[j]
+            elif code == ABSOLUTE:
+                for j in range(size):
+                    target[j] = abs(one[j])
+            else:
+                for j in range(size):
+                    target[j] = np.sqrt(one[j])
+        for c in range(results.shape[0]):
+            for j in range(size):
+                results[c, start + j] = memory[sources[c], j]
+
+
+@compiled
+def choose(target: Array, condition: Array, one: Array, two: Array) -> None:
+    """``one`` where the condition holds, else ``two``."""
+    for j in range(target.size):
+        target[j] = one[j] if condition[j] != 0.0 else two[j]
+
+
+@compiled
+def decide(code: int, target: Array, one: Array, two: Array) -> None:
+    """One comparison, or a connection of conditions."""
+    size = target.size
+    if code == LESS:
+        for j in range(size):
+            target[j] = 1.0 if one[j] < two[j] else 0.0
+    elif code == LESS_EQUAL:
+        for j in range(size):
+            target[j] = 1.0 if one[j] <= two[j] else 0.0
+    elif code == GREATER:
+        for j in range(size):
+            target[j] = 1.0 if one[j] > two[j] else 0.0
+    elif code == GREATER_EQUAL:
+        for j in range(size):
+            target[j] = 1.0 if one[j] >= two[j] else 0.0
+    elif code == EQUAL:
+        for j in range(size):
+            target[j] = 1.0 if one[j] == two[j] else 0.0
+    elif code == NOT_EQUAL:
+        for j in range(size):
+            target[j] = 1.0 if one[j] != two[j] else 0.0
+    elif code == AND:
+        for j in range(size):
+            target[j] = one[j] * two[j]
+    elif code == OR:
+        for j in range(size):
+            target[j] = max(one[j], two[j])
+    else:
+        for j in range(size):
+            target[j] = 1.0 - one[j]
+
+
+# The arithmetic of an expression, written down while it is done with numbers that are not known yet.
+#
+# The rules for derivatives are written once, for arrays. A :class:`TracedRow` takes the place of an array: each
+# operation on it gives another one, and adds a line to the list of all operations.
+
+CODES: Mapping[Callable[..., Any], int] = MappingProxyType(
+    {
+        np.add: ADD,
+        np.subtract: SUBTRACT,
+        np.multiply: MULTIPLY,
+        np.divide: DIVIDE,
+        np.negative: NEGATE,
+        np.absolute: ABSOLUTE,
+        np.sqrt: SQRT,
+        np.less: LESS,
+        np.less_equal: LESS_EQUAL,
+        np.greater: GREATER,
+        np.greater_equal: GREATER_EQUAL,
+        np.equal: EQUAL,
+        np.not_equal: NOT_EQUAL,
+        np.logical_and: AND,
+        np.bitwise_and: AND,
+        np.logical_or: OR,
+        np.logical_not: NOT,
+        np.where: WHERE,
+    }
+)
+"""The operations that are instructions; all others are calls of numpy."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """An operation: the code of an instruction or a function of numpy, the row that it writes, and its operands.
+
+    Operands are rows, or numbers.
+    """
+
+    operation: int | Callable[..., Any]
+    target: int
+    operands: tuple[int | float, ...]
+
+
+@dataclass(eq=False)
+class Trace:
+    """The operations in their order. Each writes a row of its own, from ``FIRST_FREE`` on."""
+
+    lines: list[Line] = field(default_factory=list)
+
+    def add(self, function: Callable[..., Any], operands: Sequence[Any]) -> TracedRow:
+        """One more operation."""
+        known = tuple(part.row if isinstance(part, TracedRow) else float(part) for part in operands)
+        self.lines.append(Line(CODES.get(function, function), FIRST_FREE + len(self.lines), known))
+        return TracedRow(self, self.lines[-1].target)
+
+    def needed(self, results: Iterable[int]) -> list[Line]:
+        """The lines on which the rows ``results`` depend."""
+        rows, found = set(results), list[Line]()
+        for line in reversed(self.lines):
+            if line.target in rows:
+                found.append(line)
+                rows.update(part for part in line.operands if isinstance(part, int))
+        return found[::-1]
+
+
+class TracedRow(NDArrayOperatorsMixin):
+    """Numbers at all points that are not known yet: a ``row`` of a trace."""
+
+    def __init__(self, trace: Trace, row: int) -> None:
+        self.trace, self.row = trace, row
+
+    def __array_ufunc__(self, function: Any, method: str, *operands: Any, **options: Any) -> Any:
+        """Any function of numpy that works number by number."""
+        if method != "__call__" or options:
+            return NotImplemented
+        return self.trace.add(function, operands)
+
+    def __array_function__(self, function: Any, types: Any, operands: Any, options: Any) -> Any:
+        """A choice; and the question whether a condition holds anywhere, which is answered as if it did."""
+        if function is np.any:
+            return True
+        return self.trace.add(function, operands) if function is np.where else NotImplemented
+
+
+def compact(lines: Sequence[Line], results: Sequence[int]) -> tuple[list[Line], list[int], int]:
+    """The same lines with as few rows as possible, the rows of the ``results``, and how many rows there are.
+
+    A row is used again when it is not read any more. No line writes a row that it reads.
+    """
+    last = {part: number for number, line in enumerate(lines) for part in line.operands if isinstance(part, int)}
+    rows, free, count = {X: X, Y: Y}, list[int](), FIRST_FREE
+    found = []
+    for number, line in enumerate(lines):
+        if not free:
+            free.append(count)
+            count += 1
+        rows[line.target] = free.pop()
+        operands = tuple(rows[part] if isinstance(part, int) else part for part in line.operands)
+        found.append(Line(line.operation, rows[line.target], operands))
+        for part in {part for part in line.operands if isinstance(part, int)}:
+            if last[part] == number and part >= FIRST_FREE and part not in results:
+                free.append(rows[part])
+    return found, [rows[row] for row in results], count
+
+
+# Numbers in the memory where functions of numpy are called: it stays in the cache.
+MEMORY_NUMBERS = 65_536
+# Points evaluated at a time there, at most.
+MAX_CHUNK = 16_384
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A function of numpy: the row that it writes, and its operands, which are rows or numbers."""
+
+    function: Callable[..., Any]
+    target: int
+    operands: tuple[int | float, ...]
+
+
+class Routine:
+    """Evaluates the components of one jet: the value of an expression and its derivatives."""
+
+    def __init__(self, components: Callable[[TracedRow, TracedRow], Sequence[Component]]) -> None:
+        """``components`` gives the components from the coordinates x and y, as it would from arrays."""
+        trace = Trace()
+        wanted = components(TracedRow(trace, X), TracedRow(trace, Y))
+        rows = [part.row for part in wanted if isinstance(part, TracedRow)]
+        lines, sources, self._rows = compact(trace.needed(rows), rows)
+        self._sources, found = np.array(sources, dtype=np.int64), iter(range(len(sources)))
+        self._wanted = [next(found) if isinstance(part, TracedRow) else float(part or 0.0) for part in wanted]
+        self._numbers = list[float]()
+        self._parts = [part for is_call, group in groupby(lines, _is_call) for part in self._part(is_call, list(group))]
+        self._column = np.array(self._numbers).reshape(-1, 1)
+        self._by_blocks = not any(isinstance(part, _Call) for part in self._parts)
+        least, most = BLOCK, MAX_CHUNK
+        self._chunk = max(least, min(most, MEMORY_NUMBERS // self._rows // least * least))
+
+    def evaluate(self, x: Array, y: Array) -> tuple[Array, ...]:
+        """The components at flat arrays of points, in memory of their own."""
+        x, y, results = _writeable(x), _writeable(y), np.empty((self._sources.size, x.size))
+        width = min(x.size, BLOCK if self._by_blocks else self._chunk)
+        memory = np.empty((self._rows + len(self._numbers), width))
+        memory[self._rows :, :BLOCK] = self._column
+        if self._by_blocks:
+            instructions = self._parts[0] if self._parts else np.empty((0, 5), dtype=np.int64)
+            calculate(instructions, memory, self._rows, x, y, results, self._sources)
+        else:
+            for start in range(0, x.size, self._chunk):
+                piece = slice(start, start + self._chunk)
+                self._evaluate(x[piece], y[piece], results[:, piece], memory)
+        return tuple(results[k] if isinstance(k, int) else np.full(x.shape, k) for k in self._wanted)
+
+    def _evaluate(self, x: Array, y: Array, results: Array, memory: Array) -> None:
+        """The components at as many points as the memory holds."""
+        rows, nowhere = memory[:, : x.size], np.empty((0, 0))
+        rows[X], rows[Y] = x, y
+        for part in self._parts:
+            if isinstance(part, _Call):
+                operands = [rows[k] if isinstance(k, int) else k for k in part.operands]
+                part.function(*operands, out=rows[part.target])
+            else:
+                calculate(part, memory, self._rows, x, y, nowhere, self._sources)
+        for result, source in zip(results, self._sources, strict=True):
+            result[:] = rows[source]
+
+    def _part(self, is_call: bool, lines: list[Line]) -> list[Any]:
+        """Calls, or one table of instructions."""
+        if is_call:
+            return [_Call(line.operation, line.target, line.operands) for line in lines if callable(line.operation)]
+        return [np.array([self._instruction(line) for line in lines])]
+
+    def _instruction(self, line: Line) -> tuple[int, ...]:
+        """The line as a row of a table: numbers are rows of the memory there, and every line has three operands."""
+        rows = [part if isinstance(part, int) else self._row_of(part) for part in line.operands]
+        code = -1 if callable(line.operation) else line.operation
+        return (code, line.target, *[*rows, rows[0], rows[0]][:3])
+
+    def _row_of(self, number: float) -> int:
+        self._numbers.append(number)
+        return self._rows + len(self._numbers) - 1
+
+
+def _is_call(line: Line) -> bool:
+    return callable(line.operation)
+
+
+def _writeable(points: Array) -> Array:
+    """The points in memory that a compiled loop accepts: loops are compiled for arrays that may be written."""
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    return points if points.flags.writeable else points.copy()
