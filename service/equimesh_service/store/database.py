@@ -77,7 +77,12 @@ class Database:
             self._turns = RLock()
             arguments: dict[str, Any] = {"timeout": _BUSY_SECONDS, "check_same_thread": False}
             self._engine = create_engine(
-                address, connect_args=arguments, json_serializer=to_json, pool_size=8, max_overflow=64
+                address,
+                connect_args=arguments,
+                json_serializer=to_json,
+                pool_size=8,
+                max_overflow=64,
+                pool_use_lifo=True,  # pages that another connection has written are read again: mostly one works
             )
             event.listen(self._engine, "connect", _prepare_sqlite)
             event.listen(self._engine, "begin", _begin_sqlite)
@@ -262,6 +267,8 @@ def _prepare_sqlite(connection: Any, record: Any) -> None:
     record.info[_READ_ONLY] = not os.access(file, os.W_OK)
     _write_ahead(cursor)
     cursor.execute("PRAGMA foreign_keys=ON")
+    # Some systems build SQLite to fill what is deleted with zeros, which writes all pages of a deleted file once more.
+    cursor.execute("PRAGMA secure_delete=FAST")
     cursor.close()
 
 

@@ -10,14 +10,15 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from sqlalchemy import bindparam, create_engine, event, insert, make_url, select, text
+from sqlalchemy import bindparam, create_engine, delete, event, insert, make_url, select, text
 from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError
 
 from equimesh_cli import main
 from equimesh_service import Settings, running
 from equimesh_service.errors import UnusableDatabaseError
 from equimesh_service.store import database
-from equimesh_service.store.schema import Prepared, samples
+from equimesh_service.store.blobs import insert_blob
+from equimesh_service.store.schema import Prepared, blobs, samples
 from equimesh_service.store.store import Store
 from service.databases import Postgres
 
@@ -28,6 +29,30 @@ def test_sqlite_writes_ahead_and_to_disk(tmp_path: Path) -> None:
         assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
         assert connection.execute(text("PRAGMA synchronous")).scalar() == 2
         assert connection.execute(text("PRAGMA foreign_keys")).scalar() == 1
+    store.close()
+
+
+def test_the_pages_of_a_deleted_file_are_not_written_once_more(tmp_path: Path) -> None:
+    store = Store(f"sqlite:///{tmp_path / 'test.sqlite3'}")
+    store.prepare()
+    log, content = tmp_path / "test.sqlite3-wal", bytes(200_000)
+    insert_blob(store.database, "f" * 64, content)
+    before = log.stat().st_size
+    with store.database.write() as connection:
+        assert connection.execute(delete(blobs)).rowcount == 1
+    assert before > len(content)
+    assert log.stat().st_size - before < len(content) / 4
+    store.close()
+
+
+def test_one_transaction_after_another_uses_the_same_connection(tmp_path: Path) -> None:
+    store, used = Store(f"sqlite:///{tmp_path / 'test.sqlite3'}"), set[int]()
+    with store.database.read(), store.database.read():
+        pass  # now there are two
+    for _ in range(4):
+        with store.database.write() as connection:
+            used.add(id(connection.connection.dbapi_connection))
+    assert len(used) == 1
     store.close()
 
 
