@@ -30,7 +30,7 @@ def test_binding_again_to_the_same_domain_costs_nothing(name: str) -> None:
 
 FRONT, BEND = "tanh(20*(x/w - (y/w)**2))", "tanh(5*(x/w - (y/w)**2))"
 HUMP = "1 + 10*exp(-50*((x/w - 0.5)**2 + (y/w - 0.4)**2))"
-UNITS = ((1e-8, 1.0), (1.0, 1e3), (1e8, 1e-3))  # of u, and of the coordinates
+UNITS = ((1e-8, 1e3), (1e8, 1e-3))  # of u, and of the coordinates
 TIGHT = 1e-11
 """Of the square: rounding of the nodes of a mesh that is solved to rounding."""
 NEAR = 1e-9

@@ -44,7 +44,7 @@ class TestEveryDrawing:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=() if name in ("mesh", "convergence") else pytest.mark.everything) for name in DRAWINGS],
+    [pytest.param(name, marks=() if name in ("mesh", "histories") else pytest.mark.everything) for name in DRAWINGS],
 )
 def test_the_same_file_is_written_again_whatever_the_settings_which_are_left_alone(name: str, tmp_path: Path) -> None:
     first, second = tmp_path / "first.svg", tmp_path / "second.svg"
@@ -65,7 +65,7 @@ def test_a_png_is_the_same_again(tmp_path: Path) -> None:
 
 def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
     draw_mesh(result(strips()), tmp_path / "alone.svg", decomposition=strips())
-    paths = [tmp_path / f"{number}.svg" for number in range(4)]
+    paths = [tmp_path / f"{number}.svg" for number in range(3)]
     before = dict(matplotlib.rcParams)
     with ThreadPoolExecutor(max_workers=3) as pool:
         list(pool.map(DRAWINGS["mesh"], paths))

@@ -120,7 +120,7 @@ def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> No
 
 @pytest.mark.parametrize("make", [l_shape, disc, naca0012_o])
 def test_schwarz_between_blocks_gains_as_much_as_the_whole(make) -> None:  # type: ignore[no-untyped-def]
-    asked = problem(make, 1600)
+    asked = problem(make)
     whole, between = em.solve(asked), em.solve(asked, em.Schwarz())
     assert (whole.schwarz, between.schwarz) == (None, em.Schwarz())
     assert between.status is em.Status.COMPLETED
