@@ -208,7 +208,6 @@ def test_a_driver_that_is_killed_leaves_nothing_and_its_workers_are_free_again(
     settings = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__LOCKS__LEASE_TIMEOUT": "2s"}
     command = [sys.executable, str(program), processes.address]
     with subprocess.Popen(command, env=settings, stdout=subprocess.PIPE, text=True) as driver:
-        assert driver.stdout is not None
         assert {driver.stdout.readline(), driver.stdout.readline()} == {"runs 0\n", "runs 1\n"}
         assert sum(boxes for boxes, _ in left_on(processes.client).values()) == 2
         driver.kill()

@@ -80,7 +80,6 @@ def test_the_code_of_a_picture_draws_it(name: str, drawing: Callable[[str], tupl
     assert new.shape == kept.shape
     assert abs(new - kept).mean() < 0.02, "make it again with examples/22_gallery.py"
     told = re.search(r"the error is (\S+) times smaller$", SECTIONS[name]["alt"])
-    assert told is not None
     assert float(told[1]) == pytest.approx(gain, rel=NEAR), "write it again with examples/22_gallery.py --page"
 
 

@@ -63,7 +63,6 @@ def test_the_channel_of_the_wake_has_its_sides_in_the_order_of_the_program() -> 
     pytest.importorskip("matplotlib")
     described = runpy.run_path(str(FOLDER / "cylinder.py"))["channel"](0.5)
     numbers = re.search(r"int (inlet.*);", (FOLDER / "cylinder.edp").read_text())
-    assert numbers is not None
     assert list(described.mesh.sides) == [part.split(" = ")[0] for part in numbers[1].split(", ")]
     assert len(described.mesh.cells) == 624
     assert not described.mesh.is_folded

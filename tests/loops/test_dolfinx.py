@@ -22,7 +22,6 @@ RUN_SECONDS = 600
 @pytest.mark.needs("dolfinx")
 def test_a_front_is_followed_with_the_velocity_of_the_mesh(tmp_path: Path) -> None:
     tqdm = find_spec("tqdm")
-    assert tqdm is not None
     assert tqdm.origin is not None
     packages = Path(tqdm.origin).parents[1]
     environment = {**os.environ, "PYTHONPATH": str(HERE.parents[1] / "client"), "OMP_NUM_THREADS": "1"}

@@ -95,7 +95,6 @@ def test_a_mesh_of_least_error_has_a_comparison_in_place_of_a_residual() -> None
     assert "straight lines" in str(Certificate.from_json({**record, "relaxed": [lines]}))
     target = {"norm": "h1", "error": 0.1, "grid": [33, 17], "predicted": 0.098, "reached": 0.097, "solves": 2}
     aimed = Certificate.from_json({**record, "target": target})
-    assert aimed.target is not None
     assert (aimed.target.grid, aimed.target.reached, aimed.target.solves) == ((33, 17), 0.097, 2)
     assert "target                0.1 in H1 requested, 0.098 predicted, 0.097 reached on 33 x 17 points" in str(aimed)
     assert certificate.target is None

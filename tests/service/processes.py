@@ -49,7 +49,6 @@ class ServiceProcess:
     @property
     def pid(self) -> int:
         """The process of the service itself."""
-        assert self._process is not None
         return self._process.pid
 
     @property
@@ -85,7 +84,6 @@ class ServiceProcess:
         """Wait until the workers are ready, too."""
         until = time.monotonic() + _START_SECONDS
         while not is_ready(self.url):
-            assert self._process is not None
             assert self._process.poll() is None, self.log
             assert time.monotonic() < until, self.log
             time.sleep(0.05)
@@ -122,7 +120,6 @@ class ServiceProcess:
 
     def wait(self, seconds: float = _STOP_SECONDS) -> int:
         """The exit code, once it has ended."""
-        assert self._process is not None
         return self._process.wait(seconds)
 
     def left(self) -> list[int]:

@@ -87,7 +87,6 @@ def test_both_meshes_have_the_same_scale_and_the_slider_moves_one(page: Page, tm
 def test_a_cell_tells_its_numbers_to_pointer_and_keys(page: Page) -> None:
     page.wait_for_selector(DRAWN)
     box = page.locator(STAGE).bounding_box()
-    assert box is not None
     tip = page.locator("#tip")
     page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 0.5 * box["height"])
     for word in ("cell ", "size ", "u ", "error ", "Q_eq "):
@@ -110,7 +109,6 @@ def test_wheel_keys_and_buttons_zoom_and_drag_pans(page: Page) -> None:
     stage = page.locator(STAGE)
     zoomed = re.compile(r"\bzoomed\b")
     box = stage.bounding_box()
-    assert box is not None
     page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.5 * box["height"])
     page.mouse.wheel(0, -400)
     expect(stage).to_have_class(zoomed)
@@ -152,7 +150,6 @@ def test_a_large_mesh_is_dragged_at_the_rate_of_the_screen(
     expect(page.locator("#captions")).to_contain_text("% of the way")
     page.wait_for_function("address => location.hash !== address", arg=address)
     box = stage.bounding_box()
-    assert box is not None
     page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.5 * box["height"])
     page.mouse.wheel(0, -900)
     expect(stage).to_have_attribute("data-stride", "1")

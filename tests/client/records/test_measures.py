@@ -61,7 +61,6 @@ def test_quality_speaks_and_lacks_nothing_it_was_not_given() -> None:
     quality = Quality.from_json({"q_eq": q_eq, "min_jacobian": 0.1, "interpolation_error": errors, "new": 3})
     assert quality.q_eq.max == 1.6375
     assert np.isnan(quality.q_eq.min)
-    assert quality.q_eq.cells is not None
     assert quality.q_eq.cells.shape == (1, 2)
     with pytest.raises(AttributeError, match="no measure 'q_foo'"):
         _ = quality.q_foo

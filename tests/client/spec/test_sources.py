@@ -80,7 +80,6 @@ def test_samples_go_inline_up_to_a_size() -> None:
     assert source_of(np.ones((n, n))).upload is None
     big = source_of(np.ones((n + 5, n + 5)))
     assert big.json == {"samples": "upload"}
-    assert big.upload is not None
     with np.load(io.BytesIO(big.upload.data), allow_pickle=False) as file:
         assert sorted(file) == ["values", "x", "y"]
 
@@ -95,10 +94,8 @@ def test_stored_samples_and_files(tmp_path: Path) -> None:
     path.write_text("x,y,u\n")
     source = source_of(path)
     assert source.json == {"samples": "upload"}
-    assert source.upload is not None
     assert (source.upload.filename, source.upload.data, source.upload.column) == ("u.csv", b"x,y,u\n", None)
     chosen = source_of(SampleFile(path, "T")).upload
-    assert chosen is not None
     assert (chosen.filename, chosen.data, chosen.column) == ("u.csv", b"x,y,u\n", "T")
     assert upload_of(SampleFile(str(path), "T")) == chosen
 

@@ -174,7 +174,6 @@ def test_what_a_step_says_of_its_mesh() -> None:
     headers = {"equimesh-step": "5", "location": "/v1/meshes/m-5", "etag": f'"{hashlib.sha256(body).hexdigest()}"'}
     step = advance(Reply(status=201, headers=headers, body=body))
     assert (step.status, step.warnings, sorted(step.fields)) == ("succeeded", ("mind the step",), ["p"])
-    assert step.certificate is not None
     assert step.certificate.status == "relaxed"
     assert (step.substeps, step.moved) == (2, 0.5)
     assert step.velocity is not None
@@ -220,7 +219,6 @@ def test_the_service_chooses_the_shape_until_a_round_that_resolves_the_solution_
 
     def spec() -> dict[str, Any]:
         request = one.next(answered)
-        assert request is not None
         found: dict[str, Any] = request.request(((0, 3), (0, 2))).spec
         return found
 
@@ -241,7 +239,6 @@ def test_the_cells_of_blocks_go_with_their_values_where_they_are_chosen() -> Non
     for is_settled in (False, True):
         one.is_settled = is_settled
         request = one.next(answered)
-        assert request is not None
         spec = request.request(None).spec
         assert spec["monitor"]["u"]["block_nodes"]["block_cells"] == [[2, 1]]
         assert ("target" in spec, "grid" in spec) == (not is_settled, False)
@@ -252,7 +249,6 @@ def test_values_at_nodes_are_sent_with_their_nodes_and_the_certificate_is_taken_
     values = mesh.x * mesh.y
     answered = one.receive(mesh, values.ravel())
     request = one.next(answered)
-    assert request is not None
     spec = request.request(((0, 3), (0, 2))).spec
     assert spec["grid"] == {"n_xi": 4, "n_eta": 3}
     assert spec["monitor"]["kind"] == "nodal_solution"
@@ -273,7 +269,6 @@ def test_an_indicator_becomes_the_weight_of_the_next_mesh() -> None:
     answered = one.receive(arrays(), ErrorIndicator([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]))
     assert isinstance(answered.monitor, Weight)
     request = one.next(answered)
-    assert request is not None
     assert request.request(((0, 3), (0, 2))).spec["monitor"]["map"] == "gradient"
     one.add("first", answered, None, arrays(0.25))
     assert one.done[0].estimate == pytest.approx(np.sqrt(91.0))

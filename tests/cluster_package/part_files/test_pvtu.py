@@ -57,7 +57,6 @@ def test_a_head_is_xml() -> None:
     names = [described("u", np.float64), described("GlobalNodeIds", np.int64)]
     root = ET.fromstring(head_text({"PPointData": names}, ['<Piece Source="a"/>']))
     section = root.find("PUnstructuredGrid/PPointData")
-    assert section is not None
     assert section.attrib == {"GlobalIds": "GlobalNodeIds"}
     assert vtk_type(np.uint8) == "UInt8"
 

@@ -199,7 +199,6 @@ def test_the_sides_of_the_grid_are_closed_wherever_they_are() -> None:
         return holding.assembled(mesh, "shown")
 
     found = ThreadChannels(3).run(close)[0]
-    assert found is not None
     assert (found.x[0] == 0.0).all() and (found.x[-1] == 1.0).all()  # noqa: PT018
     assert (found.y[:, 0] == 0.0).all() and (found.y[:, -1] == 1.0).all()  # noqa: PT018
     assert np.array_equal(found.x[1:-1], off.x[1:-1]), "all other nodes stay"
@@ -238,7 +237,6 @@ def test_two_corrections_are_those_of_the_whole_grid(boundary: em.Boundary, doma
         return holding.assembled(em.Mesh(held_x, held_y), "shown")
 
     mesh = ThreadChannels(4).run(correct)[0]
-    assert mesh is not None
     assert max(abs(mesh.x - x).max(), abs(mesh.y - y).max()) < 1e-14
     assert expected[0][1] > 1e-3, "the nodes do move"
 

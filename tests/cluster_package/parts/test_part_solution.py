@@ -179,11 +179,9 @@ def test_a_folded_cell_in_one_part_is_known_to_all() -> None:
 def test_a_jump_inside_cells_is_divided_alike(shape: tuple[int, int]) -> None:
     solution = solved(em.ArcLength(u=JUMP, scaled=False), bent(shape))
     whole = solution.interpolation
-    assert whole is not None
     assert whole.resolved == (True, False)
     for one in measured(parts_of(solution, 3)):
         errors = one.quality.interpolation_error
-        assert errors is not None
         for name in ("l2", "l2_uniform", "h1", "h1_uniform", "gain_l2"):
             assert getattr(errors, name) == pytest.approx(getattr(whole, name), rel=8e-13), name
         assert (errors.resolved, errors.largest, errors.variation) == (whole.resolved, whole.largest, whole.variation)

@@ -110,7 +110,6 @@ def over_lines(channel: Channel, strips: Array) -> Array | None:
 @pytest.mark.parametrize("cuts", [[5], [1, 2], [2, 5, 8], [3, 4, 6, 9], [1, 2, 3, 4, 5, 6, 7]])
 def test_processes_find_the_numbers_of_one(cuts: list[int]) -> None:
     whole = over_lines(ALONE, STRIPS)
-    assert whole is not None
     assert whole[0] == pytest.approx(STRIPS[:, 0].sum(axis=0), rel=1e-12)
     assert np.array_equal(whole[1], STRIPS[:, 1].max(axis=0))
     assert np.array_equal(whole[2], STRIPS[:, 2].min(axis=0))

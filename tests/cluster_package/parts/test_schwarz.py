@@ -222,7 +222,6 @@ def test_the_solution_is_that_of_one_process(monitor: em.LeastError | em.Auto) -
 
     found, *others = ThreadChannels(3).run(work)
     assert others == [None, None]
-    assert found is not None
     solution = found.solution(problem)
     assert np.array_equal(solution.mesh.points, alone.mesh.points)
     assert solution.descent == alone.descent

@@ -37,7 +37,6 @@ def test_settings_say_the_same_in_json_and_in_npz() -> None:
     mesh = em.Mesh(*np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij"))
     for move in (packed, written):
         checked = move.check(mesh)
-        assert checked.monitor is not None
         assert (checked.u, [*checked.fields], checked.fields["v"].transfer) == (None, ["v"], "conservative")
         np.testing.assert_array_equal(checked.monitor["rho"], values["r"])
         np.testing.assert_array_equal(checked.monitor["u"], values["v"])

@@ -139,7 +139,6 @@ def test_settings_and_the_monitor_stay(tmp_path: Path) -> None:
 
 def test_an_expression_stays(tmp_path: Path) -> None:
     short = shortened_step(tmp_path, {"step": 0, "u": "tanh(x)", "fields": {"p": ROWS}})
-    assert short.u is not None
     assert short.u.expression == "tanh(x)"
     assert short.sent == {"u": "tanh(x)"}
     assert [*np.load(tmp_path / "step.npz")] == ["0"]
@@ -188,7 +187,6 @@ def test_the_spec_is_a_text_or_its_bytes(text: Any) -> None:
     data = packed(spec=text, **SAMPLES)
     spec, upload = unpack(data)
     assert json.loads(spec) == SPEC
-    assert upload is not None
     assert (upload.data, upload.filename) == (data, "samples.npz")
 
 

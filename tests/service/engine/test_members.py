@@ -33,7 +33,6 @@ def test_a_worker_counts_once_its_pool_is_ready() -> None:
     members.update({"a": known("one", ready=True), "b": known("two", slots=3)})
     assert (members.slots, members.describe()) == (5, "")
     free = members.find_free()
-    assert free is not None
     assert (free.name, free.free) == ("two", 3)
     free.jobs.update({"x", "y"})
     assert members.find_free() is not free

@@ -144,7 +144,6 @@ def test_a_mesh_that_has_succeeded_is_handed_on(store: Store) -> None:
     succeeded(store, "first")
     assert again(store) == "again"
     row = store.meshes.get("again")
-    assert row is not None
     assert (row.status, row.label, row.reused_from, row.attempt) == ("succeeded", "new", "first", 0)
     assert row.result == {"quality": {"min_jacobian": 1.0}}  # how long it took is not a matter of this one
     assert [(event.kind, event.data["reused_from"]) for event in store.meshes.events("again")] == [("done", "first")]
@@ -242,13 +241,11 @@ def test_one_step_is_taken_after_the_other(store: Store) -> None:
     steps.finish(first)
     steps.finish(steps.take(1), error={"type": "/problems/folded"})
     sequence = store.sequences.get("q-1")
-    assert sequence is not None
     assert (sequence.number, sequence.mesh_id, sequence.status) == (0, first, "succeeded")
     second = steps.take(1)  # in place of the one that failed
     with pytest.raises(StepTakenError):
         steps.take(1)
     order = store.meshes.get_input(second)
-    assert order is not None
     assert (order.start, order.fields, list(order.samples)) == ("a" * 64, "f1" * 32, ["n-1"])
 
 

@@ -79,7 +79,6 @@ def test_a_mesh_fails_when_its_workers_are_lost_too_often(store: Store) -> None:
     outcomes = [store.queue.lose(claimed(store), "gone", most=3, error=ERROR) for _ in range(3)]
     assert outcomes == ["queued", "queued", "failed"]
     row = store.meshes.get("a")
-    assert row is not None
     assert (row.attempt, row.error) == (3, ERROR)
 
 

@@ -329,7 +329,6 @@ def test_a_finished_mesh_enters_with_its_samples_files_and_story(store: Store) -
     published: list[str] = []
     assert finished_entry(store, entered(samples=SENT), published=published) == "a"
     row = store.meshes.get("a")
-    assert row is not None
     assert (row.status, row.attempt, row.created_at, row.finished_at) == ("succeeded", 1, 998.0, 1000.0)
     assert store.meshes.artifact("a", "mesh") == FILE
     assert store.samples.get("s-1", "k") == SENT.row
@@ -342,7 +341,6 @@ def test_a_finished_mesh_enters_with_its_samples_files_and_story(store: Store) -
 def test_it_may_have_failed(store: Store) -> None:
     assert finished_entry(store, entered(), Outcome(error=ERROR, partial=True)) == "a"
     row = store.meshes.get("a")
-    assert row is not None
     assert (row.status, row.error, row.partial) == ("failed", ERROR, True)
     assert store.meshes.events("a")[-1].data == {"status": "failed", "error": ERROR}
 

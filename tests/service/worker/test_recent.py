@@ -61,7 +61,6 @@ def test_a_step_from_a_mesh_and_a_function_that_stayed_is_that_of_a_new_worker_t
 
     def step() -> em.Mesh:
         start = solve.StepStart.of(task, spec, files)
-        assert start is not None
         return start.take(spec, {"threads": 1, "check": False}).mesh
 
     read, kept = step(), step()
@@ -92,8 +91,6 @@ def test_what_was_deleted_is_not_used_where_it_stayed(files: Any) -> None:
     with pytest.raises(Problem, match="The samples of this mesh were deleted"):
         solve._build(job, store, files)
     start = solve.StepStart.of(task, built, files)
-    assert start is not None
-    assert start.earlier is not None
     assert start.earlier.u is None
     (files.folder / "mesh").unlink()
     with pytest.raises(Problem, match="The mesh that this step starts from was deleted"):
@@ -163,7 +160,6 @@ def test_a_step_of_which_the_check_is_known_is_the_one_that_is_read_to_the_bit(f
         files.read.clear()
         work = solve.build_work(task, files, known=made)
         assert (files.read == []) == (made is known)
-        assert work.start is not None
         taken = [field.values for field in work.start.fields.values()]
         assert all(array.flags.writeable and array.flags.c_contiguous for array in taken)
         step = work.start.take(work.spec, {"threads": 1, "check": False})

@@ -154,12 +154,9 @@ def test_what_is_known_of_the_mesh_before(tmp_path: Path) -> None:
     spec = build({"monitor": {"kind": "least_error", "norm": "h1", "u": "x"}, "grid": GRID})
     files: Any = Folder()
     found = _earlier({"u": {"expression": "2*x"}, "samples": None, "gains": {"l2": 3.0, "h1": 2.0}}, spec, files)
-    assert found is not None
     assert found.gain == 2.0
-    assert found.u is not None
     assert found.u.evaluate(np.array([0.5]), np.array([0.5]))[0] == [1.0]
     lost = _earlier({"u": {"samples": "n-1"}, "samples": "gone", "gains": {"l2": None}}, spec, files)
-    assert lost is not None
     assert (lost.u, np.isnan(lost.gain)) == (None, True)
     assert _earlier(None, spec, files) is None
 

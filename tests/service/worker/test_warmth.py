@@ -252,8 +252,6 @@ def test_workers_count_the_loops_and_nobody_waits_for_one_that_is_late() -> None
 @pytest.mark.skipif(not hasattr(os, "nice"), reason="the system has no niceness")
 def test_the_process_is_of_low_priority_and_ends_when_its_input_is_closed() -> None:
     with subprocess.Popen([sys.executable, "-c", ENDLESS], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
         assert int(process.stdout.readline()) == min(os.nice(0) + rare_loops.NICENESS, 19)
         process.stdin.close()
         assert process.wait(60.0) == 1
@@ -289,7 +287,6 @@ def test_sqlite_needs_the_machine_and_the_file_of_the_service(storage: Storage) 
     reach = Reach.of(storage)
     elsewhere = replace(reach, machine="another")
     assert "SQLite needs one machine, PostgreSQL does not" in elsewhere.describe_faults()
-    assert reach.file is not None
     other = replace(reach, file=(reach.file[0], reach.file[1] + 1))
     assert "it does not see the database of the service" in other.describe_faults()
 

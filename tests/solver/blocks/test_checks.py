@@ -191,7 +191,6 @@ def test_a_part_inside_of_another_one_is_found_without_a_crossing() -> None:
         sides={"outer": outer} | hole,
     )
     found = find_overlap(mesh)
-    assert found is not None
     assert found.is_inside
     assert found.place == pytest.approx((3.525, 3.425))
     assert found.cells[0] == 49

@@ -147,7 +147,6 @@ def chords(slides: np.ndarray, edges: np.ndarray = RING) -> Chords | None:
 def test_the_circle_is_closed_and_fixed_nodes_are_ends_of_its_pieces(fixed: list[int]) -> None:
     slides = ~np.isin(np.arange(COUNT), fixed)
     found = chords(slides)
-    assert found is not None
     pieces = COUNT - (5 in fixed)  # an edge between two fixed nodes does not change
     assert len(found.nodes) == pieces
     assert found.pieces(CHORD_ANGLES).area == pytest.approx(0.5 * pieces * (STEP - math.sin(STEP)), rel=3e-3)
@@ -155,7 +154,6 @@ def test_the_circle_is_closed_and_fixed_nodes_are_ends_of_its_pieces(fixed: list
 
 def test_longer_edges_cut_off_more_also_beyond_the_begin_of_the_circle() -> None:
     found = chords(np.ones(COUNT, dtype=bool))
-    assert found is not None
     moved = CHORD_ANGLES + 0.9 * np.sin(CHORD_ANGLES) + 2.0
     lengths = np.diff(np.append(moved, moved[0] + 2.0 * math.pi))
     assert found.pieces(moved).area == pytest.approx(0.5 * float((lengths - np.sin(lengths)).sum()), rel=1e-2)
@@ -175,7 +173,6 @@ def test_lines_and_nodes_elsewhere_have_none() -> None:
     away = POINTS.copy()
     away[:, 3] *= 0.5
     found = Chords.of(Circle(), RING, slides, away, CHORD_ANGLES)
-    assert found is not None
     assert len(found.nodes) == COUNT - 2
 
 

@@ -147,7 +147,6 @@ def test_a_problem_file_names_samples_that_stay_in_their_file(tmp_path: Path, mo
     document |= {"domain": {"kind": "rectangle", "x": [0, 2], "y": [0, 1]}}
     document["monitor"] = {"kind": "arc_length", "u": {"samples": "u.h5"}}
     u = specs.build(document, specs.samples_in(tmp_path)).problem.monitor.u
-    assert u is not None
     assert u.box == ((0.0, 2.0), (0.0, 1.0))
     np.save(tmp_path / "u.npy", VALUES)
     document["monitor"] = {"kind": "arc_length", "u": {"samples": "u.npy"}}

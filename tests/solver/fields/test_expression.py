@@ -93,7 +93,6 @@ def test_shapes() -> None:
 def test_check_finite_refuses_what_cannot_be_squared() -> None:
     with pytest.raises(ExpressionError, match=r"the gradient of u is larger than 1e\+100") as caught:
         Expression("y + 1e101*x").check_finite()
-    assert caught.value.position is not None
     assert caught.value.position.offset == 4
 
 
@@ -167,7 +166,6 @@ def test_a_text_that_is_no_expression_names_the_function_and_the_column() -> Non
     with pytest.raises(em.ExpressionError, match="did you mean tanh") as caught:
         em.Weight(rho="1 + tnah(x)")  # type: ignore[arg-type]
     assert caught.value.field == "rho"
-    assert caught.value.position is not None
     assert caught.value.position.column == 5
 
 

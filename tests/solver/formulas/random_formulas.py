@@ -257,7 +257,6 @@ def refusal(text: str) -> ExpressionError | None:
     else:
         u.evaluate(0.5, 0.5, order=2)
         return None
-    assert error.position is not None
     offset, lines = error.position.offset, text[: error.position.offset].split("\n")
     assert 0 <= offset <= len(text)
     assert (error.position.line, error.position.column) == (len(lines), len(lines[-1]) + 1)

@@ -106,7 +106,6 @@ def test_refused_at_its_position(text: str, offset: int, words: str) -> None:
 )
 def test_positions_count_characters_and_lines(text: str, line: int, column: int) -> None:
     position = refused(text, σ=1.0, σσσ=2.0).position
-    assert position is not None
     assert (position.line, position.column) == (line, column)
 
 
@@ -117,7 +116,6 @@ def test_a_formula_with_a_foreign_sign_is_refused_there(tree: Tree, where: int, 
     where %= len(tokens) + 1
     before = "".join(f"{token}\n " for token in tokens[:where])
     error = refusal(before + bad + " " + " ".join(tokens[where:]))
-    assert error is not None
     assert error.position is not None
     if not (where and tokens[where - 1] in FUNCTIONS):
         assert error.position.offset == len(before)

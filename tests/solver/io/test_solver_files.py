@@ -255,7 +255,6 @@ def test_the_grid_refers_to_one_with_a_time() -> None:
     (grid,) = root.findall("Domain/Grid")
     assert [child.tag for child in grid] == ["Geometry", "Topology", "Information"]
     referred = root.find("." + grid.attrib["Reference"].removeprefix("/Xdmf"))
-    assert referred is not None
     assert [child.tag for child in referred] == ["Time", "Geometry", "Topology"]
     assert referred[0].attrib == {"Value": "0"}
     assert ET.fromstring(grid[2].text or "").tag == "nothing"  # meshio reads this text as XML

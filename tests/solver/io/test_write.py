@@ -424,8 +424,6 @@ def test_rows_run_along_xi(tmp_path: Path) -> None:
     assert root.attrib["type"] == "StructuredGrid"
     grid = root.find("StructuredGrid")
     piece = root.find("StructuredGrid/Piece")
-    assert grid is not None
-    assert piece is not None
     extent = f"0 {N_XI - 1} 0 {N_ETA - 1} 0 0"
     assert (grid.attrib["WholeExtent"], piece.attrib["Extent"]) == (extent, extent)
     points = arrays_of(piece.find("Points"))["Points"].reshape(N_ETA, N_XI, 3)
@@ -446,7 +444,6 @@ def test_vectors_follow_their_points(tmp_path: Path) -> None:
     x = DATA.mesh.x
     data = replace(DATA, fields={"v": np.stack([x, 2 * x], axis=-1)}, cell_fields={"rho": DATA.q_eq})
     piece = ET.parse(write_mesh(tmp_path / "mesh.vts", data)[0]).getroot().find("StructuredGrid/Piece")
-    assert piece is not None
     vectors = arrays_of(piece.find("PointData"))["v"].reshape(N_ETA, N_XI, 3)
     np.testing.assert_array_equal(vectors, np.stack([x.T, 2 * x.T, 0 * x.T], axis=-1))
     np.testing.assert_array_equal(arrays_of(piece.find("CellData"))["rho"].reshape(N_ETA - 1, N_XI - 1), DATA.q_eq.T)

@@ -85,12 +85,10 @@ def test_there_is_nothing_from_a_folded_mesh() -> None:
 def test_a_search_uphill_finds_nothing() -> None:
     objective, mesh = objective_on(GRID, FRONT), uniform(GRID)
     now = objective.evaluate(mesh)
-    assert now is not None
     assert search(objective, mesh, now, -now.gradient, 1e-4) is None
     assert search(objective, mesh, now, 0.0 * now.gradient, 1e-4) is None
     assert search(objective, mesh, now, np.full_like(mesh, np.nan), 1e-4) is None
     found = search(objective, mesh, now, now.gradient, 1e-4)
-    assert found is not None
     assert np.abs(found[0] - mesh).max() <= descent.MAX_MOVE_CELLS / objective.cells.count**0.5
     assert found[1].value < now.value
 

@@ -47,8 +47,6 @@ def test_a_function_that_is_its_own_adjoint_has_its_own_error(norm: Norm) -> Non
     assert isinstance(both, DualObjective)
     mesh, _ = meshes(both)
     one, other = both.evaluate(mesh), alone.evaluate(mesh)
-    assert one is not None
-    assert other is not None
     assert one.error == pytest.approx(other.error, rel=1e-9)
     assert np.allclose(one.gradient, other.gradient, rtol=1e-7, atol=1e-9)
     assert np.allclose(one.blocks, other.blocks, rtol=1e-7, atol=1e-9)

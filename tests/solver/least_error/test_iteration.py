@@ -175,6 +175,4 @@ def test_a_square_as_one_block_is_the_grid(u: str, largest: float) -> None:
             em.Problem(monitor=monitor, domain=block),
         )
     )
-    assert grid is not None
-    assert blocks is not None
     assert blocks.gain_l2 == pytest.approx(grid.gain_l2, rel=largest)

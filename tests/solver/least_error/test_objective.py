@@ -39,12 +39,10 @@ def test_the_taylor_remainder_falls_at_second_order(domain: str, rule: str) -> N
     objective = objective_on(GRID, domain=DOMAINS[domain], start=bent(GRID, 2), rule=(RULES | OF_DEGREE)[rule])
     objective.cut(mesh)
     here = objective.evaluate(mesh)
-    assert here is not None
     direction = np.random.default_rng(3).normal(size=mesh.shape) * cells_of_grid(GRID.shape).free
 
     def value(h: float) -> float:
         then = objective.evaluate(mesh + h * direction)
-        assert then is not None
         return then.value
 
     first, second = remainders(value, float(np.vdot(here.gradient, direction)), 2e-4)
@@ -91,7 +89,6 @@ def test_at_the_start_only_the_error_counts(domain: str) -> None:
     start = bent(GRID, 5)
     objective = objective_on(GRID, domain=DOMAINS[domain], start=start)
     here = objective.evaluate(start)
-    assert here is not None
     assert here.value == pytest.approx(math.log(objective.error(start)), rel=1e-12)
     assert here.error == pytest.approx(objective.error(start), rel=1e-14)
     assert here.distortion == pytest.approx(0.0, abs=1e-12)
@@ -105,7 +102,6 @@ def test_no_mesh_with_a_lower_objective_has_a_larger_error() -> None:
     lower = 0
     for seed in range(40):
         then = objective.evaluate(bent(GRID, seed, share=0.1))
-        assert then is not None
         assert then.value > math.log(then.error)
         if then.value <= first.value:
             lower += 1
@@ -131,8 +127,6 @@ def test_units_of_u_do_not_change_its_derivatives(factor: float) -> None:
     mesh = bent(GRID, 7)
     scaled = em.Expression(f"{factor!r}*({RING.text})")
     here, there = objective_on(GRID).evaluate(mesh), objective_on(GRID, scaled).evaluate(mesh)
-    assert here is not None
-    assert there is not None
     assert there.value - here.value == pytest.approx(math.log(factor), rel=1e-12)
     assert there.gradient == pytest.approx(here.gradient, rel=1e-9, abs=1e-9)
     assert there.blocks == pytest.approx(here.blocks, rel=1e-9, abs=1e-9)
@@ -141,7 +135,6 @@ def test_units_of_u_do_not_change_its_derivatives(factor: float) -> None:
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_blocks_are_positive_definite_and_apart_on_sides(domain: str) -> None:
     here = objective_on(GRID, domain=DOMAINS[domain]).evaluate(bent(GRID, 8, share=0.4))
-    assert here is not None
     a, b, d = here.blocks
     assert (a > 0).all()
     assert (a * d > b * b).all()
@@ -158,7 +151,6 @@ def test_threads_do_not_change_a_bit(norm: str) -> None:
     one, *others = (objective_on(grid, rule=rule, domain=SECTOR, threads=k).evaluate(mesh) for k in (1, 2, 3))
     assert one is not None
     for other in others:
-        assert other is not None
         assert other.value == one.value
         assert np.array_equal(other.gradient, one.gradient)
         assert np.array_equal(other.blocks, one.blocks)
@@ -170,8 +162,6 @@ def test_blocks_of_points_only_change_rounding(rule: str, monkeypatch: pytest.Mo
     whole = objective_on(GRID, rule=RULES[rule]).evaluate(mesh)
     monkeypatch.setattr(module, "MAX_BLOCK_POINTS", 30)
     parts = objective_on(GRID, rule=RULES[rule]).evaluate(mesh)
-    assert whole is not None
-    assert parts is not None
     assert parts.value == pytest.approx(whole.value, rel=1e-14)
     assert parts.gradient == pytest.approx(whole.gradient, rel=1e-11, abs=1e-13)
 
@@ -211,14 +201,12 @@ def test_infinite_slopes_at_nodes_of_sides_do_no_harm(norm: str, points: int, mo
     with np.errstate(all="ignore"):
         objective = objective_on(GRID, u, rule=Rule(norm=norm))  # type: ignore[arg-type]
         here = objective.evaluate(mesh)
-        assert here is not None
         assert np.isfinite(here.gradient).all()
         assert np.isfinite(here.blocks).all()
         direction = np.random.default_rng(4).normal(size=mesh.shape) * cells_of_grid(GRID.shape).free
 
         def value(h: float) -> float:
             then = objective.evaluate(mesh + h * direction)
-            assert then is not None
             return then.value
 
         first, second = remainders(value, float(np.vdot(here.gradient, direction)), 1e-4)
@@ -245,7 +233,6 @@ def test_corners_beyond_the_limit_have_weight_and_others_none() -> None:
 
     def value(h: float) -> float:
         then = limited.evaluate(mesh + h * direction)
-        assert then is not None
         return then.value
 
     one, half = remainders(value, float(np.vdot(third.gradient, direction)), 2e-4)

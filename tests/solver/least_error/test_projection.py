@@ -51,9 +51,6 @@ def test_the_gradient_is_that_of_the_value(domain: Any, more: dict[str, Any]) ->
     assert isinstance(objective, ProjectedObjective)
     here, step = objective.evaluate(mesh), 1e-6
     ahead, behind = (objective.evaluate(mesh + sign * step * direction) for sign in (1.0, -1.0))
-    assert here is not None
-    assert ahead is not None
-    assert behind is not None
     slope = float(np.sum(here.gradient * direction))
     assert slope == pytest.approx((ahead.value - behind.value) / (2.0 * step), rel=1e-5)
 
@@ -117,7 +114,6 @@ def test_blocks_descend_on_a_solvers_error_too() -> None:
     for purpose in ("interpolation", "finite_element"):
         monitor = em.LeastError(u=em.Expression("tanh(20*(x + y/2 - 0.75))"), purpose=purpose)  # type: ignore[arg-type]
         found = em.solve(em.Problem(monitor=monitor, domain=blocks), threads=1).solver_gain
-        assert found is not None
         gains.append(found.l2)
     assert gains[1] > 1.2 * gains[0]
 

@@ -141,7 +141,6 @@ def test_a_given_mesh_is_the_start_of_the_subdomains() -> None:
 def test_files_and_pictures_know_the_subdomains() -> None:
     solution = em.solve(problem(), em.Schwarz(subdomains=(2, 1), overlap=64), threads=1)
     owner = solution.data().subdomain
-    assert owner is not None
     assert np.array_equal(np.unique(owner[:12]), [0])
     assert np.array_equal(np.unique(owner[12:]), [1])
     assert solution.predicted_rate is None
@@ -178,7 +177,6 @@ def test_a_document_asks_for_the_same_mesh() -> None:
     assert built.grid_schwarz is None
     assert np.array_equal(built.solve().mesh.points, em.solve(problem(), settings).mesh.points)
     rectangles = subdomains_of(DOCUMENT)
-    assert rectangles is not None
     assert rectangles.subdomains == (2, 2)
 
 
@@ -412,7 +410,6 @@ def test_the_objective_and_the_error_are_those_of_the_whole_mesh() -> None:
     mesh = bent(GRID, 3)
     objective.cut(mesh)
     here = objective.evaluate(mesh)
-    assert here is not None
     _, now = next(RestrictedDescent(objective, regions()).descend(mesh, 1, 1, 0.0))
     assert now.value == pytest.approx(here.value, abs=1e-13)
     assert now.error == pytest.approx(here.error, rel=1e-13)
@@ -473,7 +470,6 @@ def test_derivatives_on_a_region_are_those_of_the_whole() -> None:
             sums = local.sums(start, region.own_cells, region.own_triples)
             local.beyond = whole.error**2 - sums.every_square
             there = local.evaluate(start)
-            assert there is not None
             moves = region.cells.free.copy()
             region.cells.tie(moves)
             alone = np.setdiff1d(np.flatnonzero(moves[0] * moves[1]), region.cells.ties)

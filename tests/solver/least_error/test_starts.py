@@ -248,8 +248,6 @@ def test_the_derivatives_by_lines_are_those_of_the_objective() -> None:
             is_free = 0 < k < count - 1
             if is_free:
                 above, below = lines.evaluate(at + moved), lines.evaluate(at - moved)
-                assert above is not None
-                assert below is not None
                 slope = (above.value - below.value) / (2 * step)
                 assert there.gradient[axis, k] == pytest.approx(slope, rel=1e-5, abs=1e-7)
             else:

@@ -104,7 +104,6 @@ def test_values_at_nodes_are_interpolated_without_overshoots(kind: Any, domain: 
     between = domain.map(*np.meshgrid(np.linspace(0.0, 1.0, 100), np.linspace(0.0, 1.0, 100), indexing="ij"))
     assert u.evaluate(*between)[0].max() > 1.01
     bound = em.Problem(monitor=kind(u=u), grid=em.Grid(n_xi=9, n_eta=9), domain=domain).monitor.u
-    assert bound is not None
     limited = bound.evaluate(*between)[0]
     assert abs(limited).max() <= 1.0 + 1e-12
     assert abs(bound.evaluate(mesh.x, mesh.y)[0] - values).max() < 1e-7
@@ -125,5 +124,4 @@ def test_a_sequence_keeps_the_gain_for_the_function_whose_values_it_is_given() -
         meshes.step(front(meshes.mesh, 0.02 * number))
     exact = em.ArcLength(u=em.Expression("tanh(40*(x - 0.4*y - 0.4))")).on(UNIT)
     errors = em.measure(meshes.mesh, exact).interpolation_error
-    assert errors is not None
     assert errors.gain_l2 > 15.0  # a spline through the values leaves 6

@@ -71,7 +71,6 @@ def use(folder: Path, monkeypatch: pytest.MonkeyPatch, **edits: str) -> dict[str
                 if file
                 else importlib.util.spec_from_loader(name, None)
             )
-            assert spec is not None
             module = importlib.util.module_from_spec(spec)
             patch.setitem(sys.modules, name, module)
             if spec.loader is not None:

@@ -208,7 +208,6 @@ class TestTurns:
         )
         command = [sys.executable, "-c", code, str(folder.path), NAME]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:
-            assert holder.stdout is not None
             child = int(holder.stdout.readline())
             holder.kill()
             holder.wait()

@@ -21,8 +21,6 @@ def made(folder: Path, source: str = SOURCE, **values: Any) -> Callable[..., Any
     folder.mkdir()
     (folder / "file.py").write_text(source)
     spec = importlib.util.spec_from_file_location("file", folder / "file.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     vars(module).update(values)

@@ -394,7 +394,6 @@ def test_a_sample_of_many_cells_gives_the_errors_of_all() -> None:
     mesh, plain = in_blocks(wavy(460, 400)).mesh, in_blocks(uniform(460, 400)).mesh
     cells = QuadCells(mesh)
     numbers = sample(cells.rows)
-    assert numbers is not None
     assert MIN_SAMPLED_CELLS <= numbers.size <= 3 * MIN_SAMPLED_CELLS
     found = measure_errors(mesh, TANH20, uniform=plain)
     tally = ErrorTally.of(cells, TANH20, ErrorRule.lean())

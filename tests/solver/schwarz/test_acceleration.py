@@ -42,7 +42,6 @@ def combined_by_anderson(*, deviation: float = 0.01, estimate: float = 0.1, forg
         if found is not None and forget:
             anderson.forget()
         found = anderson.apply(before, CorrectionResult(after, deviation, estimate, 1), solved(after), 1e-6)
-    assert found is not None
     assert found.is_combined == (found.mesh is not MESHES[2])
     return found.is_combined
 

@@ -53,6 +53,5 @@ def test_a_combination_that_folds_is_left_out(second: float, folds: bool) -> Non
     if folds:
         assert combined is None
     else:
-        assert combined is not None
         assert not combined.is_folded
         assert combined.x == pytest.approx(moved([0.02 / (1 - 0.5)]).x)

@@ -21,7 +21,6 @@ def test_squared_lengths_along_the_sides_become_equal(boundary: em.Boundary) -> 
     uniform = em.Mesh.uniform(case.grid)
     assert deviation(case, uniform) > 0.5
     found = with_solved_sides(case, uniform)
-    assert found is not None
     assert deviation(case, found) < 1e-11
     assert not found.is_folded
 

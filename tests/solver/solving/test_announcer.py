@@ -100,7 +100,6 @@ def test_the_solution_is_the_same_with_an_observer() -> None:
 def test_parts_of_parts_lie_in_the_whole() -> None:
     told: list[em.Event] = []
     whole = Announcer.of(told.append)
-    assert whole is not None
     assert Announcer.of(whole) is whole
     inner = whole.part(0.5, 1.0, "outer").part(0.0, 0.5, "inner")
     assert (inner.begin, inner.end) == (0.5, 0.75)

@@ -55,7 +55,6 @@ def test_every_monitor_has_a_certified_mesh(name: str) -> None:
     solution = em.solve(em.Problem(monitor=MONITORS[name], grid=GRID, domain=DOMAIN), mode="tight")
     assert solution.status is em.Status.CONVERGED
     residual = solution.certificate.equation_residual
-    assert residual is not None
     assert residual < 1e-11
     assert np.array_equal(solution.mesh.x[-1], solution.mesh.x[0] + 1.0)
 
@@ -79,7 +78,6 @@ def least(domain: em.Domain, u: str, grid: em.Grid = GRID, **options: Any) -> em
 def test_least_error_bends_the_seam_and_gains(options: dict[str, Any]) -> None:
     solution = least(em.Rectangle(periodic="both"), "tanh(8*(sin(2*pi*(x+0.1))*cos(2*pi*y)-0.2))", **options)
     errors = solution.interpolation
-    assert errors is not None
     assert errors.l2_uniform / errors.l2 > (1.1 if options.get("rectilinear") else 3.0)
     assert not solution.mesh.is_folded
     assert np.array_equal(solution.mesh.x[-1], solution.mesh.x[0] + 1.0)
@@ -120,15 +118,12 @@ def test_least_error_continues_from_a_given_mesh() -> None:
     problem = em.Problem(monitor=em.LeastError(u=u), grid=GRID, domain=DOMAIN)
     found = em.solve(problem)
     again = em.solve(problem, initial=found.reference)
-    assert found.interpolation is not None
-    assert again.interpolation is not None
     assert again.interpolation.l2 <= found.interpolation.l2
 
 
 def test_the_best_monitor_is_chosen_on_closed_lines() -> None:
     u = em.Expression("tanh(8*(y-0.5-0.2*sin(2*pi*x)))")
     solution = em.solve(em.Problem(monitor=em.Auto(u=u), grid=GRID, domain=DOMAIN))
-    assert solution.solver_gain is not None
     assert solution.solver_gain.l2 > 2.5
     assert solution.comparison
 
@@ -232,7 +227,6 @@ def test_a_front_is_followed_across_the_seam() -> None:
     for k in range(1, 4):
         step = sequence.step(moved(0.2 + 0.05 * k))
     errors = step.solution.interpolation
-    assert errors is not None
     assert errors.l2_uniform / errors.l2 > 3.0
 
 
@@ -241,7 +235,6 @@ def test_few_lines_around_a_ring_do_not_end_a_descent() -> None:
     peak = "exp(-19.297*((x-1.2934)**2+(y-0.4535)**2))"
     solution = least(em.AnnulusSector(closed=True), peak)
     errors = solution.interpolation
-    assert errors is not None
     assert errors.l2_uniform / errors.l2 > 2.0
     assert solution.cut_off.share <= solution.cut_off.most * (1.0 + 1e-6)
     assert any("since long cells cut the sides off" in text for text in solution.certificate.warnings)
@@ -258,6 +251,5 @@ def test_a_valid_mesh_with_a_folded_reference_is_followed() -> None:
         step = em.Sequence(problem, solution=first).step(em.Expression(u.format(-0.003)))
         assert not step.mesh.is_folded
         errors = step.solution.interpolation
-        assert errors is not None
         assert errors.l2 < errors.l2_uniform
     assert folded

@@ -28,8 +28,6 @@ def chosen(text: str, n: int = 17, schwarz: em.Schwarz | None = None, **more: An
 
 def test_a_solver_gets_more_on_less_oblique_cells() -> None:
     plain, better = (chosen(LAYER, purpose=purpose) for purpose in ("interpolation", "finite_element"))
-    assert plain.solver_gain is not None
-    assert better.solver_gain is not None
     assert better.solver_gain.l2 > 2.0 * plain.solver_gain.l2
     assert better.faces.non_orthogonality < auto.MODERATE_ANGLE < plain.faces.non_orthogonality
     assert better.certificate.solver_gain == better.solver_gain
@@ -62,7 +60,6 @@ def test_the_candidates_are_told_with_what_a_solver_gets() -> None:
     gains = [one.gain_solver for one in solution.comparison]
     assert gains == sorted(gains, reverse=True)
     (taken,) = [one for one in solution.comparison if one.chosen]
-    assert solution.solver_gain is not None
     assert solution.solver_gain.l2 == pytest.approx(taken.gain_solver, rel=1e-6)  # compared on the grid itself
     assert "for a solver" in str(solution.certificate)
     monitor = solution.problem.monitor
@@ -106,7 +103,6 @@ def test_with_subdomains_the_candidates_are_metrics() -> None:
     solution = chosen("tanh(8*(x - y*y))", schwarz=em.Schwarz(subdomains=(2, 1)))
     assert {one.kind for one in solution.comparison} == {"curvature", "arc_length"}
     assert METRICS_ONLY in solution.warnings
-    assert solution.solver_gain is not None
     assert solution.solver_gain.l2 >= 1.0
 
 
@@ -115,7 +111,6 @@ def test_a_closed_domain_is_compared_as_it_is(norm: Any) -> None:
     solution = chosen("tanh(5*(x - y))", 9, domain=em.AnnulusSector(closed=True), norm=norm)
     (taken,) = [one for one in solution.comparison if one.chosen]
     found = solver_gain(solution.mesh, solution.initial, solution.problem.monitor.u)  # type: ignore[arg-type]
-    assert found is not None
     assert taken.gain_solver == pytest.approx(found[norm], rel=1e-6)
     assert found[norm] > 1.0
 
@@ -123,7 +118,6 @@ def test_a_closed_domain_is_compared_as_it_is(norm: Any) -> None:
 def test_triangles_are_compared_by_linear_elements() -> None:
     solution = chosen("tanh(20*(x + y/2 - 0.75))", 9, cells="triangle")
     (taken,) = [one for one in solution.comparison if one.chosen]
-    assert solution.solver_gain is not None
     assert taken.gain_solver == pytest.approx(solution.solver_gain.l2, rel=1e-6)
 
 
@@ -137,8 +131,6 @@ def test_blocks_are_chosen_by_what_a_solver_gets() -> None:
     taken = next(one for one in found.comparison if one.chosen)
     assert len(found.comparison) == 2  # straight lines are those of a grid
     assert taken.settings["purpose"] == "finite_element"
-    assert found.solver_gain is not None
-    assert plain.solver_gain is not None
     assert found.solver_gain.l2 == pytest.approx(taken.gain_solver, rel=1e-6)
     assert found.solver_gain.l2 > 1.2 * plain.solver_gain.l2
     assert all(math.isnan(one.gain_solver) for one in plain.comparison)
@@ -150,7 +142,6 @@ def test_elements_of_higher_degree_are_chosen_by_their_solver_with_moderate_angl
     taken = next(one for one in solution.comparison if one.chosen)
     assert {one.settings["degree"] for one in solution.comparison} == {degree}
     found = solver_gain(solution.mesh, solution.initial, FRONT_10, triangles=cells == "triangle", degree=degree)
-    assert found is not None
     assert found.l2 == pytest.approx(taken.gain_solver, rel=1e-6)
     assert solution.solver_gain == found
     assert found.l2 > 1.5

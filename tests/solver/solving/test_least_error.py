@@ -59,8 +59,6 @@ def test_the_errors_of_a_solve_are_those_of_its_quality_which_is_not_measured_be
     assert "quality" not in vars(solution)
     both = replace(solution).quality.interpolation_error, solution.quality.interpolation_error
     for other in both:
-        assert errors is not None
-        assert other is not None
         assert (other.l2, other.h1, other.gain_l2, other.resolved) == (
             errors.l2,
             errors.h1,
@@ -111,7 +109,6 @@ def test_the_uniform_mesh_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) ->
     assert solution.mesh.distance(em.Mesh.uniform(GRID)) == 0.0
     assert solution.reference.distance(em.Mesh.uniform(GRID)) == 0.0
     assert solution.note == least_error.NO_BETTER.format("uniform")
-    assert solution.interpolation is not None
     assert solution.interpolation.gain_l2 == 1.0
 
 
@@ -157,7 +154,6 @@ def test_the_error_of_u_is_tried_where_its_gradient_alone_gains(monkeypatch: pyt
 def test_a_steep_front_gains_in_both_norms_where_its_gradient_is_requested() -> None:
     solution = em.solve(problem(em.Expression("tanh(52.4*(x - 0.738))"), em.Grid(n_xi=33, n_eta=33), norm="h1"))
     errors = solution.interpolation
-    assert errors is not None
     assert min(errors.gain_l2, errors.gain_h1) > 3.0
 
 
@@ -186,7 +182,6 @@ def test_a_given_mesh_of_another_time_is_improved() -> None:
     before = em.solve(problem(em.Expression("tanh(40*(x + y/2 - 0.72))")), threads=1)
     after = em.solve(problem(), initial=before.reference, threads=1)
     fresh = solution_of()
-    assert after.interpolation is not None
     assert after.interpolation.gain_l2 > 0.3 * fresh.interpolation.gain_l2 > 4.0  # type: ignore[union-attr]
     assert after.note == ""
 
@@ -221,7 +216,6 @@ def test_a_mesh_for_a_degree_gains_for_that_degree(name: str) -> None:
     asked, grid = OF_DEGREE[name], em.Grid(n_xi=17, n_eta=17)
     solution = em.solve(problem(PEAK, grid, **asked), threads=1)
     errors = solution.interpolation
-    assert errors is not None
     assert errors.degree == asked["degree"]
     assert not solution.mesh.is_folded
     bilinear = em.solve(problem(PEAK, grid, norm=asked.get("norm", "l2"), cells=asked.get("cells", "quad")), threads=1)
@@ -238,7 +232,6 @@ def test_the_mesh_of_a_degree_is_no_worse_than_uniform_where_that_of_degree_1_is
     (_, second, third) = em.solve(problem(wave, em.Grid(n_xi=33, n_eta=33)), threads=1).gains_by_degree
     assert max(second.l2, third.l2) < 0.5
     errors = em.solve(problem(wave, em.Grid(n_xi=33, n_eta=33), degree=degree), threads=1).interpolation
-    assert errors is not None
     assert errors.gain_l2 > 1.2
 
 
@@ -247,12 +240,10 @@ def test_a_degree_on_blocks_and_on_closed_lines() -> None:
     blocks = em.Blocks.of_mesh(nodes.points, nodes.cells, nodes.sides)
     monitor = em.LeastError(u=PEAK, degree=2)
     on_blocks = em.solve(em.Problem(monitor=monitor, domain=blocks), threads=1)
-    assert on_blocks.interpolation is not None
     assert (on_blocks.interpolation.degree, on_blocks.interpolation.gain_l2 > 10.0) == (2, True)
     ring = em.AnnulusSector(radii=(0.5, 1.5), closed=True)
     front = em.LeastError(u=em.Expression("tanh(10*(x + y/2))"), degree=2)
     closed = em.solve(em.Problem(monitor=front, grid=em.Grid(n_xi=9, n_eta=33), domain=ring), threads=1)
-    assert closed.interpolation is not None
     assert closed.interpolation.gain_l2 > 2.0
 
 
@@ -260,8 +251,6 @@ def test_a_given_mesh_is_kept_where_it_is_better_for_the_degree() -> None:
     asked = problem(PEAK, em.Grid(n_xi=17, n_eta=17), degree=2)
     first = em.solve(asked, threads=1)
     again = em.solve(asked, initial=first.reference, threads=1)
-    assert first.interpolation is not None
-    assert again.interpolation is not None
     assert again.interpolation.l2 <= first.interpolation.l2
 
 
@@ -275,7 +264,6 @@ def test_the_error_is_reached_on_the_predicted_grid(norm: Any, error: float) -> 
     target = em.Target(norm=norm, error=error)
     solution = em.solve_to(target, monitor=em.LeastError(u=PAPER, norm=norm), began=grids.append, threads=1)
     aim = solution.certificate.target
-    assert aim is not None
     assert aim.grid == solution.problem.grid.shape == grids[-1].shape
     assert grids[0] == em.Grid(n_xi=33, n_eta=33)
     assert aim.solves == len(grids) <= 4
@@ -294,8 +282,6 @@ def test_the_least_error_on_so_many_points_takes_a_shape_for_it(kind: Any) -> No
     square = em.solve(em.Problem(monitor=kind(u), grid=grids[0]), threads=1)
     assert (grids[0], grids[-1]) == (em.Grid(17), solution.problem.grid)
     assert solution.problem.grid.n_eta > 6 * solution.problem.grid.n_xi
-    assert solution.interpolation is not None
-    assert square.interpolation is not None
     assert solution.interpolation.l2 < 0.3 * square.interpolation.l2
 
 
@@ -315,18 +301,15 @@ def test_a_number_of_points_chooses_the_counts_of_blocks() -> None:
 def test_the_order_of_the_degree_predicts_the_grid() -> None:
     solution = em.solve_to(em.Target(error=2e-6), monitor=em.LeastError(PAPER, degree=3), threads=1)
     aim = solution.certificate.target
-    assert aim is not None
     assert aim.predicted == pytest.approx(aim.reached, rel=0.1)
     assert 0.8 * 2e-6 <= aim.reached <= 2e-6  # the first grid of 33 x 33 has a hundredth of that
     assert solution.problem.grid.points < 20 * 20
-    assert solution.interpolation is not None
     assert (solution.interpolation.degree, aim.reached) == (3, solution.interpolation.l2)
 
 
 def test_a_large_error_takes_a_coarse_grid() -> None:
     solution = em.solve_to(em.Target(error=3e-3), monitor=MONITOR, threads=1)
     assert solution.problem.grid.points < 33 * 33
-    assert solution.target is not None
     assert solution.target.reached <= 3e-3
 
 
@@ -337,7 +320,6 @@ def test_what_no_allowed_grid_reaches_is_refused_with_the_error_that_it_would_gi
     assert caught.value.field == "target.error"
     told = float(caught.value.message.rsplit(" ", 1)[1])
     largest = em.solve(em.Problem(monitor=MONITOR, grid=em.Grid(n_xi=50, n_eta=50)), threads=1)
-    assert largest.interpolation is not None
     assert told == pytest.approx(largest.interpolation.l2, rel=0.1)
     with pytest.raises(em.InputError, match="would give about"):
         require_reachable(target, monitor=MONITOR)
@@ -520,8 +502,6 @@ def test_on_blocks_oblique_corners_become_dearer_until_the_bound_holds(bound: fl
     solution = em.solve(em.Problem(monitor=monitor, domain=domain))
     assert solution.faces.non_orthogonality <= bound
     assert any("oblique corners" in text for text in solution.certificate.warnings)
-    assert solution.interpolation is not None
-    assert free.interpolation is not None
     assert 1.5 < solution.interpolation.gain_l2 < free.interpolation.gain_l2
     assert solution.angles.share_within > 0.99
     assert free.angles.share_within < 0.95

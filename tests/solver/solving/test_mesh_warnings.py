@@ -196,7 +196,6 @@ def test_the_certificate_has_the_estimates_of_the_solve_and_a_margin() -> None:
         (last.algebraic_error, certificate.algebraic_error),
         (last.discretization_error, certificate.discretization_error),
     ):
-        assert shown is not None
         assert 1.2 * estimate < shown < 3 * estimate
 
 
