@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
+from importlib.util import source_hash
 from pathlib import Path
 from typing import Any
 
@@ -90,10 +91,12 @@ def _compile_once() -> None:
 
 
 def _not_compiled() -> list[Path]:
-    """The files of tests that pytest has not compiled since they were changed."""
+    """The files of tests that pytest has not compiled as they are: it keeps the hash of a file, not its time."""
     folder, name = Path(__file__).parent, f"{sys.implementation.cache_tag}-pytest-{pytest.__version__}.pyc"
     kept = {path: path.parent / "__pycache__" / f"{path.stem}.{name}" for path in folder.rglob("test_*.py")}
-    return [path for path, at in kept.items() if not at.exists() or at.stat().st_mtime <= path.stat().st_mtime]
+    return [
+        path for path, at in kept.items() if not at.exists() or at.read_bytes()[8:16] != source_hash(path.read_bytes())
+    ]
 
 
 @pytest.hookimpl(optionalhook=True)

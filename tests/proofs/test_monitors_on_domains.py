@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import cycle, pairwise
 
 import numpy as np
 import pytest
@@ -60,8 +60,9 @@ def test_the_mesh_is_that_of_newton(monitor: str, domain: str) -> None:
     assert distance(fast.mesh, em.Mesh.uniform(problem.grid)) > 0.01, "nothing was adapted to"
 
 
-@pytest.mark.parametrize("boundary", em.Boundary)
-@pytest.mark.parametrize(("monitor", "domain"), PAIRS)
+@pytest.mark.parametrize(
+    ("monitor", "domain", "boundary"), [(*pair, b) for pair, b in zip(PAIRS, cycle(em.Boundary), strict=False)]
+)
 def test_the_jacobian_is_exact(monitor: str, domain: str, boundary: em.Boundary) -> None:
     problem = case(monitor, domain, 8, 7, boundary=boundary)
     equations, random = problem.equations(), np.random.default_rng(7)
