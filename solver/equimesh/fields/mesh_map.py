@@ -14,6 +14,23 @@ import scipy
 from equimesh.errors import InputError
 from equimesh.fields.bicubic import ORDER, Axis, Bicubic, at_patch, at_piece, buckets_per_length, piece, slopes_at_piece
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_search import (
+    BLOCK_POINTS,
+    WORK_ROWS,
+    X0,
+    X1,
+    X2,
+    X3,
+    Y0,
+    Y1,
+    Y2,
+    Y3,
+    A,
+    B,
+    X,
+    Y,
+    invert_bilinear,
+)
 from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, BoolArray, IntPair, Pair
 
@@ -26,11 +43,6 @@ MAX_HOPS = 3  # from cell to cell, before a point is looked for by itself
 MAX_HOP = 64  # cells
 EDGE_SHARE = 1e-9  # of its size: a point so near to an edge of a cell is looked for by itself, too
 NO_PATCHES = np.empty((0, 0, ORDER, ORDER))
-BLOCK_POINTS = 256  # of which all take a step of Newton's method before the next
-# Where the numbers of a block of points begin in the array of their steps: the point, the corners of its cell, its
-# place in the cell, and whether it still moves.
-WORK_ROWS = 13
-X, Y, X0, X1, X2, X3, Y0, Y1, Y2, Y3, A, B, MOVING = range(0, BLOCK_POINTS * WORK_ROWS, BLOCK_POINTS)
 PATCH_POINTS = 64  # whose polynomials are next to each other in the fastest cache
 MAX_PATCH_STEPS = 5
 # Where the same begin for points that stay on their piece of the splines: the polynomials of x and y, the point, its
@@ -131,7 +143,7 @@ def locate_points(points: Pair, nodes: Pair, splines: MapSplines, columns: int, 
     """Fill in the grid coordinates of points, which come in rows of ``columns``."""
     (px, py), (s, t, smooth) = points, places
     n = px.size
-    cells, starts = (np.empty(n, np.int64), np.empty(n, np.int64)), (np.empty(n), np.empty(n))
+    cells, starts = (np.full(n, -1), np.full(n, -1)), (np.empty(n), np.empty(n))
     find_cells(points, nodes, columns, cells)
     place_in_cells(points, nodes, cells, MIN_START_STEP_CELLS, starts)
     rough = 0
@@ -156,11 +168,11 @@ def locate_points(points: Pair, nodes: Pair, splines: MapSplines, columns: int, 
 
 @compiled
 def find_cells(points: Pair, nodes: Pair, columns: int, cells: IntPair) -> None:
-    """Fill in the ``cells`` of points, which come in rows of ``columns``.
+    """Fill in the ``cells`` of points, which come in rows of ``columns``, where -1 stands, or a cell nearby.
 
-    It is fast where each point is near the one before it, faster where it is near the one in the row before, and where
-    the points are as many as the nodes, in rows and columns, near the node of the same number. Of the cells of an edge
-    a point has the one that a walk comes to first.
+    It is fast where each point is near the one before it, faster where it is near the given cell, the one in the row
+    before, or, where the points are as many as the nodes, in rows and columns, the node of the same number. Of the
+    cells of an edge a point has the one that a walk comes to first: the given cell does not change that.
     """
     (px, py), (x, y), (of_i, of_j) = points, nodes, cells
     are_nodes, joined = px.size == x.size and columns == x.shape[1], (meets(x, y), meets(x.T, y.T))
@@ -174,6 +186,8 @@ def find_cells(points: Pair, nodes: Pair, columns: int, cells: IntPair) -> None:
         elif p >= columns:
             other_i, other_j = of_i[p - columns], of_j[p - columns]
         if of_i[p] >= 0:
+            if not are_nodes and p < columns and is_nearer(px[p], py[p], x, y, (other_i, other_j), (i, j)):
+                other_i, other_j = of_i[p], of_j[p]
             i, j = of_i[p], of_j[p]
         elif is_nearer(px[p], py[p], x, y, (other_i, other_j), (i, j)):
             i, j = walk(px[p], py[p], x, y, joined, (other_i, other_j))
@@ -190,21 +204,21 @@ def find_cells(points: Pair, nodes: Pair, columns: int, cells: IntPair) -> None:
 def hop(points: Pair, nodes: Pair, columns: int, begin: int, end: int, cells: IntPair) -> None:
     """Fill in the ``cells`` of the points from ``begin`` to before ``end`` that lie inside of one; of others, -1.
 
-    From the cell of the point above, or of the node, one step of Newton's method for the bilinear map leads to the
-    next. All points go before any goes again, and without a branch, of which the processor would guess every other one
-    wrongly. A point on an edge has several cells, so that :func:`find_cells` decides.
+    From the given cell, of the point above, or of the node, one step of Newton's method for the bilinear map leads to
+    the next. All points go before any goes again, and without a branch, of which the processor would guess every other
+    one wrongly. A point on an edge has several cells, so that :func:`find_cells` decides.
     """
     (px, py), (x, y), (of_i, of_j) = points, nodes, cells
     last_i, last_j = x.shape[0] - 2, x.shape[1] - 2
     are_nodes, count, todo = px.size == x.size and columns == x.shape[1], 0, np.empty(end - begin, np.int64)
     for p in range(begin, end):
-        if are_nodes:
-            of_i[p], of_j[p] = max(p // columns - 1, 0), max(p % columns - 1, 0)
-        elif p >= columns:
-            of_i[p], of_j[p] = of_i[p - columns], of_j[p - columns]
-        else:
-            of_i[p] = -1
-            continue
+        if of_i[p] < 0:
+            if are_nodes:
+                of_i[p], of_j[p] = max(p // columns - 1, 0), max(p % columns - 1, 0)
+            elif p >= columns:
+                of_i[p], of_j[p] = of_i[p - columns], of_j[p - columns]
+            else:
+                continue
         todo[count] = p
         count += 1
     for _ in range(MAX_HOPS):
@@ -239,8 +253,7 @@ def hop(points: Pair, nodes: Pair, columns: int, begin: int, end: int, cells: In
 def place_in_cells(points: Pair, nodes: Pair, cells: IntPair, smallest: float, places: Pair) -> None:
     """Fill in the grid coordinates of points by the bilinear maps of their ``cells``, or of points on the cells' rims.
 
-    Newton's method ends with a step shorter than ``smallest``. All points of a block take a step at once, those that
-    have ended none: so the steps are vector instructions.
+    Newton's method ends with a step shorter than ``smallest``.
     """
     (px, py), (x, y), (of_i, of_j), (s, t) = points, nodes, cells, places
     w = np.empty(WORK_ROWS * BLOCK_POINTS)  # one array, or the compiler could not tell that rows do not overlap
@@ -251,29 +264,7 @@ def place_in_cells(points: Pair, nodes: Pair, cells: IntPair, smallest: float, p
             w[X + k], w[Y + k] = px[begin + k], py[begin + k]
             w[X0 + k], w[X1 + k], w[X2 + k], w[X3 + k] = x[i, j], x[i + 1, j], x[i + 1, j + 1], x[i, j + 1]
             w[Y0 + k], w[Y1 + k], w[Y2 + k], w[Y3 + k] = y[i, j], y[i + 1, j], y[i + 1, j + 1], y[i, j + 1]
-            w[A + k], w[B + k], w[MOVING + k] = 0.5, 0.5, 1.0
-        for _ in range(MAX_STEPS):
-            for k in range(count):
-                a, b, moving = w[A + k], w[B + k], w[MOVING + k]
-                x0, x1, x2, x3 = w[X0 + k], w[X1 + k], w[X2 + k], w[X3 + k]
-                y0, y1, y2, y3 = w[Y0 + k], w[Y1 + k], w[Y2 + k], w[Y3 + k]
-                lower_x, upper_x = x0 + a * (x1 - x0), x3 + a * (x2 - x3)
-                lower_y, upper_y = y0 + a * (y1 - y0), y3 + a * (y2 - y3)
-                x_a, y_a = (1.0 - b) * (x1 - x0) + b * (x2 - x3), (1.0 - b) * (y1 - y0) + b * (y2 - y3)
-                x_b, y_b = upper_x - lower_x, upper_y - lower_y
-                r, q = w[X + k] - lower_x - b * x_b, w[Y + k] - lower_y - b * y_b
-                det = x_a * y_b - x_b * y_a
-                da, db = (r * y_b - q * x_b) / det, (q * x_a - r * y_a) / det
-                w[A + k] = min(max(a + da, 0.0), 1.0) if moving > 0.0 else a
-                w[B + k] = min(max(b + db, 0.0), 1.0) if moving > 0.0 else b
-                w[MOVING + k] = 0.0 if abs(da) + abs(db) < smallest else moving
-            left = False
-            for k in range(count):
-                if w[MOVING + k] > 0.0:
-                    left = True
-                    break
-            if not left:
-                break
+        invert_bilinear(w, count, smallest, 0.0)
         for k in range(count):
             s[begin + k], t[begin + k] = of_i[begin + k] + w[A + k], of_j[begin + k] + w[B + k]
 

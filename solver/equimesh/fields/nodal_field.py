@@ -24,8 +24,9 @@ from equimesh.fields.patch_gradients import patch_gradients
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import AT_PLACES, brackets, shaped_array
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_search import KeptCells
 from equimesh.numerics.compiled import compiled, inlined
-from equimesh.numerics.types import Array, Pair
+from equimesh.numerics.types import Array, IntPair, Pair
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False, init=False)
@@ -233,21 +234,29 @@ class HermiteField:
     mesh: Mesh
     values: Array
     _bumps: EdgeBumps
+    _kept: KeptCells
 
     def __init__(self, *, mesh: Mesh, values: npt.ArrayLike, fitted: bool = False) -> None:
         checked = nodal_values(values, mesh)
         require_unfolded(mesh)
         # Copies that may be written to: Numba would compile the loops again for arrays of another kind.
         own, checked = Mesh(*(np.array(q, dtype=float, order="C") for q in (mesh.x, mesh.y))), checked.copy()
-        for name, value in {"mesh": own, "values": checked, "_bumps": edge_bumps(own, checked, fitted)}.items():
+        for name, value in {
+            "mesh": own, "values": checked, "_bumps": edge_bumps(own, checked, fitted),
+            "_kept": KeptCells.of((own.x, own.y), own.x.size),
+        }.items():  # fmt: skip
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
         """u and its partial derivatives up to ``order``, each of the points' shape: see ``Field.evaluate``."""
         x, y = np.broadcast_arrays(x, y)
         points, lost, columns = known_points(x, y, self.mesh)
-        rows = np.empty((COUNT[order], points[0].size))
-        evaluate_points(points, (self.mesh.x, self.mesh.y), self.values, self._bumps, columns, rows)
+        rows, call = np.empty((COUNT[order], points[0].size)), self._kept.call(points)
+        before = self._kept.cells.get(call)
+        cells = np.full((2, points[0].size), -1) if before is None else before.copy()
+        of_cells = cells[0], cells[1]
+        evaluate_points(points, (self.mesh.x, self.mesh.y), self.values, self._bumps, columns, of_cells, rows)
+        self._kept.keep(call, cells)
         if lost is not None:
             rows[:, lost] = np.nan
         return tuple(row.reshape(x.shape) for row in rows)
@@ -279,12 +288,14 @@ def _bumps(x: Array, y: Array, values: Array, u_x: Array, u_y: Array, fitted: bo
 
 
 @compiled
-def evaluate_points(points: Pair, nodes: Pair, values: Array, bumps: EdgeBumps, columns: int, rows: Array) -> None:
-    """Fill ``rows`` of shape ``(1, 3 or 6, points)`` at points that come in rows of ``columns``."""
+def evaluate_points(
+    points: Pair, nodes: Pair, values: Array, bumps: EdgeBumps, columns: int, cells: IntPair, rows: Array
+) -> None:
+    """Fill ``rows`` of shape ``(1, 3 or 6, points)``, and ``cells`` as :func:`~equimesh.fields.mesh_map.find_cells`."""
     (px, _), (x, y) = points, nodes
     of_xi, of_eta = bumps
     count = rows.shape[0]
-    cells, places = (np.empty(px.size, np.int64), np.empty(px.size, np.int64)), (np.empty(px.size), np.empty(px.size))
+    places = np.empty(px.size), np.empty(px.size)
     find_cells(points, nodes, columns, cells)
     place_in_cells(points, nodes, cells, MIN_STEP_CELLS, places)
     for k in range(px.size):

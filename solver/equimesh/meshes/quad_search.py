@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -29,8 +30,16 @@ MAX_LOST, LOST_SHARE = 8, 4
 """Points that may be farther away than that: so many, and one of so many; then those cells are not tried."""
 UNCLEAR, FAR = -1, -2
 """No cell surely holds a point: it is near to an edge or outside, or too many steps away."""
-MAX_KEPT, MAX_CALLS = 32_768, 64
-"""The cells of at most so many points are kept for the next such call, for at most so many different calls."""
+MAX_KEPT, MAX_CALLS = 1_000_000, 256
+"""The cells of at most so many points are kept for the next such call, of at most so many different calls."""
+WELL_INSIDE = 1e-4
+"""A place this far from the sides of the unit square is in no other cell, whatever rounding does."""
+BLOCK_POINTS = 256
+"""Points that all take a step of Newton's method before the next."""
+WORK_ROWS = 13
+"""Rows of numbers of a block of points."""
+X, Y, X0, X1, X2, X3, Y0, Y1, Y2, Y3, A, B, MOVING = range(0, BLOCK_POINTS * WORK_ROWS, BLOCK_POINTS)
+"""Where the rows begin: the point, the corners of its cell, its place in the cell, and whether it still moves."""
 MAX_BOXES = 4_000_000
 """Boxes, at most, into which cells are sorted."""
 
@@ -59,14 +68,55 @@ class QuadPlaces(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class KeptCells:
+    """The cells of points in earlier calls of a search, from which the search in the next call can begin.
+
+    A call is known by the number of its points and the place of the middle one: a descent moves its points little from
+    call to call. No result of a search may depend on what is kept.
+    """
+
+    low: tuple[float, float]
+    """The least x and y of all nodes."""
+    per_length: tuple[float, float]
+    """How many places along x and y are told apart per length."""
+    cells: dict[tuple[int, int, int], IntArray] = field(default_factory=dict, repr=False)
+    """The cells of each call."""
+
+    @classmethod
+    def of(cls, nodes: Pair, count: int) -> KeptCells:
+        """For a mesh of so many cells with these ``nodes``."""
+        (x, y), across = nodes, math.sqrt(count)
+        return cls(low=(x.min(), y.min()), per_length=(across / np.ptp(x), across / np.ptp(y)))
+
+    def call(self, points: Pair) -> tuple[int, int, int]:
+        """What tells a call with these flat points from other ones."""
+        size = points[0].size
+        if not size:
+            return 0, 0, 0
+        at = [(q[size // 2] - low) * per for q, low, per in zip(points, self.low, self.per_length, strict=True)]
+        i, j = (int(one) if abs(one) < MAX_BOXES else -1 for one in at)
+        return size, i, j
+
+    def keep(self, call: tuple[int, int, int], cells: IntArray) -> None:
+        """Keep a copy of the ``cells`` of a call, whose last dimension is that of its points."""
+        size = cells.shape[-1]
+        if size > MAX_KEPT:
+            return
+        if call not in self.cells:
+            kept = sum(points for points, *_ in list(self.cells))  # other threads may add to them
+            if len(self.cells) >= MAX_CALLS or kept + size > MAX_KEPT:
+                self.cells.clear()
+        self.cells[call] = cells.copy()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class QuadSearch:
     """Finds points in a valid mesh of quadrilaterals.
 
     The search goes from cell to neighbouring cell, from the cell of the point before. Where it meets the boundary, as
     at a hole, the cells nearby are tried, and at last the nearest edge of the boundary. A point well inside a cell is
     in no other one, so for such a point the search may begin anywhere: it begins in the cell that the point of the same
-    number had in the last call with as many points around the same place. A descent moves its points little from call
-    to call.
+    number had in the last call with as many points around the same place.
     """
 
     nodes: Pair
@@ -77,8 +127,8 @@ class QuadSearch:
     """The edges of the boundary, as ``4 cell + edge``."""
     corners: Array
     """x and y of the corners of every cell, shape ``(m, 4, 2)``."""
-    before: dict[tuple[int, int, int], IntArray] = field(default_factory=dict, repr=False)
-    """The cells of the last call with so many points whose middle one was in this box. No result depends on them."""
+    kept: KeptCells
+    """The cells of earlier calls."""
 
     @classmethod
     def of(cls, points: Array, cells: IntArray) -> QuadSearch:
@@ -86,7 +136,8 @@ class QuadSearch:
         links = links_of(cells, len(points))
         nodes = np.array(points[:, 0], dtype=float), np.array(points[:, 1], dtype=float)
         boxes, corners = boxes_of(nodes, links.cells), np.stack(nodes, axis=1)[links.cells]
-        return cls(nodes=nodes, links=links, boxes=boxes, edges=links.boundary(), corners=corners)
+        kept = KeptCells.of(nodes, len(cells))
+        return cls(nodes=nodes, links=links, boxes=boxes, edges=links.boundary(), corners=corners, kept=kept)
 
     def find(self, x: Array, y: Array, beyond: float = 0.0) -> QuadPlaces:
         """The places of points, flat. A point outside of the mesh has that of the nearest point of the boundary.
@@ -94,18 +145,14 @@ class QuadSearch:
         Such a place may lie ``beyond`` the unit square by this share of its side. The cell of a point that is not
         finite is -1.
         """
-        points = tuple(np.array(q, dtype=float).reshape(-1) for q in (x, y))
-        size = points[0].size
-        call = (size, *box_of(points[0][size // 2], points[1][size // 2], self.boxes)) if size else (0, 0, 0)
-        before = self.before.get(call)
+        points = np.array(x, dtype=float).reshape(-1), np.array(y, dtype=float).reshape(-1)
+        size, call = points[0].size, self.kept.call(points)
+        before = self.kept.cells.get(call)
         cells = np.full(size, -1) if before is None else before.copy()
         places = QuadPlaces(cells, np.empty(size), np.empty(size))
         of_mesh = self.nodes, self.links, self.boxes, self.edges, self.corners
-        find_points((points[0], points[1]), *of_mesh, beyond, places)
-        if size <= MAX_KEPT:
-            if before is None and len(self.before) >= MAX_CALLS:
-                self.before.clear()
-            self.before[call] = cells.copy()
+        find_points(points, *of_mesh, beyond, places)
+        self.kept.keep(call, cells)
         return places
 
 
@@ -170,24 +217,41 @@ def find_points(
 ) -> None:
     """Fill in the places of points, whose cells are those where the search begins, or -1.
 
-    It is fast where each point is near such a cell, or near the point before it. What it begins with changes no place.
+    It is fast where most points lie in the cells where it begins, or near these, or near the point before. What it
+    begins with changes no place.
     """
-    (px, py), cell, lost = points, 0, 0
-    for p in range(px.size):
-        if not (np.isfinite(px[p]) and np.isfinite(py[p])):
-            places.cell[p], places.s[p], places.t[p] = -1, 0.0, 0.0
-            continue
-        found = FAR
-        if places.cell[p] >= 0 and lost <= MAX_LOST + p // LOST_SHARE:
-            found = walk_clear(px[p], py[p], corners, links.neighbours, places.cell[p], MOVED_STEPS)
-            lost += found == FAR
-        if found == FAR:
-            found = walk_clear(px[p], py[p], corners, links.neighbours, cell, FEW_STEPS)
-        if found < 0:
-            found = find_cell(px[p], py[p], nodes, links, boxes, edges, cell)
-        cell = found
-        places.cell[p] = cell
-        places.s[p], places.t[p] = place_in(px[p], py[p], corners[cell], beyond)
+    (px, py), cell, lost, w = points, 0, 0, np.empty(WORK_ROWS * BLOCK_POINTS)
+    known, others = np.empty(BLOCK_POINTS, np.int64), np.empty(BLOCK_POINTS, np.int64)
+    for begin in range(0, px.size, BLOCK_POINTS):
+        end = min(begin + BLOCK_POINTS, px.size)
+        size = rest = at = 0
+        for p in range(begin, end):
+            known[size] = p
+            size += places.cell[p] >= 0 and np.isfinite(px[p]) and np.isfinite(py[p])
+        place_block(points, corners, beyond, known[:size], places, w)
+        for p in range(begin, end):
+            if not (np.isfinite(px[p]) and np.isfinite(py[p])):
+                places.cell[p], places.s[p], places.t[p] = -1, 0.0, 0.0
+                continue
+            if at < size and known[at] == p:
+                s, t, is_moving = places.s[p], places.t[p], w[MOVING + at]
+                at += 1
+                if is_moving == 0.0 and min(min(s, t), 1.0 - max(s, t)) > WELL_INSIDE:
+                    cell = places.cell[p]
+                    continue
+            found = FAR
+            if places.cell[p] >= 0 and lost <= MAX_LOST + p // LOST_SHARE:
+                found = walk_clear(px[p], py[p], corners, links.neighbours, places.cell[p], MOVED_STEPS)
+                lost += found == FAR
+            if found == FAR:
+                found = walk_clear(px[p], py[p], corners, links.neighbours, cell, FEW_STEPS)
+            if found < 0:
+                found = find_cell(px[p], py[p], nodes, links, boxes, edges, cell)
+            cell = found
+            places.cell[p] = cell
+            others[rest] = p
+            rest += 1
+        place_block(points, corners, beyond, others[:rest], places, w)
 
 
 @compiled
@@ -282,20 +346,49 @@ def nearest_edge(px: float, py: float, nodes: Pair, cells: IntArray, edges: IntA
 
 
 @compiled
-def place_in(px: float, py: float, corners: Array, beyond: float) -> tuple[float, float]:
-    """The place of a point in the unit square of a cell by its bilinear map; at most so far ``beyond`` the square."""
-    x0, x1, x2, x3 = corners[0, 0], corners[1, 0], corners[2, 0], corners[3, 0]
-    y0, y1, y2, y3 = corners[0, 1], corners[1, 1], corners[2, 1], corners[3, 1]
-    s = t = 0.5
+def place_block(points: Pair, corners: Array, beyond: float, which: IntArray, places: QuadPlaces, w: Array) -> None:
+    """Fill in the places of a block of points in their cells by the bilinear maps; ``w`` is memory of their steps."""
+    for k in range(which.size):
+        p = which[k]
+        c = places.cell[p]
+        w[X + k], w[Y + k] = points[0][p], points[1][p]
+        for corner in range(4):
+            at = corner * BLOCK_POINTS + k
+            w[X0 + at], w[Y0 + at] = corners[c, corner, 0], corners[c, corner, 1]
+    invert_bilinear(w, which.size, MIN_STEP, beyond)
+    for k in range(which.size):
+        places.s[which[k]], places.t[which[k]] = w[A + k], w[B + k]
+
+
+@compiled
+def invert_bilinear(w: Array, count: int, smallest: float, beyond: float) -> None:
+    """Fill in the places of a block of points in their cells, at most so far ``beyond`` the unit square.
+
+    Newton's method ends with a step shorter than ``smallest``; those that have not ended have ``MOVING`` 1. All points
+    take a step at once, those that have ended none: so the steps are vector instructions.
+    """
+    low, high = 0.0 - beyond, 1.0 + beyond
+    for k in range(count):
+        w[A + k], w[B + k], w[MOVING + k] = 0.5, 0.5, 1.0
     for _ in range(MAX_STEPS):
-        lower_x, upper_x = x0 + s * (x1 - x0), x3 + s * (x2 - x3)
-        lower_y, upper_y = y0 + s * (y1 - y0), y3 + s * (y2 - y3)
-        x_s, y_s = (1.0 - t) * (x1 - x0) + t * (x2 - x3), (1.0 - t) * (y1 - y0) + t * (y2 - y3)
-        x_t, y_t = upper_x - lower_x, upper_y - lower_y
-        r, q = px - lower_x - t * x_t, py - lower_y - t * y_t
-        det = x_s * y_t - x_t * y_s
-        ds, dt = (r * y_t - q * x_t) / det, (q * x_s - r * y_s) / det
-        s, t = min(max(s + ds, -beyond), 1.0 + beyond), min(max(t + dt, -beyond), 1.0 + beyond)
-        if abs(ds) + abs(dt) < MIN_STEP:
+        for k in range(count):
+            a, b, moving = w[A + k], w[B + k], w[MOVING + k]
+            x0, x1, x2, x3 = w[X0 + k], w[X1 + k], w[X2 + k], w[X3 + k]
+            y0, y1, y2, y3 = w[Y0 + k], w[Y1 + k], w[Y2 + k], w[Y3 + k]
+            lower_x, upper_x = x0 + a * (x1 - x0), x3 + a * (x2 - x3)
+            lower_y, upper_y = y0 + a * (y1 - y0), y3 + a * (y2 - y3)
+            x_a, y_a = (1.0 - b) * (x1 - x0) + b * (x2 - x3), (1.0 - b) * (y1 - y0) + b * (y2 - y3)
+            x_b, y_b = upper_x - lower_x, upper_y - lower_y
+            r, q = w[X + k] - lower_x - b * x_b, w[Y + k] - lower_y - b * y_b
+            det = x_a * y_b - x_b * y_a
+            da, db = (r * y_b - q * x_b) / det, (q * x_a - r * y_a) / det
+            w[A + k] = min(max(a + da, low), high) if moving > 0.0 else a
+            w[B + k] = min(max(b + db, low), high) if moving > 0.0 else b
+            w[MOVING + k] = 0.0 if abs(da) + abs(db) < smallest else moving
+        left = False
+        for k in range(count):
+            if w[MOVING + k] > 0.0:
+                left = True
+                break
+        if not left:
             break
-    return s, t

@@ -146,7 +146,8 @@ class FixedPoints:
         rows = np.empty((3, self.s.size))
         if mesh.is_grid:
             flat = EdgeBumps(*(np.zeros((*np.diff(values, axis=k).shape, 2)) for k in (0, 1)))
-            evaluate_points((self.s, self.t), (mesh.x, mesh.y), values, flat, self.s.size, rows)
+            cells = np.full(self.s.size, -1), np.full(self.s.size, -1)
+            evaluate_points((self.s, self.t), (mesh.x, mesh.y), values, flat, self.s.size, cells, rows)
         else:
             unrolled = Unrolled.of(mesh)
             search, own = unrolled.search, np.array(values[unrolled.nodes])

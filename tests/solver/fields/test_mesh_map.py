@@ -14,6 +14,7 @@ from equimesh.fields.mesh_map import (
     MeshMap,
     Places,
     find_cells,
+    hop,
     place_by_splines,
     place_in_cells,
     place_in_patches,
@@ -71,7 +72,7 @@ def test_points_that_stay_on_a_piece_are_where_each_is_found_alone(front: em.Mes
     # Points inside, points of the sides, and points whose way leads over nodes.
     x, y = (np.concatenate([q.ravel(), nodes.ravel()]) for q, nodes in zip(ANYWHERE, (front.x, front.y), strict=True))
     nodes, splines, n = (of.mesh.x, of.mesh.y), of._splines, x.size
-    cells, starts = (np.empty(n, np.int64), np.empty(n, np.int64)), (np.empty(n), np.empty(n))
+    cells, starts = (np.full(n, -1), np.full(n, -1)), (np.empty(n), np.empty(n))
     find_cells((x, y), nodes, 1, cells)
     place_in_cells((x, y), nodes, cells, MIN_START_STEP_CELLS, starts)
     at_once, alone = (Places(np.empty(n), np.empty(n), np.zeros(n, dtype=bool)) for _ in range(2))
@@ -87,9 +88,17 @@ def test_points_that_stay_on_a_piece_are_where_each_is_found_alone(front: em.Mes
 def test_a_point_of_an_edge_has_the_cell_that_begins_nearer() -> None:
     """Of that of the point before it, here 3, and that of the point above, here 2."""
     mesh = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
-    cells = np.empty(4, np.int64), np.empty(4, np.int64)
+    cells = np.full(4, -1), np.full(4, -1)
     find_cells((np.array([0.4, 0.3, 0.4, 0.375]), np.full(4, 0.3)), (mesh.x, mesh.y), 2, cells)
     assert cells[0].tolist() == [3, 2, 3, 3]
+
+
+def test_points_are_found_from_cells_nearby() -> None:
+    mesh = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    points, wanted = (np.array([0.3, 0.9, 0.5]), np.array([0.4, 0.1, 0.55])), ([2, 7, -1], [3, 0, -1])  # one on an edge
+    cells = np.array([2, 6, 4]), np.array([3, 1, 4])
+    hop(points, (mesh.x, mesh.y), 3, 0, 3, cells)
+    assert (cells[0].tolist(), cells[1][:2].tolist()) == (wanted[0], wanted[1][:2])
 
 
 def test_points_that_are_not_finite_have_a_place_all_the_same() -> None:

@@ -142,6 +142,20 @@ def test_outside_a_point_of_the_side_is_taken() -> None:
     assert np.isnan(field.evaluate(np.array([np.nan]), np.array([0.5]), order=1)).all()
 
 
+@pytest.mark.parametrize("shape", [(-1,), (2, -1)])
+def test_values_do_not_depend_on_the_points_before(front: em.Mesh, shape: tuple[int, ...]) -> None:
+    for mesh in (front, em.Mesh.uniform(em.Grid(n_xi=17, n_eta=17))):
+        on_edges = np.stack([0.3 * mesh.x[1:] + 0.7 * mesh.x[:-1], 0.3 * mesh.y[1:] + 0.7 * mesh.y[:-1]])
+        points = np.concatenate([on_edges.reshape(2, -1), np.stack(ANYWHERE)], axis=1)
+        x, y = np.random.default_rng(5).permutation(points, axis=1).reshape(2, *shape)
+        wanted = field_of(RISING, mesh).evaluate(x, y, order=2)
+        for near in (1e-9, 0.03, 0.3):
+            field = field_of(RISING, mesh)
+            field.evaluate(x + near, y, order=2)
+            for one, other in zip(field.evaluate(x, y, order=2), wanted, strict=True):
+                assert one.tobytes() == other.tobytes()
+
+
 def test_bad_values_and_folded_meshes_are_refused() -> None:
     mesh = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
     with pytest.raises(SamplesError, match=r"values has shape \(4, 5\).*transpose it"):

@@ -19,6 +19,7 @@ from equimesh.meshes.quad_search import (
     FAR,
     FEW_STEPS,
     MAX_CALLS,
+    MAX_KEPT,
     UNCLEAR,
     QuadSearch,
     box_of,
@@ -302,10 +303,13 @@ def test_a_cell_is_sure_where_no_other_one_holds_the_point() -> None:
 def test_the_cells_of_few_calls_are_kept() -> None:
     mesh = disc(3)
     search = QuadSearch.of(mesh.points, mesh.cells)
-    for size in range(90):
+    for size in range(MAX_CALLS + 9):
         search.find(np.linspace(-0.5, 0.5, size), np.zeros(size))
-        assert len(search.before) <= MAX_CALLS
-    assert max(len(cells) for cells in search.before.values()) == 89
+        assert len(search.kept.cells) <= MAX_CALLS
+    assert max(len(cells) for cells in search.kept.cells.values()) == MAX_CALLS + 8
+    for size in (MAX_KEPT // 2, MAX_KEPT // 2 + 1, MAX_KEPT + 1):
+        search.kept.keep((size, 0, 0), np.zeros(size, dtype=np.int64))
+    assert list(search.kept.cells) == [(MAX_KEPT // 2 + 1, 0, 0)]
 
 
 def nodes_of(mesh: Mesh, block: int, edge: int, first: int, last: int) -> list[int]:
