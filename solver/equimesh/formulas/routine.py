@@ -1,10 +1,9 @@
-"""Routines: runs of compiled arithmetic at many points, and functions of numpy between them."""
+"""Routines: formulas at many points, as one compiled loop over a list of instructions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
 from types import MappingProxyType
 from typing import Any
 
@@ -12,21 +11,20 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from equimesh.formulas.jet import Component
+from equimesh.numerics.calls import loop_of, numpy_loop
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 
-# Arithmetic on many numbers at once, as one compiled loop over a list of instructions.
-#
 # The interpreter is called once for all instructions, not once for each of them. So threads that evaluate expressions
-# at the same time do not wait for each other, and an expression at few points takes microseconds. The results are
-# those of numpy, to the last bit.
+# at the same time do not wait for each other, and an expression at few points takes microseconds. Sine, tanh and others
+# are the loops of NumPy, which are called by their addresses. The results are those of NumPy, to the last bit.
 
-# Numbers worked on at a time: the operands of all instructions stay in the first cache.
+# Numbers worked on at a time: the operands of all instructions stay in the cache.
 BLOCK = 512
 
-ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, ABSOLUTE, SQRT = range(7)
-"""Instructions with numbers."""
-LESS, LESS_EQUAL, GREATER, GREATER_EQUAL, EQUAL, NOT_EQUAL, AND, OR, NOT, WHERE = range(7, 17)
+ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, ABSOLUTE, SQRT, CALL = range(8)
+"""Instructions with numbers; the last one runs a loop of NumPy."""
+LESS, LESS_EQUAL, GREATER, GREATER_EQUAL, EQUAL, NOT_EQUAL, AND, OR, NOT, WHERE = range(8, 18)
 """Instructions with conditions, which are the numbers 1 and 0."""
 
 X, Y, FIRST_FREE = range(3)
@@ -35,32 +33,46 @@ X, Y, FIRST_FREE = range(3)
 
 @compiled
 def calculate(
-    instructions: IntArray, memory: Array, numbers: int, x: Array, y: Array, results: Array, sources: IntArray
+    instructions: IntArray,
+    loops: IntArray,
+    memory: Array,
+    numbers: int,
+    x: Array,
+    y: Array,
+    results: Array,
+    sources: IntArray,
 ) -> None:
     """Do all ``instructions`` at all points ``x``, ``y``.
 
     An instruction has a code, the row of the ``memory`` that it writes, and three rows that it reads, which are others.
-    The rows from ``numbers`` on hold one number each, in their first ``BLOCK`` places. Where there are ``results``, the
-    rows hold one block of points at a time: the coordinates are read into it, and the row ``sources[c]`` becomes a part
-    of ``results[c]``. Without ``results`` the rows hold all points.
+    The rows hold one block of points at a time; those from ``numbers`` on hold one number each. The last operand of a
+    call is the row of ``loops`` with the address of the loop, what that is given, and how many rows it reads. The
+    memory's row ``sources[c]`` becomes a part of ``results[c]``.
     """
+    places, count, strides = np.empty(3, np.int64), np.empty(1, np.int64), np.empty(3, np.int64)
     for start in range(0, x.size, BLOCK):
-        size, shift = min(BLOCK, x.size - start), start
-        if results.shape[0] > 0:
-            shift = 0
-            for j in range(size):  # assigned slices take the compiler seconds, for the words of an error
-                memory[X, j] = x[start + j]
-                memory[Y, j] = y[start + j]
+        size = min(BLOCK, x.size - start)
+        for j in range(size):  # assigned slices take the compiler seconds, for the words of an error
+            memory[X, j] = x[start + j]
+            memory[Y, j] = y[start + j]
+        count[0] = size
         for k in range(instructions.shape[0]):
             code = instructions[k, 0]
-            target = memory[instructions[k, 1], shift : shift + size]
-            begin = shift if instructions[k, 2] < numbers else 0
-            one = memory[instructions[k, 2], begin : begin + size]
-            begin = shift if instructions[k, 3] < numbers else 0
-            two = memory[instructions[k, 3], begin : begin + size]
-            if code == WHERE:
-                begin = shift if instructions[k, 4] < numbers else 0
-                choose(target, one, two, memory[instructions[k, 4], begin : begin + size])
+            target = memory[instructions[k, 1], :size]
+            one, two = memory[instructions[k, 2], :size], memory[instructions[k, 3], :size]
+            if code == CALL:
+                called = instructions[k, 4]
+                inputs = loops[called, 2]
+                for part in range(2):
+                    # A number is one for all points, as in a call of NumPy: some powers have loops of their own.
+                    row = instructions[k, 2 + part]
+                    places[part], strides[part] = memory[row].ctypes.data, 8 if row < numbers else 0
+                places[inputs], strides[inputs] = target.ctypes.data, 8
+                numpy_loop(
+                    loops[called, 0], places.ctypes.data, count.ctypes.data, strides.ctypes.data, loops[called, 1]
+                )
+            elif code == WHERE:
+                choose(target, one, two, memory[instructions[k, 4], :size])
             elif code >= LESS:
                 decide(code, target, one, two)
             elif code == ADD:
@@ -156,7 +168,7 @@ CODES: Mapping[Callable[..., Any], int] = MappingProxyType(
         np.where: WHERE,
     }
 )
-"""The operations that are instructions; all others are calls of numpy."""
+"""The operations that are instructions; all others are loops of NumPy."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +178,7 @@ class Line:
     Operands are rows, or numbers.
     """
 
-    operation: int | Callable[..., Any]
+    operation: int | np.ufunc
     target: int
     operands: tuple[int | float, ...]
 
@@ -177,7 +189,7 @@ class Trace:
 
     lines: list[Line] = field(default_factory=list)
 
-    def add(self, function: Callable[..., Any], operands: Sequence[Any]) -> TracedRow:
+    def add(self, function: Any, operands: Sequence[Any]) -> TracedRow:
         """One more operation."""
         known = tuple(part.row if isinstance(part, TracedRow) else float(part) for part in operands)
         self.lines.append(Line(CODES.get(function, function), FIRST_FREE + len(self.lines), known))
@@ -233,21 +245,6 @@ def compact(lines: Sequence[Line], results: Sequence[int]) -> tuple[list[Line], 
     return found, [rows[row] for row in results], count
 
 
-# Numbers in the memory where functions of numpy are called: it stays in the cache.
-MEMORY_NUMBERS = 65_536
-# Points evaluated at a time there, at most.
-MAX_CHUNK = 16_384
-
-
-@dataclass(frozen=True)
-class _Call:
-    """A function of numpy: the row that it writes, and its operands, which are rows or numbers."""
-
-    function: Callable[..., Any]
-    target: int
-    operands: tuple[int | float, ...]
-
-
 class Routine:
     """Evaluates the components of one jet: the value of an expression and its derivatives."""
 
@@ -259,60 +256,32 @@ class Routine:
         lines, sources, self._rows = compact(trace.needed(rows), rows)
         self._sources, found = np.array(sources, dtype=np.int64), iter(range(len(sources)))
         self._wanted = [next(found) if isinstance(part, TracedRow) else float(part or 0.0) for part in wanted]
-        self._numbers = list[float]()
-        self._parts = [part for is_call, group in groupby(lines, _is_call) for part in self._part(is_call, list(group))]
+        self._numbers, self._loops = list[float](), list[tuple[int, int, int]]()
+        instructions = [self._instruction(line) for line in lines]
+        self._instructions = np.array(instructions, dtype=np.int64).reshape(-1, 5)
+        self._table = np.array(self._loops, dtype=np.int64).reshape(-1, 3)
         self._column = np.array(self._numbers).reshape(-1, 1)
-        self._by_blocks = not any(isinstance(part, _Call) for part in self._parts)
-        least, most = BLOCK, MAX_CHUNK
-        self._chunk = max(least, min(most, MEMORY_NUMBERS // self._rows // least * least))
 
     def evaluate(self, x: Array, y: Array) -> tuple[Array, ...]:
         """The components at flat arrays of points, in memory of their own."""
         x, y, results = _writeable(x), _writeable(y), np.empty((self._sources.size, x.size))
-        width = min(x.size, BLOCK if self._by_blocks else self._chunk)
-        memory = np.empty((self._rows + len(self._numbers), width))
-        memory[self._rows :, :BLOCK] = self._column
-        if self._by_blocks:
-            instructions = self._parts[0] if self._parts else np.empty((0, 5), dtype=np.int64)
-            calculate(instructions, memory, self._rows, x, y, results, self._sources)
-        else:
-            for start in range(0, x.size, self._chunk):
-                piece = slice(start, start + self._chunk)
-                self._evaluate(x[piece], y[piece], results[:, piece], memory)
+        memory = np.empty((self._rows + len(self._numbers), min(x.size, BLOCK)))
+        memory[self._rows :] = self._column
+        calculate(self._instructions, self._table, memory, self._rows, x, y, results, self._sources)
         return tuple(results[k] if isinstance(k, int) else np.full(x.shape, k) for k in self._wanted)
-
-    def _evaluate(self, x: Array, y: Array, results: Array, memory: Array) -> None:
-        """The components at as many points as the memory holds."""
-        rows, nowhere = memory[:, : x.size], np.empty((0, 0))
-        rows[X], rows[Y] = x, y
-        for part in self._parts:
-            if isinstance(part, _Call):
-                operands = [rows[k] if isinstance(k, int) else k for k in part.operands]
-                part.function(*operands, out=rows[part.target])
-            else:
-                calculate(part, memory, self._rows, x, y, nowhere, self._sources)
-        for result, source in zip(results, self._sources, strict=True):
-            result[:] = rows[source]
-
-    def _part(self, is_call: bool, lines: list[Line]) -> list[Any]:
-        """Calls, or one table of instructions."""
-        if is_call:
-            return [_Call(line.operation, line.target, line.operands) for line in lines if callable(line.operation)]
-        return [np.array([self._instruction(line) for line in lines])]
 
     def _instruction(self, line: Line) -> tuple[int, ...]:
         """The line as a row of a table: numbers are rows of the memory there, and every line has three operands."""
         rows = [part if isinstance(part, int) else self._row_of(part) for part in line.operands]
-        code = -1 if callable(line.operation) else line.operation
-        return (code, line.target, *[*rows, rows[0], rows[0]][:3])
+        one, two, three = [*rows, rows[0], rows[0]][:3]
+        if isinstance(line.operation, int):
+            return line.operation, line.target, one, two, three
+        self._loops.append((*loop_of(line.operation), line.operation.nin))
+        return CALL, line.target, one, two, len(self._loops) - 1
 
     def _row_of(self, number: float) -> int:
         self._numbers.append(number)
         return self._rows + len(self._numbers) - 1
-
-
-def _is_call(line: Line) -> bool:
-    return callable(line.operation)
 
 
 def _writeable(points: Array) -> Array:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import assume, given
 
 import equimesh as em
@@ -17,6 +18,7 @@ from equimesh.errors import ExpressionError
 from equimesh.fields.expression import FUNCTIONS, LIMITS, Expression
 from equimesh.formulas import routine as module
 from equimesh.formulas.routine import CODES, Line, Trace, TracedRow, compact
+from equimesh.numerics.calls import loop_of
 from solver.formulas.random_formulas import (
     LARGE,
     SMOOTH,
@@ -172,15 +174,6 @@ def test_points_are_taken_as_they_come() -> None:
     assert u.evaluate(np.empty(0), np.empty(0), 2)[5].shape == (0,)
 
 
-def test_the_memory_does_not_grow_with_the_points() -> None:
-    """Where functions of numpy are called, as many points are taken at a time as the cache holds."""
-    long = em.Expression(" + ".join(f"sin({k}*x)*cos({k}*y)" for k in range(1, 40)))
-    long.evaluate(np.zeros(1), np.zeros(1), 2)
-    routine = long._program._routines[2]
-    assert routine._chunk * routine._rows <= max(module.MEMORY_NUMBERS, 512 * routine._rows)
-    assert not routine._by_blocks
-
-
 def test_threads_share_an_expression() -> None:
     u = em.Expression(TEXTS[2])
     points = np.random.default_rng(1).random((8, 2, 30_000))
@@ -199,6 +192,7 @@ def test_threads_share_an_expression() -> None:
 
 SIZES = (1, module.BLOCK - 1, module.BLOCK, 3 * module.BLOCK + 7)
 SPECIAL = [0.0, -0.0, 1.0, np.nan, np.inf, -np.inf, 1e308, 5e-324]
+CALLED = (np.tanh, np.cos, np.sign, np.log, np.hypot, np.arctan2, np.power, np.maximum, scipy.special.erf)
 
 
 def numbers(size: int, seed: int) -> np.ndarray:
@@ -206,29 +200,37 @@ def numbers(size: int, seed: int) -> np.ndarray:
     return np.where(random.random(size) < 0.3, random.choice(SPECIAL, size), random.standard_normal(size))
 
 
-def calculated(code: int, x: np.ndarray, y: np.ndarray, *, by_blocks: bool) -> np.ndarray:
-    """One instruction on x, y and 0.5."""
-    width = module.BLOCK if by_blocks else max(x.size, module.BLOCK)
-    memory, results = np.full((4, width), 7.0), np.full((int(by_blocks), x.size), 7.0)
-    memory[3] = 0.5
-    if not by_blocks:
-        memory[0, : x.size], memory[1, : x.size] = x, y
-    module.calculate(np.array([[code, 2, 0, 1, 3]]), memory, 3, x, y, results, np.array([2]))
-    return results[0] if by_blocks else memory[2, : x.size]
+def calculated(function: Callable[..., Any], x: np.ndarray, operands: tuple[int, ...]) -> np.ndarray:
+    """One function of these rows: x, x backwards, and the numbers 2, 0.5 and -1 from the row 3 on."""
+    memory, results = np.full((6, module.BLOCK), 7.0), np.full((1, x.size), 7.0)
+    memory[3:] = [[2.0], [0.5], [-1.0]]
+    one, two, three = (*operands, 0, 0)[:3]
+    loops = np.zeros((1, 3), dtype=np.int64)
+    if function not in CODES:
+        loops[0], three = (*loop_of(function), function.nin), 0  # type: ignore[arg-type, attr-defined]
+    line = np.array([[CODES.get(function, module.CALL), 2, one, two, three]])
+    module.calculate(line, loops, memory, 3, x, x[::-1].copy(), results, np.array([2]))
+    return results[0]
 
 
-@pytest.mark.parametrize("by_blocks", [True, False])
-@pytest.mark.parametrize("function", [f for f in CODES if f is not np.bitwise_and], ids=lambda f: f.__name__)
-def test_every_instruction_gives_the_numbers_of_numpy(function: Callable[..., Any], by_blocks: bool) -> None:
+@pytest.mark.parametrize(
+    "function", [*[f for f in CODES if f is not np.bitwise_and], *CALLED], ids=lambda f: f.__name__
+)
+def test_every_instruction_gives_the_numbers_of_numpy(function: Callable[..., Any]) -> None:
+    are_conditions = CODES.get(function) in (module.AND, module.OR, module.NOT)
+    inputs = 3 if function is np.where else function.nin  # type: ignore[attr-defined]
     for size in SIZES:
-        x, y = numbers(size, 1), numbers(size, 2)
-        if CODES[function] in (module.AND, module.OR, module.NOT, module.WHERE):
-            x, y = ((q > 0).astype(float) if function is not np.where else q for q in (x, y))
-        with np.errstate(all="ignore"):
-            operands = (x, y, 0.5)[: 3 if function is np.where else function.nin]  # type: ignore[attr-defined]
-            expected = function(operands[0] != 0.0, *operands[1:]) if function is np.where else function(*operands)
-        found = calculated(CODES[function], x, y, by_blocks=by_blocks)
-        assert np.array_equal(found, expected.astype(float), equal_nan=True)
+        x = numbers(size, 1)
+        x = (x > 0).astype(float) if are_conditions else x
+        for rows in ((0, 1, 4), (1, 3, 0), (1, 4, 3), (5, 0, 1)):
+            if are_conditions and rows != (0, 1, 4):
+                continue
+            operands = tuple((x, x[::-1].copy(), None, 2.0, 0.5, -1.0)[row] for row in rows[:inputs])
+            with np.errstate(all="ignore"):
+                condition = np.asarray(operands[0]) != 0.0
+                expected = function(condition, *operands[1:]) if function is np.where else function(*operands)
+            found = calculated(function, x, rows[:inputs])
+            assert np.array_equal(found, np.broadcast_to(expected, x.shape).astype(float), equal_nan=True)
 
 
 # Arithmetic that is written down: the lines, those that are needed, and the rows that they share.
