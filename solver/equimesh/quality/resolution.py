@@ -7,6 +7,7 @@ of the first, and cells are divided where it changes the result, up to a bounded
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -212,15 +213,23 @@ def scattered(numbers: IntArray, one_of: int) -> BoolArray:
     return np.asarray(_place_of(runs, one_of) == places)
 
 
-def scattered_between(first: int, last: int, one_of: int) -> IntArray:
-    """The numbers from ``first`` to before ``last`` that are :func:`scattered`, without a look at the others."""
-    runs = np.arange(first // one_of, -(-last // one_of))
-    found = runs * one_of + _place_of(runs, one_of)
-    return np.asarray(found[(found >= first) & (found < last)])
+def scattered_between(first: int, last: int, one_of: int, columns: int = 1) -> IntArray:
+    """The cells of a sample in the rows from ``first`` to before ``last``, which have so many ``columns``.
+
+    It is one cell of each tile of ``one_of`` cells or somewhat fewer, as many rows as columns of them, at any place of
+    it. In one column they are those that are :func:`scattered`, found without a look at the others.
+    """
+    width = min(one_of // math.isqrt(one_of), columns)
+    height, across = one_of // width, np.arange(-(-columns // width))
+    down = np.arange(first // height, -(-last // height))[:, None]
+    row, column = np.divmod(_place_of(down * across.size + across, height * width), width)
+    row, column = row + down * height, column + across * width
+    found = (row * columns + column)[(row >= first) & (row < last) & (column < columns)]
+    return np.sort(found)
 
 
 def _place_of(runs: IntArray, one_of: int) -> IntArray:
-    """The place of the cell of the sample in each run."""
+    """The place of the cell of the sample in each run, or tile."""
     with np.errstate(over="ignore"):
         mixed = (runs.astype(np.uint64) + np.uint64(1)) * np.uint64(MIX[0])
         mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(MIX[1])

@@ -182,3 +182,17 @@ def test_nothing_is_left_of_what_is_allowed_and_nan_never() -> None:
 def test_scattered_cells_are_found_without_a_look_at_the_others(first: int, last: int, one_of: int) -> None:
     numbers = np.arange(first, last)
     assert np.array_equal(scattered_between(first, last, one_of), numbers[scattered(numbers, one_of)])
+
+
+@pytest.mark.parametrize(("shape", "one_of"), [((64, 64), 16), ((33, 50), 6), ((3, 700), 8), ((900, 2), 5)])
+def test_scattered_cells_of_a_grid_are_one_of_each_tile(shape: tuple[int, int], one_of: int) -> None:
+    rows, columns = shape
+    found = scattered_between(0, rows, one_of, columns)
+    width = min(one_of // math.isqrt(one_of), columns)
+    height = one_of // width
+    tiles = np.unique(np.stack([found // columns // height, found % columns // width]), axis=1)
+    assert tiles.shape[1] == found.size > 0.8 * rows * columns / (height * width)
+    assert np.all(np.diff(found) > 0)
+    parts = [scattered_between(first, last, one_of, columns) for first, last in ((0, 2), (2, rows - 1))]
+    rest = scattered_between(rows - 1, rows, one_of, columns)
+    assert np.array_equal(np.concatenate([*parts, rest]), found)
