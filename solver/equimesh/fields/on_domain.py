@@ -137,6 +137,7 @@ def recover(
     cells: Cells = "quad",
     *,
     fitted: bool = False,
+    reference: Mesh | None = None,
 ) -> RecoveredField:
     """u from ``values`` at the nodes of elements of a ``degree`` on ``mesh``, one of a ``domain`` of the same kind.
 
@@ -147,18 +148,19 @@ def recover(
     values of that side on all of it. Nodes of degree 2 lie on chords of the side, which are no lines of that square. Of
     degree 3 and more, and of degree 2 on triangles with curved sides, u is a
     :class:`~equimesh.fields.patch_field.PatchField`, whose polynomials go on up to the side.
-    Of degree 1 on a grid gradients are ``fitted`` where that is requested. Raises as these.
+    Of degree 1 on a grid gradients are ``fitted`` where that is requested. The ``reference`` of a grid is found, unless
+    it is given. Raises as these.
     """
     nodes, is_bent = mesh if degree == 1 else lattice_of(mesh, degree, cells), not isinstance(domain, Rectangle)
     if degree > 2 or (degree == 2 and cells == "triangle" and mesh.is_grid and is_bent):
         patches = PatchField(mesh=mesh, values=values, degree=degree, cells=cells)
-        corners = reference_on(mesh, domain) if mesh.is_grid else mesh
-        return RecoveredField(u=patches, reference=corners, values=patches.values, left=patches.left)
+        reference = mesh if not mesh.is_grid else reference or reference_on(mesh, domain)
+        return RecoveredField(u=patches, reference=reference, values=patches.values, left=patches.left)
     own: HermiteField | QuadField
     if not mesh.is_grid:
         own = QuadField(mesh=nodes, values=values, fitted=degree > 1)
         return RecoveredField(u=own, reference=mesh, values=own.values)
-    reference = reference_on(mesh, domain)
+    reference = reference or reference_on(mesh, domain)
     is_mapped = degree == 1 and is_bent and not reference.is_folded  # cells of a thick ring may fold there alone
     own = HermiteField(mesh=reference if is_mapped else nodes, values=values, fitted=fitted or degree > 1)
     u = OnDomain(reference=own, domain=domain) if is_mapped else own

@@ -87,11 +87,12 @@ class Recovery:
             _check_count(values, mesh, degree, cells)
         if mesh.is_grid == isinstance(domain, Blocks):
             raise InputError(TWO_KINDS, field="mesh")
+        reference = None
         if isinstance(domain, Blocks):
             domain = domain.with_counts_of(mesh)
         elif not mesh.is_folded:
-            _check_place(mesh, domain)
-        found = recover(mesh, values, domain, degree, cells)
+            reference = _reference_on(mesh, domain)
+        found = recover(mesh, values, domain, degree, cells, reference=reference)
         known, u = found.values, found.u
         if isinstance(u, OnDomain) and is_closed(u.domain):  # on a rectangle a solver may leave two values at a seam
             u = repeated_field(u, u.domain, "u")
@@ -111,9 +112,12 @@ class Recovery:
         """The same with u as limited cubics between all nodes of the elements; itself where such cells are folded."""
         domain: Any = self.domain
         nodes = lattice_of(on_domain(self.mesh, domain), self.degree)
-        if nodes.is_folded or (nodes.is_grid and reference_on(nodes, domain).is_folded):
+        if nodes.is_folded:
             return self
-        return replace(self, u=recover(nodes, self.values, domain).u)
+        reference = reference_on(nodes, domain) if nodes.is_grid else None
+        if reference is not None and reference.is_folded:
+            return self
+        return replace(self, u=recover(nodes, self.values, domain, reference=reference).u)
 
     def estimate(self, norm: Norm, threads: int = 1, *, of_solver: bool = True) -> float:
         """The norm of u minus its interpolant on the mesh of the values: an estimate of the solver's error.
@@ -167,12 +171,14 @@ def _check_count(values: npt.ArrayLike, mesh: Mesh, degree: ValueDegree, cells: 
         )
 
 
-def _check_place(mesh: Mesh, domain: Domain) -> None:
-    """Refuse a grid whose nodes lie elsewhere than the domain; the message has the rectangle around them."""
-    away = map_mesh(reference_on(mesh, domain), domain).distance(mesh)
+def _reference_on(mesh: Mesh, domain: Domain) -> Mesh:
+    """The reference of a grid; refuses one whose nodes lie elsewhere, with the rectangle around them in the message."""
+    reference = reference_on(mesh, domain)
+    away = map_mesh(reference, domain).distance(mesh)
     if not away <= RIM_SHARE * math.sqrt(domain.area):
         box = ", ".join(f"{name}=({q.min():g}, {q.max():g})" for name, q in (("x", mesh.x), ("y", mesh.y)))
         raise InputError(f"the mesh is one of another domain, such as Rectangle({box}): give that one", field="mesh")
+    return reference
 
 
 def on_domain(reference: Mesh, domain: Domain | Blocks) -> Any:
