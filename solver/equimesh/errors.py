@@ -52,12 +52,15 @@ class ExpressionError(InputError):
 class SamplesError(InputError):
     """Samples that are not finite, not ordered, of the wrong shape, or do not cover the domain.
 
-    ``columns`` are the names of the columns of a file, one of which is u, where the sender has to choose it.
+    ``columns`` are the names of the columns of a file, one of which is u, where the sender has to choose it. ``index``
+    is the place of a bad entry in nested lists, where there is a single one.
     """
 
-    def __init__(self, message: str, *, field: str = "", columns: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, message: str, *, field: str = "", columns: tuple[str, ...] = (), index: tuple[int, ...] = ()
+    ) -> None:
         super().__init__(message, field=field)
-        self.columns = columns
+        self.columns, self.index = columns, index
 
 
 class DecompositionError(InputError):

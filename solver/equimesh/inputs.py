@@ -19,7 +19,7 @@ def real_array(value: object, name: str, *, ndim: int) -> Array:
     Raises :class:`~equimesh.errors.SamplesError` with the field ``name``, naming the first bad entry.
     """
     if isinstance(value, (list, tuple)):
-        _check_nested(value, name, ndim, field_name=name)
+        _check_nested(value, name, ndim)
     raw = ma.filled(value.astype(np.float64), np.nan) if isinstance(value, ma.MaskedArray) else value
     try:
         array = np.asarray(raw) if not isinstance(raw, (list, tuple)) else np.array(raw, dtype=np.float64)
@@ -62,7 +62,7 @@ def shaped_array(
     shape = shape_of(value)
     axes = len(wanted) + (vectors and len(shape) > len(wanted))
     if shape and (len(shape) != axes or shape[: len(wanted)] != wanted):
-        _check_nested(value, name, len(shape), field_name=name)
+        _check_nested(value, name, len(shape))
         if not hint and len(wanted) == 2:
             flat = "; reshape it" if shape == (math.prod(wanted),) else ""
             hint = "; transpose it" if shape[:2] == wanted[::-1] else flat
@@ -80,27 +80,28 @@ def shape_of(value: Any) -> tuple[int, ...]:
     return (len(value), *(shape_of(value[0]) if value else ()))
 
 
-def _check_nested(value: object, path: str, ndim: int, *, field_name: str) -> None:
+def _check_nested(value: object, name: str, ndim: int, index: tuple[int, ...] = ()) -> None:
     """Refuse lists that are ragged, too shallow or too deep, or hold anything but real numbers."""
+    path = name + brackets(index)
     if isinstance(value, np.ndarray):
         return  # its shape and type are checked later
     if not isinstance(value, (list, tuple)):
-        raise SamplesError(f"{path} is {describe_value(value)}: it must be a list of numbers", field=field_name)
+        message = f"{path} is {describe_value(value)}: it must be a list of numbers"
+        raise SamplesError(message, field=name, index=index)
     if ndim == 1:
         if not set(map(type, value)) <= {int, float}:
             for i, entry in enumerate(value):
                 if isinstance(entry, bool) or not isinstance(entry, (int, float, np.integer, np.floating)):
-                    raise SamplesError(
-                        f"{path}[{i}] is {describe_value(entry)}: it must be a real number", field=field_name
-                    )
+                    message = f"{path}[{i}] is {describe_value(entry)}: it must be a real number"
+                    raise SamplesError(message, field=name, index=(*index, i))
         return
     for i, row in enumerate(value):
-        _check_nested(row, f"{path}[{i}]", ndim - 1, field_name=field_name)
+        _check_nested(row, name, ndim - 1, (*index, i))
         if len(row) != len(value[0]):
             raise SamplesError(
                 f"{path}[{i}] has {count_noun(len(row), 'entry', 'entries')} but {path}[0] has {len(value[0])}:"
                 " every row must have the same length",
-                field=field_name,
+                field=name,
             )
 
 

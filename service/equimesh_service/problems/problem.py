@@ -200,6 +200,11 @@ def _object(entry: Mapping[str, Any]) -> str:
     return "this must be a JSON object" + _EXAMPLES.get(_last_of(entry), "")
 
 
+def _list(entry: Mapping[str, Any]) -> str:
+    in_table = isinstance((entry.get("loc") or [""])[-1], int)
+    return "this must be a list" + (" of numbers: a table is a list of rows" if in_table else "")
+
+
 def _text(entry: Mapping[str, Any]) -> str:
     return _PLACES_OF_SAMPLES if _last_of(entry) == "samples" else "this must be a text"
 
@@ -211,7 +216,7 @@ _SENTENCES: Mapping[str, str | Callable[[Mapping[str, Any]], str]] = {
     "model_type": _object,
     "dataclass_type": _object,
     "dict_type": _object,
-    "list_type": "this must be a list",
+    "list_type": _list,
     "string_type": _text,
     "string_unicode": "this text holds half of a surrogate pair; send whole characters",
     "string_too_long": _length_of_text,
@@ -333,6 +338,7 @@ def complaint_of(error: InputError, pointer: str) -> Complaint:
         place = error.position
         position = {"offset": place.offset, "line": place.line, "column": place.column}
     columns = error.columns if isinstance(error, SamplesError) else ()
+    pointer += "".join(f"/{k}" for k in error.index) if isinstance(error, SamplesError) else ""
     return Complaint(pointer=pointer, message=error.message, position=position, columns=columns)
 
 

@@ -108,6 +108,7 @@ def test_more_values_than_samples_can_have_are_not_read(tmp_path: Path) -> None:
 
 
 ROWS = [[1.5, 2.5], [3.5, 4.5]]
+BAD_ROWS = [[1, 2], [None, 4]]
 
 
 def shortened_step(folder: Path, step: Any) -> ShortStep:
@@ -149,6 +150,12 @@ def test_an_expression_stays(tmp_path: Path) -> None:
     [
         ({"step": 0, "u": {"nodes": [[1, 2], [3]]}}, "/u/nodes", "the same length"),
         ({"step": 0, "u": "x", "fields": {"a/b": [[1], [2, 3]]}}, "/fields/a~1b", "the same length"),
+        (
+            {"step": 0, "u": {"nodes": [1, 2]}},
+            "/u/nodes/0",
+            "this must be a list of numbers: a table is a list of rows",
+        ),
+        ({"step": 0, "monitor": {"kind": "weight", "rho": {"nodes": BAD_ROWS}}}, "/monitor/rho/nodes/1/0", "is null"),
         ({"step": "0", "u": "x"}, "/step", "whole number"),
     ],
 )
