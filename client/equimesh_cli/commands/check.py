@@ -5,7 +5,7 @@ import importlib.util
 import json
 from typing import Any
 
-from equimesh_cli.options.mesh import parameter
+from equimesh_cli.options.mesh import add_parameters
 from equimesh_cli.options.monitors import domain, domain_file
 from equimesh_cli.options.service import DEFAULT_URL, add_url
 from equimesh_cli.parser import Exit, add_command
@@ -36,15 +36,7 @@ def add_parser(commands: Any) -> None:
         exits=EXITS,
     )
     parser.add_argument("u", metavar="EXPR", help="u(x, y)")
-    parser.add_argument(
-        "--parameter",
-        metavar="NAME=VALUE",
-        action="append",
-        default=[],
-        type=parameter,
-        help="value of a further name; may be repeated",
-    )
-    parser.add_argument("--t", type=float, help="value of the name t")
+    add_parameters(parser)
     domains = parser.add_mutually_exclusive_group()
     domains.add_argument(
         "--domain", type=domain, help="rectangle:X0,X1,Y0,Y1, annulus:R0,R1,ANGLE0,ANGLE1 or @FILE (the unit square)"

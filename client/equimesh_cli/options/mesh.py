@@ -37,6 +37,19 @@ LEAST_POINTS = 25
 PLOT_KINDS = ("mesh", "quality", "convergence", "comparison")
 
 
+def add_parameters(parser: argparse.ArgumentParser) -> None:
+    """Add the values of names in an expression."""
+    parser.add_argument(
+        "--parameter",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        type=parameter,
+        help="value of a further name in the expression; may be repeated",
+    )
+    parser.add_argument("--t", type=float, help="value of the name t in the expression")
+
+
 def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     """Add u, grid, monitor, boundary and Schwarz options, and where results go."""
     parser.add_argument(
@@ -53,15 +66,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="which column of the samples is u, by its name; without a header its number, or matrix",
     )
-    parser.add_argument(
-        "--parameter",
-        metavar="NAME=VALUE",
-        action="append",
-        default=[],
-        type=parameter,
-        help="value of a further name in U; may be repeated",
-    )
-    parser.add_argument("--t", type=float, help="value of the name t in U")
+    add_parameters(parser)
     add_monitor_options(parser)
     mesh = parser.add_argument_group("mesh")
     mesh.add_argument("-n", "--n-xi", dest="n_xi", type=int, help=f"points a side, along xi ({Grid.n_xi})")

@@ -77,23 +77,14 @@ class Classical:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearRobin:
-    """``x_xi +- p x`` and ``y_xi +- p y`` as the neighbour has them (Haynes and Howse, B1 and B2, equation (12)).
+class _Robin:
+    """What both Robin conditions have in common."""
 
-    ``p > 0``; ``"auto"`` takes the reciprocal distance to the physical side beyond the interface, exact for the
-    leading part of the equations. Raises :class:`~equimesh.errors.InputError` for any other ``p``.
-    """
-
-    name: ClassVar[str] = "linear_robin"
     ghosts: ClassVar[int] = 1
     p: Strength = "auto"
 
     def __post_init__(self) -> None:
         _check_strength(self.p)
-
-    def normal(self, window: NodalState, i: int, p: float) -> Functional:
-        """``x_xi + p x``."""
-        return _robin(window.x, window.numbers[0], i, window.d_xi, p)
 
     def tangential(self, window: NodalState, i: int, p: float) -> Functional:
         """``y_xi + p y``."""
@@ -105,32 +96,34 @@ class LinearRobin:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NonlinearRobin:
+class LinearRobin(_Robin):
+    """``x_xi +- p x`` and ``y_xi +- p y`` as the neighbour has them (Haynes and Howse, B1 and B2, equation (12)).
+
+    ``p > 0``; ``"auto"`` takes the reciprocal distance to the physical side beyond the interface, exact for the
+    leading part of the equations. Raises :class:`~equimesh.errors.InputError` for any other ``p``.
+    """
+
+    name: ClassVar[str] = "linear_robin"
+
+    def normal(self, window: NodalState, i: int, p: float) -> Functional:
+        """``x_xi + p x``."""
+        return _robin(window.x, window.numbers[0], i, window.d_xi, p)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NonlinearRobin(_Robin):
     """``S1 +- p x`` and ``y_xi +- p y`` as the neighbour has them (Haynes and Howse, B3 and B4, equation (13)).
 
     ``S1`` is the metric length of the xi-direction at the interface nodes. ``p`` as in :class:`LinearRobin`.
     """
 
     name: ClassVar[str] = "nonlinear_robin"
-    ghosts: ClassVar[int] = 1
-    p: Strength = "auto"
-
-    def __post_init__(self) -> None:
-        _check_strength(self.p)
 
     def normal(self, window: NodalState, i: int, p: float) -> Functional:
         """``S1 + p x``."""
         length, value = _metric_length(window, i), _value(window.x, window.numbers[0], i)
         scaled = tuple((unknown, p * by) for unknown, by in value.derivatives)
         return Functional(length.values + p * value.values, (*length.derivatives, *scaled))
-
-    def tangential(self, window: NodalState, i: int, p: float) -> Functional:
-        """``y_xi + p y``."""
-        return _robin(window.y, window.numbers[1], i, window.d_xi, p)
-
-    def strength(self, distance: float) -> float:
-        """The given ``p``, or the reciprocal of ``distance``."""
-        return _strength(self.p, distance)
 
 
 class LineData(StrEnum):
