@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -107,9 +107,9 @@ class ServiceProcess:
         os.kill(self.pid, number)
 
     @contextmanager
-    def frozen(self) -> Iterator[None]:
-        """Stop all its processes for the length of a ``with``, as on a suspended machine."""
-        pids = [self.pid, *children(self.pid)]
+    def frozen(self, pids: Iterable[int] = ()) -> Iterator[None]:
+        """Stop these of its processes, or all, for the length of a ``with``, as on a suspended machine."""
+        pids = [*pids] or [self.pid, *children(self.pid)]
         for pid in pids:
             os.kill(pid, signal.SIGSTOP)
         try:
