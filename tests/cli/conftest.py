@@ -19,19 +19,9 @@ from service.conftest import database_url, document, finished, guarded_service, 
 from service.databases import ADDRESS, NEEDED
 
 __all__ = [
-    "connect",
-    "database_url",
-    "document",
-    "fault",
-    "finished",
-    "guarded_service",
-    "http",
-    "observed",
-    "postgres",
-    "service",
-    "settings",
-    "url",
-]
+    "connect", "database_url", "document", "fault", "finished", "guarded_service", "http", "observed", "postgres",
+    "service", "settings", "url",
+]  # fmt: skip
 
 
 @pytest.fixture

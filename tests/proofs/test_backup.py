@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -58,15 +59,10 @@ def at_work(url: str) -> Iterator[None]:
     stop = threading.Event()
 
     def ask() -> None:
-        number = 0
-        while not stop.is_set():
-            number += 1
+        for number in itertools.takewhile(lambda _: not stop.wait(0.03), itertools.count(1)):
             spec = {**small(), "monitor": {"kind": "arc_length", "u": {"expression": f"x + {number}*y*y"}}}
-            assert httpx.post(f"{url}/v1/meshes", json=spec, headers={"Prefer": "wait=5"}).status_code in (
-                200,
-                201,
-                202,
-            )
+            answer = httpx.post(f"{url}/v1/meshes", json=spec, headers={"Prefer": "wait=5"}, timeout=300.0)
+            assert answer.status_code in (200, 201, 202)
 
     thread = threading.Thread(target=ask)
     thread.start()

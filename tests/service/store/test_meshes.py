@@ -15,6 +15,7 @@ from equimesh_service.spec.mesh import read_spec
 from equimesh_service.store.rows import Artifact, NewMesh, NewStep, Outcome, SamplesRow
 from equimesh_service.store.store import Store
 from service.requests import FRONT
+from service.store.first_release import SPEC as FIRST_SPEC
 from service.store.stores import ERROR, SPEC, Clock, add, claimed
 
 
@@ -69,22 +70,13 @@ def test_list_filters_and_pages(store: Store) -> None:
 
 
 def test_a_spec_of_the_first_release_is_read(store: Store) -> None:
-    old = {
-        "monitor": {"kind": "arc_length", "u": {"expression": "x", "parameters": {}, "t": 0.0}, "a": 0.7, "b": 0.05},
-        "domain": {"kind": "rectangle", "x": [0.0, 1.0], "y": [0.0, 1.0]},
-        "grid": {"n_xi": 8, "n_eta": 8},
-        "boundary": "trace",
-        "initial": "nested",
-        "schwarz": None,
-        "cells": "quad",
-        "label": None,
-    }
-    store.meshes.add(NewMesh(id="a", spec=old))
+    store.meshes.add(NewMesh(id="a", spec=FIRST_SPEC))
     checked = read_spec(store.meshes.spec("a"))
     spec, canonical = checked.spec, checked.canonical
     assert (spec.mode, spec.allow_relaxed, spec.monitor.smoothing) == ("discretization", True, 0.0)
-    expected = {**old, "monitor": canonical["monitor"], "domain": {**old["domain"], "periodic": None}}
-    assert {key: canonical[key] for key in old} == expected
+    domain = {**FIRST_SPEC["domain"], "periodic": None}
+    expected = {**FIRST_SPEC, "monitor": canonical["monitor"], "domain": domain}
+    assert {key: canonical[key] for key in FIRST_SPEC} == expected
 
 
 def test_each_key_has_its_own_list_and_its_own_idempotency_keys(store: Store) -> None:

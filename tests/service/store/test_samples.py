@@ -14,11 +14,11 @@ from sqlalchemy import func, select
 from equimesh_service import Settings
 from equimesh_service.errors import SamplesGoneError
 from equimesh_service.files.folder import FolderFiles
-from equimesh_service.files.port import StoredFile
 from equimesh_service.store.blobs import MAX_ROW_BYTES, BlobFiles
 from equimesh_service.store.rows import Artifact, NewMesh, Outcome, SamplesRow
 from equimesh_service.store.schema import blobs
 from equimesh_service.store.store import Store
+from service.files.check_files import keep
 from service.store.stores import SPEC, add, claimed
 
 
@@ -95,14 +95,6 @@ def files(store: Store, tmp_path: Path) -> BlobFiles:
 def rows(store: Store) -> int:
     with store.database.read() as connection:
         return int(connection.execute(select(func.count()).select_from(blobs)).scalar_one())
-
-
-def keep(files: BlobFiles, content: bytes) -> StoredFile:
-    with files.unfinished(".bin") as path:
-        path.write_bytes(content)
-        file = files.seal(path)
-        files.publish(path, file, lambda _: False)
-    return file
 
 
 def test_files_up_to_a_mebibyte_are_rows_and_larger_ones_are_not(

@@ -39,9 +39,6 @@ def constant(value: float) -> Partial:
     return lambda x, y: np.full(np.broadcast_shapes(x.shape, y.shape), value)
 
 
-PAPER_TEXT = "(1 - exp(15*(x - 1))) * sin(pi*y)"
-
-
 TANH20 = em.Expression("tanh(20*(x + y/2 - 0.75))")
 
 
