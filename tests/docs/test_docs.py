@@ -43,9 +43,16 @@ from equimesh import (
     Status,
     solve,
 )
+from equimesh.domains import curve
+from equimesh.fields import samples
 from equimesh.fields.expression import FUNCTIONS, LIMITS
+from equimesh.io import abaqus, spectral
 from equimesh.io.write import CELLS, FORMATS
+from equimesh.meshes import rows
+from equimesh.monitors import monitor
 from equimesh.quality.measures import PER_CELL
+from equimesh.sweeps import one_strip
+from equimesh.transfers import mesh_values
 from equimesh.upload.samples import READERS
 from equimesh_cli.command import build_parser, main
 from equimesh_cli.parser import Exit
@@ -53,12 +60,14 @@ from equimesh_client import Client
 from equimesh_client.spec.request import DEFAULTS, MeshOptions
 from equimesh_cluster.part_files.formats import PARTED_FORMATS
 from equimesh_schema import schwarz as schwarz_schema
+from equimesh_schema import sequences
 from equimesh_schema.document import keys_of
 from equimesh_schema.mesh import MeshSpec
 from equimesh_service import Settings, running
 from equimesh_service.api.app import create_app
 from equimesh_service.problems.problem import KINDS
 from equimesh_service.settings import groups
+from equimesh_service.spec import document
 from generator.command_pages import COMMANDS, SETTINGS, command_pages
 from generator.notebooks import markdown_of, with_output
 
@@ -439,7 +448,7 @@ def test_every_format_of_parts_is_documented() -> None:
         _, _, head, parts, readers, nodes, _ = (cell.strip() for cell in row.split("|"))
         assert head == f"`{kind.suffix}`"
         assert parts == (f"`{kind.part_suffix}`" if kind.part_suffix else "chunks of one store")
-        assert nodes.startswith("in both parts") is kind.shares_rows
+        assert nodes.startswith("in both parts") is (kind.name == "pvtu")
         assert all(name in readers for name in re.findall(r"VTK|PyVista|ParaView|h5py|zarr|xarray|Dask", kind.readers))
         assert f"**{kind.name}**" in text
 
@@ -455,6 +464,28 @@ def test_every_limit_of_expressions_is_documented() -> None:
     for name in LIMITS.__dataclass_fields__:
         value = f"{getattr(LIMITS, name):g}".replace("e+", "e")
         assert re.search(rf"^\| `{name}`[^|]*\| {re.escape(value)}\b", text, re.MULTILINE), name
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("http", f"objects and lists inside one another, {document.MAX_KEYS} keys, {document.MAX_TEXTS:,} texts of"),
+        ("http", f"JSON has at most {document.MAX_DEPTH} objects and lists"),
+        ("http", f"A description has at most {document.MAX_LISTS_OF_OBJECT} vertices"),
+        ("http", f"2 to {curve.MAX_POINTS} points of a cubic spline"),
+        ("http", f"`fields` are up to {sequences.MAX_FIELDS} fields to carry to the next mesh, of at most"),
+        ("http", f"mesh, of at most {sequences.MAX_COMPONENTS} components together"),
+        ("http", f"a vector has at most {mesh_values.MAX_COMPONENTS} components"),
+        ("formats", f"Coordinates have at most {abaqus.MAX_WIDTH} characters, names {abaqus.MAX_NAME}"),
+        ("formats", f"with the number of the side, at most {spectral.MAX_LABELS}."),
+        ("samples", f"(at most {samples.MAX_BEYOND} beyond)"),
+        ("finite-volumes", f"in degrees, over 0 and at most {monitor.MAX_ORTHOGONALITY:g}."),
+        ("python", f"up to {one_strip.MAX_SWEEPS_AT_ONCE} sweeps are made at a"),
+        ("choose-settings", f"on meshes of {rows.MIN_SHARED_NODES:,} points".replace(",", " ")),
+    ],
+)
+def test_limits_are_those_of_the_code(name: str, told: str) -> None:
+    assert told in re.sub(r"\s+", " ", page(name))
 
 
 def test_the_symbol_table_names_what_there_is() -> None:
