@@ -139,5 +139,5 @@ def _mean(what: str, gains: list[float]) -> Row:
     return Row(what=what, value=math.exp(float(np.mean(np.log(gains)))), unit="", note=note)
 
 
-def _few(items: list[str], most: int = 5) -> str:
-    return ", ".join(items[:most]) + (f" and {len(items) - most} more" if len(items) > most else "")
+def _few(items: list[str]) -> str:
+    return ", ".join(items[:5]) + (f" and {len(items) - 5} more" if len(items) > 5 else "")

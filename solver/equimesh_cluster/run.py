@@ -294,22 +294,18 @@ def run_at(
     function: Callable[..., Any],
     arguments_of_part: ArgumentsOfPart,
     workers: Sequence[str],
-    *,
-    options: RunOptions | None = None,
 ) -> PartsRun:
     """See :func:`run_parts`, part k on the worker at ``workers[k]``, which has what it needs: there is one attempt.
 
     Raises :class:`~equimesh_cluster.errors.WorkersLostError` where one of the workers is lost.
     """
-    chosen = options or RunOptions()
     check_client(client)
     found = {worker.address: worker for worker in examine_workers(client, set(workers))}
     missing = tuple(sorted(set(workers) - set(found)))
     if missing:
         raise WorkersLostError(f"lost: {', '.join(missing)}", lost=missing)
     places = [found[address] for address in workers]
-    chosen.before(places)
-    outcome = _attempt(client, function, arguments_of_part, places, chosen)
+    outcome = _attempt(client, function, arguments_of_part, places, RunOptions())
     if isinstance(outcome, AttemptFailure):
         raise WorkersLostError(outcome.reason, lost=outcome.workers)
     return PartsRun(outcome, tuple(workers), 1)

@@ -51,15 +51,15 @@ _NOT_U = (
 )
 
 
-def members_of(monitor: Monitor, pointer: str = _TOP) -> Iterator[tuple[str, Monitor]]:
+def members_of(monitor: Monitor) -> Iterator[tuple[str, Monitor]]:
     """The monitors of an intersection, or the monitor itself, with their JSON pointers."""
     members = monitor.get("monitors")
     if not isinstance(members, list):
-        yield pointer, monitor
+        yield _TOP, monitor
         return
     for number, member in enumerate(members):
         if isinstance(member, Mapping):
-            yield f"{pointer}/monitors/{number}", member
+            yield f"{_TOP}/monitors/{number}", member
 
 
 def functions_of(monitor: Monitor) -> Iterator[tuple[str, Any]]:

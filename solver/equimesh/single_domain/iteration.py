@@ -350,7 +350,7 @@ def steps_from(problem: Problem, start: Mesh, *, mode: Mode = Mode.TIGHT, thread
         yield last
 
 
-def guess_on(grid: Grid, solved: list[Step], threads: int = 1) -> Mesh:
+def guess_on(grid: Grid, solved: list[Step]) -> Mesh:
     """The last solution on a finer grid, extrapolated from the last two where they solve the same equations."""
     coarser = solved[-2].mesh if is_extrapolated(grid, solved) else None
-    return prolong(solved[-1].mesh, grid, coarser, threads=threads)
+    return prolong(solved[-1].mesh, grid, coarser)

@@ -84,13 +84,13 @@ def blocks(count: int, width: int, numbers: int | None = None) -> Iterator[slice
     return (slice(first, min(first + step, count)) for first in range(0, count, step))
 
 
-def node_block(values: NodeValues, part: MeshPart, rows: slice, columns: slice = slice(None)) -> Array:
+def node_block(values: NodeValues, part: MeshPart, rows: slice) -> Array:
     """The values at a block of the nodes, in double precision."""
     if callable(values):
-        x, y = (np.ascontiguousarray(axis[rows, columns]) for axis in (part.x, part.y))
+        x, y = (np.ascontiguousarray(axis[rows]) for axis in (part.x, part.y))
         found = np.asarray(values(x, y), dtype=np.float64)
         return np.broadcast_to(found, x.shape)
-    return np.asarray(values[rows, columns], dtype=np.float64)
+    return np.asarray(values[rows], dtype=np.float64)
 
 
 def cell_arrays(data: PartData, part: MeshPart) -> dict[str, npt.NDArray[Any]]:
@@ -130,7 +130,6 @@ class PartedFormat:
 
     Every part is a file with ``part_suffix`` and ``part_media_type``; both are empty where the parts are chunks of one
     store. ``readers`` are the programs that read the head, and ``sides`` says how the four sides are found.
-    ``shares_rows`` says whether two neighbouring parts both hold the nodes between them.
     """
 
     name: str
@@ -140,7 +139,6 @@ class PartedFormat:
     part_media_type: str
     readers: str
     sides: str
-    shares_rows: bool = False
 
 
 PARTED_FORMATS: Final = {
@@ -154,7 +152,6 @@ PARTED_FORMATS: Final = {
             part_media_type="application/vnd.vtk.vtu+xml",
             readers="VTK, PyVista, ParaView",
             sides="point data node_groups: 0 inside, 1 left, 2 right, 3 bottom, 4 top, both digits at a corner",
-            shares_rows=True,
         ),
         PartedFormat(
             name="vtkhdf",
