@@ -78,6 +78,7 @@ def create_app(settings: Settings) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         swagger_ui_oauth2_redirect_url=None,
+        redirect_slashes=False,  # a redirect of a POST is empty, and clients do not follow it
     )
     routes = (
         meshes,

@@ -94,6 +94,9 @@ async def _caller(
     return caller
 
 
+_TO_WAIT = "; to wait for a mesh that is requested, send the header Prefer: wait=30"
+
+
 def _check_parameters(request: Request) -> None:
     """Raise a 422 problem for a query parameter that the route does not have: a misspelled one would do nothing."""
     if not request.scope["query_string"]:
@@ -102,7 +105,8 @@ def _check_parameters(request: Request) -> None:
     for name in request.query_params:
         if name not in known:
             listed = f"; known are {', '.join(known)}" if known else ""
-            message = f"there is no such parameter here{listed}{did_you_mean(name, known)}"
+            hint = _TO_WAIT if name == "wait" else did_you_mean(name, known)
+            message = f"there is no such parameter here{listed}{hint}"
             raise problem_at("", message, parameter=name[:80])
 
 

@@ -171,7 +171,7 @@ class WorkerLine:
         with self.lock:
             self._reserved -= 1
             self.call_next()
-        self._wake()
+            self._tell_queue()
 
     def occupy(self, task: Future[Any], key_id: str = "") -> None:
         """Let a task that is no mesh have the reserved worker until it ends."""
@@ -184,7 +184,12 @@ class WorkerLine:
         with self.lock:
             del self._others[task]
             self.call_next()
-        self._wake()
+            self._tell_queue()
+
+    def _tell_queue(self) -> None:
+        """Let the dispatcher look for a mesh in the queue, unless that is empty: each of its looks takes a switch."""
+        if not self.queue_is_empty:
+            self._wake()
 
     async def obtain(self, key_id: str = "", share: int = 1, seconds: float = 0.0) -> bool:
         """Reserve a worker, after a wait of at most ``seconds`` in the line; False when none becomes free in time."""
@@ -208,8 +213,7 @@ class WorkerLine:
             if len(self._line) < _MAX_LINE_LENGTH and not self._closed:
                 self._line.add(key_id, turn, share)
                 self.call_next()
-                if not self.queue_is_empty:
-                    self._wake()
+                self._tell_queue()
                 return turn
         turn.set_result(False)
         return turn

@@ -15,7 +15,8 @@ from sqlalchemy import Row, bindparam, delete, select
 
 from equimesh_service.files.port import Files, ListedFile, Removed, StoredFile, digest_of, key_of
 from equimesh_service.store.database import Database, insert_new
-from equimesh_service.store.schema import Prepared, blobs
+from equimesh_service.store.prepared import Prepared
+from equimesh_service.store.schema import blobs
 
 _log = logging.getLogger(__name__)
 # Files of up to so many bytes are rows.

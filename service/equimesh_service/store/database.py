@@ -42,7 +42,8 @@ from sqlalchemy.exc import ArgumentError, DBAPIError
 
 from equimesh_service.errors import NewerDatabaseError, UnusableDatabaseError
 from equimesh_service.store.clock import MAX_SKEW_SECONDS, ServerClock, skew
-from equimesh_service.store.schema import Prepared, artifacts, blobs, keys, meshes, metadata, samples
+from equimesh_service.store.prepared import Prepared
+from equimesh_service.store.schema import artifacts, blobs, keys, meshes, metadata, samples
 
 # Of a connection to SQLite: whether its file could not be written to when it was opened.
 _READ_ONLY = "read only"
@@ -316,10 +317,10 @@ def _begin_sqlite(connection: Connection) -> None:
 
 
 # The revision of the tables in `schema`: that of the last step in `migrations`.
-LATEST = "0009"
+LATEST = "0010"
 _FIRST = "0001"
 # The revisions that this release can upgrade from.
-_OLDER = (_FIRST, "0002", "0003", "0006", "0007", "0008")
+_OLDER = (_FIRST, "0002", "0003", "0006", "0007", "0008", "0009")
 _log = logging.getLogger(__name__)
 # The table of Alembic, as Alembic creates it.
 _version = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))

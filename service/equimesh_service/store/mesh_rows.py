@@ -11,9 +11,9 @@ from sqlalchemy import Connection, bindparam, delete, insert, select, update
 from equimesh_service.errors import SamplesGoneError
 from equimesh_service.files.port import Removed
 from equimesh_service.store.database import Database, insert_new, lock, to_json
+from equimesh_service.store.prepared import Prepared
 from equimesh_service.store.rows import NODAL, QUEUED, RUNNING, SUCCEEDED, Artifact, Lease, NewMesh, Outcome
 from equimesh_service.store.schema import (
-    Prepared,
     artifacts,
     blobs,
     events,

@@ -27,6 +27,7 @@ from equimesh_service.store.mesh_rows import (
     remove_unused,
     use_samples,
 )
+from equimesh_service.store.prepared import Prepared
 from equimesh_service.store.rows import (
     CANCELED,
     FAILED,
@@ -47,7 +48,6 @@ from equimesh_service.store.rows import (
 )
 from equimesh_service.store.samples import insert_samples
 from equimesh_service.store.schema import (
-    Prepared,
     artifacts,
     events,
     idempotency,

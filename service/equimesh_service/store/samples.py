@@ -8,8 +8,9 @@ from equimesh_service.files.port import Publish, Removed, publish_nothing
 from equimesh_service.store.blobs import insert_blob
 from equimesh_service.store.database import Database, insert_new, lock
 from equimesh_service.store.mesh_rows import note_removals, removal_lookup, remove_unused
+from equimesh_service.store.prepared import Prepared
 from equimesh_service.store.rows import QUEUED, RUNNING, NewSamples, SamplesRow
-from equimesh_service.store.schema import Prepared, mesh_samples, meshes, retired, samples, samples_keys
+from equimesh_service.store.schema import mesh_samples, meshes, retired, samples, samples_keys
 
 # Statements are built once, since building them takes longer than executing them.
 _STAY = select(samples.c.id).where(samples.c.id == bindparam("samples")).with_for_update(read=True, key_share=True)

@@ -111,6 +111,16 @@ def computed(
     return asyncio.run(run())
 
 
+def test_a_free_worker_is_for_the_queue_unless_that_is_empty(engine: OneWorker) -> None:
+    looks: list[bool] = []
+    line = WorkerLine(engine, lambda: (), lambda: looks.append(True))
+    for line.queue_is_empty in (True, False):
+        with line.lock:
+            line._reserved += 1
+        line.release()
+    assert looks == [True]
+
+
 def test_a_worker_gets_the_request_as_it_came_and_is_free_then(tmp_path: Path, engine: OneWorker) -> None:
     def end(meshes: UnstoredMeshes, _: asyncio.Task[Any]) -> None:
         until(lambda: engine.tasks)

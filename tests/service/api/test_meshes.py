@@ -163,6 +163,17 @@ def test_an_unknown_parameter_is_refused(http: httpx.Client, method: str, path: 
     assert (f"did you mean '{near}'" in error["message"]) is bool(near)
 
 
+def test_who_asks_to_wait_by_a_parameter_is_told_the_header(http: httpx.Client) -> None:
+    answer = http.post("/v1/meshes?wait=30", json=small())
+    assert answer.status_code == 422
+    assert "send the header Prefer: wait=30" in answer.json()["errors"][0]["message"]
+
+
+def test_a_path_with_a_slash_too_many_is_a_problem(http: httpx.Client) -> None:
+    answer = http.post("/v1/meshes/", json=small())
+    assert (answer.status_code, answer.json()["type"]) == (404, "/problems/not-found")
+
+
 def test_near_words_are_named(http: httpx.Client, finished: dict[str, Any]) -> None:
     answer = http.get(finished["links"]["file"], params={"format": "vtuu"})
     assert (answer.status_code, "did you mean 'vtu'?" in answer.json()["detail"]) == (406, True)

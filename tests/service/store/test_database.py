@@ -18,7 +18,8 @@ from equimesh_service import Settings, running
 from equimesh_service.errors import UnusableDatabaseError
 from equimesh_service.store import database
 from equimesh_service.store.blobs import insert_blob
-from equimesh_service.store.schema import Prepared, blobs, samples
+from equimesh_service.store.prepared import Prepared
+from equimesh_service.store.schema import blobs, samples
 from equimesh_service.store.store import Store
 from service.databases import Postgres
 
@@ -161,3 +162,12 @@ def test_a_prepared_statement_takes_and_finds_what_sqlalchemy_would(store: Store
         assert not database.insert_new(connection, samples, {**row, "id": "s-4", "size": 1})
         with pytest.raises(IntegrityError), connection.begin_nested():
             insertion.execute(connection, {"id": "s-2", **row})
+
+
+def test_a_deleted_mesh_looks_for_its_keys_by_an_index(tmp_path: Path) -> None:
+    store = Store(f"sqlite:///{tmp_path / 'test.sqlite3'}")
+    store.prepare()
+    with store.database.read() as connection:
+        (plan,) = connection.execute(text("EXPLAIN QUERY PLAN SELECT key FROM idempotency WHERE mesh_id = 'm-1'")).all()
+    assert "USING INDEX ix_idempotency_mesh_id" in plan.detail
+    store.close()

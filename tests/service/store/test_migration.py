@@ -73,6 +73,7 @@ def test_the_keys_of_a_revision_without_shares_have_equal_ones(database_url: str
     upgrade(database_url)
     with engine.begin() as connection:  # back to revision 0006
         connection.execute(text("DROP TABLE blobs"))
+        connection.execute(text("DROP INDEX ix_idempotency_mesh_id"))
         connection.execute(text("DROP INDEX sequences_by_key"))
         connection.execute(text("ALTER TABLE steps DROP COLUMN settings"))
         connection.execute(text("ALTER TABLE keys DROP COLUMN share"))
@@ -94,6 +95,7 @@ def test_the_sequences_of_a_revision_without_their_list_are_listed(database_url:
     upgrade(database_url)
     with engine.begin() as connection:  # back to revision 0007
         connection.execute(text("DROP TABLE blobs"))
+        connection.execute(text("DROP INDEX ix_idempotency_mesh_id"))
         connection.execute(text("DROP INDEX sequences_by_key"))
         connection.execute(text("ALTER TABLE steps DROP COLUMN settings"))
         connection.execute(text("UPDATE alembic_version SET version_num = '0007'"))
@@ -133,7 +135,7 @@ def test_services_that_start_together_change_it_once(database_url: str, engine: 
         assert connection.execute(text("SELECT count(*) FROM alembic_version")).scalar() == 1
 
 
-@pytest.mark.parametrize("revision", ["0010", "0004"])
+@pytest.mark.parametrize("revision", ["0011", "0004"])
 def test_a_database_of_a_newer_release_is_refused(
     database_url: str, engine: Engine, tmp_path: Path, revision: str
 ) -> None:
