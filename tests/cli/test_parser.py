@@ -52,10 +52,7 @@ def test_paragraphs_are_filled_and_lists_are_not(monkeypatch: pytest.MonkeyPatch
         (["sovle", "x*y"], "argument COMMAND: 'sovle' is no command; perhaps solve is meant; see equimesh --help"),
         (["keys"], "the following arguments are required: {create,list,change,revoke}; see equimesh keys --help"),
         (["solve"], "no u is given: write an expression in quotes, such as 'tanh(20*(x - y))', or --samples FILE"),
-        (
-            ["solve", "x", "--samples", "u.csv"],
-            "u is given twice, as 'x' and as --samples u.csv: leave out",
-        ),
+        (["solve", "x", "--samples", "u.csv"], "u is given twice, as 'x' and as --samples u.csv: leave out"),
         (["solve", "-x*y"], "comes last, after --, as in -- '-x*y'; see equimesh solve --help"),
         (["solve", "x", "u.csv", "y"], "unrecognized arguments: u.csv y; put the expression in quotes"),
         (["solve", "x", "33"], "unrecognized arguments: 33; the number of points a side is an option: -n 33; see"),
@@ -65,16 +62,10 @@ def test_paragraphs_are_filled_and_lists_are_not(monkeypatch: pytest.MonkeyPatch
         (["solve", "x", "-n", "17x9"], "'17x9' is not a whole number: give --n-xi 17 --n-eta 9; see"),
         (["solve", "x", "--mesh", "a.msh"], "--mesh a.msh; perhaps --domain-file is meant"),
         (["solve", "x", "--t", "late"], "argument --t: 'late' is not a number"),
-        (
-            ["solve", "x", "-o", "no such/mesh.vtu"],
-            "there is no such folder; make it first: mkdir -p 'no such'",
-        ),
+        (["solve", "x", "-o", "no such/mesh.vtu"], "there is no such folder; make it first: mkdir -p 'no such'"),
         (["solve", "x", "--plot-kind", "mesh"], "--plot-kind mesh needs a picture: add --plot FILE, or --open"),
         (["solve", "x", "--monitor", "curvature", "--plot", "a.png", "--plot-kind", "convergence"], "--subdomains 2x1"),
-        (
-            ["check", "tanh(c*x)"],
-            "value with --parameter, as in --parameter c=2\n    tanh(c*x)\n         ^",
-        ),
+        (["check", "tanh(c*x)"], "value with --parameter, as in --parameter c=2\n    tanh(c*x)\n         ^"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

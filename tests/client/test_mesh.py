@@ -6,13 +6,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_client import (
-    BadArgument,
-    DeadlineExceeded,
-    InputProblem,
-    ProblemError,
-    Schwarz,
-)
+from equimesh_client import BadArgument, DeadlineExceeded, InputProblem, ProblemError, Schwarz
 from equimesh_client.errors import caret
 from equimesh_client.progress_bar import Watch
 

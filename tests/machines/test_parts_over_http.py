@@ -21,10 +21,7 @@ from service.conftest import until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
 U = "tanh(10*(x + y/2 - 0.75))"
-SPEC: dict[str, Any] = {
-    "monitor": {"kind": "arc_length", "u": U},
-    "grid": {"n_xi": 225, "n_eta": 161},
-}
+SPEC: dict[str, Any] = {"monitor": {"kind": "arc_length", "u": U}, "grid": {"n_xi": 225, "n_eta": 161}}
 # A solve of many seconds: of millions of points.
 LONG: dict[str, Any] = {"monitor": {"kind": "curvature", "u": U}, "grid": {"n_xi": 3073, "n_eta": 2049}}
 
@@ -100,12 +97,7 @@ def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(
 ) -> None:
     with Client(url) as client:
         mesh = client.generate(U, (225, 161), monitor=ArcLength(), deadline=120.0)
-        expected = em.solve(
-            em.Problem(
-                monitor=em.ArcLength(u=em.Expression(U)),
-                grid=em.Grid(n_xi=225, n_eta=161),
-            )
-        )
+        expected = em.solve(em.Problem(monitor=em.ArcLength(u=em.Expression(U)), grid=em.Grid(n_xi=225, n_eta=161)))
         for suffix in ("pvtu", "vtkhdf"):
             found = read_parts(mesh.download_parts(tmp_path, suffix))
             np.testing.assert_allclose(found.rows("x", 0, 225), expected.mesh.x, rtol=0.0, atol=1e-13)

@@ -64,7 +64,7 @@ def test_both_ways_give_the_same_mesh(http: httpx.Client) -> None:
         mesh = http.get(f"{posted.headers['location']}?wait=300").json()
         events = http.get(mesh["links"]["events"], headers={"Accept": "application/json"}).json()["items"]
         assert [event["data"]["status"] for event in events if event["event"] != "progress"] == [
-            *("queued", "running", "succeeded"),
+            *("queued", "running", "succeeded")
         ]
         return http.get(mesh["links"]["file"], params={"format": "npz"}).headers["etag"]
 

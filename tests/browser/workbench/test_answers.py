@@ -189,9 +189,7 @@ def test_remedies_of_problems(page: Page) -> None:
         ("spec=%7Bbroken", "The spec of this link is damaged"),
         ("garbage", "This link says nothing that the page can read"),
         pytest.param(
-            'spec={"monitor":{"kind":"nothing","u":"x"}}',
-            "the key 'kind' must be one of",
-            marks=pytest.mark.everything,
+            'spec={"monitor":{"kind":"nothing","u":"x"}}', "the key 'kind' must be one of", marks=pytest.mark.everything
         ),
     ],
 )

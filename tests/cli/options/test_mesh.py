@@ -35,10 +35,7 @@ def test_files_of_second_order_are_those_that_the_service_writes() -> None:
         (["--samples", "missing.npz"], "missing.npz: No such file"),
         (["--samples", "u.npz", "--t", "1"], "belong to an expression"),
         (["x", "--line-correction", "0", "--no-fallback"], "--line-correction, --no-fallback is for the Schwarz"),
-        (
-            ["x", "--subdomains", "2x1", "--transmission", "classical", "--p", "2"],
-            "--p is for --transmission linear",
-        ),
+        (["x", "--subdomains", "2x1", "--transmission", "classical", "--p", "2"], "--p is for --transmission linear"),
         (["x", "--subdomains", "2x1", "--p", "2"], "and this is --transmission optimized"),
         (
             ["x", "--subdomains", "2x1", "--transmission", "classical", "--interface-data", "local"],
@@ -157,12 +154,7 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
     words = ("--monitor", "weight", "--rho", str(tmp_path / "rho.csv"), "--domain", f"@{tmp_path / 'd.json'}")
     assert generate("x", *words)[0] == 0
     sent = json.loads(parts_of(service.seen("POST", "meshes")[-1])["spec"][1])
-    assert sent["monitor"] == {
-        "kind": "weight",
-        "rho": {"samples": "upload"},
-        "u": {"expression": "x"},
-        "map": "lines",
-    }
+    assert sent["monitor"] == {"kind": "weight", "rho": {"samples": "upload"}, "u": {"expression": "x"}, "map": "lines"}
     assert sent["domain"] == {**CURVED, "closed": False}
     words = ("--monitor", "weight", "--rho", "1 + x", "--map", "gradient")
     assert generate(*words)[0] == 0

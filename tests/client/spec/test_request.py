@@ -239,11 +239,7 @@ def test_monitors_as_json(monitor: Any, u: Any, json: dict[str, Any]) -> None:
         ({"kind": "weight", "u": X}, "y", "twice"),
         (Intersection([ArcLength(), Weight("x")]), None, "give u"),
         (Intersection([ArcLength(u="x"), ArcLength(u="y")]), "x", "not used"),
-        (
-            Intersection([Intersection([]), Weight("x")]),
-            None,
-            "a NodalSolution or an Intersection",
-        ),
+        (Intersection([Intersection([]), Weight("x")]), None, "a NodalSolution or an Intersection"),
         (Intersection(3), "x", "list of monitors"),  # type: ignore[arg-type]
         ("curvature", "x", "a monitor is"),
     ],

@@ -16,13 +16,7 @@ DATA = adapted(N_XI, N_ETA)
 # Where the parts begin, for 1, 3 and 4 parts. Some parts are shorter than a chunk of a zarr group.
 CUTS: tuple[tuple[int, ...], ...] = ((), (33, 41), (17, 33, 66))
 assert DATA.u is not None
-ARRAYS = {
-    "x": DATA.mesh.x,
-    "y": DATA.mesh.y,
-    "u": DATA.u,
-    "v": DATA.mesh.x + 2 * DATA.mesh.y,
-    "Q_eq": DATA.q_eq,
-}
+ARRAYS = {"x": DATA.mesh.x, "y": DATA.mesh.y, "u": DATA.u, "v": DATA.mesh.x + 2 * DATA.mesh.y, "Q_eq": DATA.q_eq}
 
 
 def data_of(part: MeshPart) -> PartData:

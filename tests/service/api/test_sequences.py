@@ -360,10 +360,7 @@ def test_conservative_fields_keep_their_integrals_and_bounds(http: httpx.Client)
     old = em.Mesh(mesh["x"], mesh["y"])
     nodal = np.where(mesh["x"] > 0.5, 1.0, 0.0)
     cells = np.dstack([nodal[1:, 1:], 2 - nodal[1:, 1:]])
-    settings: dict[str, Any] = {
-        "a": {"transfer": "conservative"},
-        "b": {"location": "cells", "bounds": [0, 2]},
-    }
+    settings: dict[str, Any] = {"a": {"transfer": "conservative"}, "b": {"location": "cells", "bounds": [0, 2]}}
     body = packed(
         step=0, u=np.tanh(20 * (mesh["x"] - 0.55)), a=nodal, b=cells, settings=json.dumps({"fields": settings})
     )

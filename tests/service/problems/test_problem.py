@@ -31,14 +31,7 @@ def test_every_problem_explains_itself(http: httpx.Client) -> None:
 # The faults of each type of value, as pydantic names them; other types of values need an entry here.
 FAULTS = {
     "bool": {"bool_type", "bool_parsing"},
-    "float": {
-        "float_type",
-        "float_parsing",
-        "finite_number",
-        "greater_than",
-        "greater_than_equal",
-        "less_than_equal",
-    },
+    "float": {"float_type", "float_parsing", "finite_number", "greater_than", "greater_than_equal", "less_than_equal"},
     "int": {"int_type", "int_parsing", "int_parsing_size", "int_from_float", "greater_than_equal", "less_than_equal"},
     "str": {"string_type", "string_too_long", "string_pattern_mismatch", "string_unicode"},
     "list": {"list_type", "too_short", "too_long"},
@@ -120,10 +113,7 @@ DOCUMENTS: list[tuple[type[Document], Any]] = [
     *((MeshSpec, {"monitor": monitor}) for monitor in MONITORS.values()),
     *((MeshSpec, {"monitor": {"u": "x"}, "domain": domain}) for domain in DOMAINS.values()),
     (MeshSpec, {"monitor": {"u": {"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [2, 3]]}}}}),
-    (
-        MeshSpec,
-        {"monitor": {"u": {"nodal": {"x": [[0, 0]], "y": [[0, 1]], "values": [[2, 3]]}}}},
-    ),
+    (MeshSpec, {"monitor": {"u": {"nodal": {"x": [[0, 0]], "y": [[0, 1]], "values": [[2, 3]]}}}}),
     (MeshSpec, {"monitor": {"u": {"scattered": {"points": [[0, 1]], "values": [1]}}}, "schwarz": SCHWARZ}),
     (MeshSpec, {"monitor": {"u": {"samples": "s"}}, "label": "a", "grid": {"n_xi": 4}, "mode": "tight"}),
     (MeshSpec, {"monitor": {"u": {"expression": "x", "parameters": {"k": 1}, "t": 0}}, "target": {"error": 1}}),

@@ -164,8 +164,7 @@ def test_a_failed_change_leaves_the_old_database(database_url: str, engine: Engi
 
 
 @pytest.mark.parametrize(
-    "url",
-    ["", "nonsense", "mysql://u:hunter2@h/n", "sqlite://", "postgresql://u:hunter2@h:port/n"],
+    "url", ["", "nonsense", "mysql://u:hunter2@h/n", "sqlite://", "postgresql://u:hunter2@h:port/n"]
 )
 def test_an_address_that_cannot_be_used_is_told_without_its_password(url: str) -> None:
     with pytest.raises(UnusableDatabaseError, match="addresses are") as caught:

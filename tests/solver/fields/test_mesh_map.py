@@ -131,10 +131,7 @@ def test_a_point_next_to_the_cut_of_a_ring_is_found_from_the_other_side(turned: 
 
 @pytest.mark.parametrize(
     ("domain", "formula"),
-    [
-        (em.AnnulusSector(closed=True), "exp(x)*y"),
-        (em.Rectangle(x=(1, 3), periodic="both"), "sin(pi*x)*cos(2*pi*y)"),
-    ],
+    [(em.AnnulusSector(closed=True), "exp(x)*y"), (em.Rectangle(x=(1, 3), periodic="both"), "sin(pi*x)*cos(2*pi*y)")],
 )
 def test_the_reference_of_a_mesh_whose_seam_bends_is_found(domain: Any, formula: str) -> None:
     s, t = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 33), indexing="ij")

@@ -8,15 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.kernels import Nodes, Rule
-from equimesh.quality.elements import (
-    CellKind,
-    basis,
-    lobatto,
-    nodes_of,
-    quadrilateral,
-    rule,
-    triangle,
-)
+from equimesh.quality.elements import CellKind, basis, lobatto, nodes_of, quadrilateral, rule, triangle
 from solver.bent import bent, objective_on, uniform
 
 ELEMENTS = {

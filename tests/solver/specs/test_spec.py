@@ -205,15 +205,8 @@ def test_files_of_meshes_and_of_points_are_beside_a_problem_file(tmp_path: Path)
 
 
 def test_what_goes_with_a_grid_is_refused_on_blocks() -> None:
-    document: dict[str, Any] = {
-        "monitor": {"kind": "least_error", "u": "x*y"},
-        "domain": {"kind": "blocks", **BLOCKS},
-    }
-    for name, value in {
-        "grid": {"n_xi": 8},
-        "boundary": "orthogonal",
-        "parts": 2,
-    }.items():
+    document: dict[str, Any] = {"monitor": {"kind": "least_error", "u": "x*y"}, "domain": {"kind": "blocks", **BLOCKS}}
+    for name, value in {"grid": {"n_xi": 8}, "boundary": "orthogonal", "parts": 2}.items():
         with pytest.raises(InputError) as caught:
             build({**document, name: value})
         assert caught.value.field == name
