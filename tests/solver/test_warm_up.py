@@ -86,3 +86,10 @@ def test_why_no_archive_is_made(
     said = f"{ended.value} {capsys.readouterr().err}"
     expected = {"used": "take a new one", "svml": "NUMBA_DISABLE_INTEL_SVML=1", "alone": "add --archive"}
     assert expected[fault] in said
+
+
+def test_no_loop_makes_text() -> None:
+    # For an assignment that could be broadcast Numba compiles the text of an error, which takes seconds.
+    entries = warm_up.kept_entries()
+    assert entries, "no loop is kept: python -m equimesh.warm_up"
+    assert [name for name, entry in entries.items() if b"unicode" in entry] == []

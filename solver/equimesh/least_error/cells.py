@@ -250,18 +250,18 @@ def _triples_of_blocks(corners: IntArray, starts: IntArray, places: IntArray) ->
             other, corner = divmod(places[first + 1], 4)
             ahead_there, behind_there = corners[other, (corner + 1) % 4], corners[other, (corner + 3) % 4]
             if behind == ahead_there:
-                out[count] = ahead, node, behind_there
+                out[count, 0], out[count, 1], out[count, 2] = ahead, node, behind_there
                 count += 1
             elif ahead == behind_there:
-                out[count] = behind, node, ahead_there
+                out[count, 0], out[count, 1], out[count, 2] = behind, node, ahead_there
                 count += 1
             continue
         for k in range(first + 1, first + 4):
             other, corner = divmod(places[k], 4)
             ahead_there, behind_there = corners[other, (corner + 1) % 4], corners[other, (corner + 3) % 4]
             if ahead_there not in (ahead, behind) and behind_there not in (ahead, behind):
-                out[count] = ahead, node, ahead_there
-                out[count + 1] = behind, node, behind_there
+                out[count, 0], out[count, 1], out[count, 2] = ahead, node, ahead_there
+                out[count + 1, 0], out[count + 1, 1], out[count + 1, 2] = behind, node, behind_there
                 count += 2
                 break
     return out[:count].copy()

@@ -426,5 +426,8 @@ def projected_errors(places: Places, element: Element, number: IntArray, matrix:
     spread(number, load, dual)
     total, plain = add_errors(places, element, added, dual, sums)
     if plain > 0.0:
-        sums[:, 2:] *= total / plain
+        share = total / plain
+        for k in range(sums.shape[0]):
+            for column in range(2, sums.shape[1]):
+                sums[k, column] *= share
     return total

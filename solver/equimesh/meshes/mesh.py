@@ -118,7 +118,10 @@ def smallest_jacobian(x: Array, y: Array) -> float:
             here = min(min(one, two), min(three, four))
             smallest[j] = min(smallest[j], here)
             check[j] += one + two + three + four
-    return smallest.min() if np.isfinite(check.sum()) else np.nan
+    least, total = np.inf, 0.0
+    for j in range(n_eta - 1):
+        least, total = min(least, smallest[j]), total + check[j]
+    return least if np.isfinite(total) else np.nan
 
 
 @compiled
@@ -132,7 +135,10 @@ def largest_difference(one: Array, other: Array) -> float:
             difference = abs(a[j] - b[j])
             largest[j] = max(largest[j], difference)
             check += difference
-    return largest.max() if np.isfinite(check) else np.nan
+    most = 0.0
+    for here in largest:
+        most = max(most, here)
+    return most if np.isfinite(check) else np.nan
 
 
 @compiled

@@ -330,7 +330,7 @@ def block_shapes(twin: IntArray, marked: BoolArray) -> tuple[IntArray, IntArray]
                 break
             column = twin[above]
             rows += 1
-        shapes[blocks], firsts[blocks] = (columns + 1, rows + 1), first
+        shapes[blocks, 0], shapes[blocks, 1], firsts[blocks] = columns + 1, rows + 1, first
         blocks += 1
     return shapes[:blocks].copy(), firsts[:blocks].copy()
 
