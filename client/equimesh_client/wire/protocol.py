@@ -266,13 +266,19 @@ def multipart(parts: Mapping[str, Upload]) -> tuple[str, bytes]:
     return f"multipart/form-data; boundary={boundary}", b"\r\n".join(lines)
 
 
+def _object(text: str | bytes) -> dict[str, Any] | None:
+    """The JSON object of a text; None for any other text."""
+    try:
+        value = json.loads(text)
+    except ValueError:
+        return None
+    return value if isinstance(value, dict) else None
+
+
 def json_of(reply: Reply) -> dict[str, Any]:
     """The JSON object of an answer; raises :class:`ServiceUnreachable` for the answer of another program."""
-    try:
-        value = json.loads(reply.body)
-    except ValueError:
-        value = None
-    if not isinstance(value, dict):
+    value = _object(reply.body)
+    if value is None:
         kind = reply.headers.get("content-type", "no content type")
         raise ServiceUnreachable(
             f"the answer (HTTP {reply.status}, {kind}) is not one of an equimesh service; check the URL"
@@ -282,11 +288,8 @@ def json_of(reply: Reply) -> dict[str, Any]:
 
 def certificate_of(reply: Reply) -> Certificate | None:
     """The certificate that came with a file; None without one, as from another service."""
-    try:
-        found = json.loads(reply.headers.get("equimesh-certificate", ""))
-    except ValueError:
-        return None
-    return Certificate.from_json(found) if isinstance(found, dict) else None
+    found = _object(reply.headers.get("equimesh-certificate", ""))
+    return None if found is None else Certificate.from_json(found)
 
 
 def mesh_of(reply: Reply) -> dict[str, Any]:
@@ -320,12 +323,7 @@ def raise_for_status(reply: Reply, call: Call) -> Reply:
 
 def problem_of(reply: Reply, call: Call) -> ProblemError:
     """The exception for an unsuccessful answer with any body."""
-    try:
-        document = json.loads(reply.body)
-    except ValueError:
-        document = None
-    if not isinstance(document, dict):
-        document = {}
+    document = _object(reply.body) or {}
     phrase = next((s.phrase for s in HTTPStatus if s.value == reply.status), "unexpected answer")
     detail = document.get("detail", "")
     if not detail and 300 <= reply.status < 400:
