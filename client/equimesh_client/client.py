@@ -171,7 +171,7 @@ class ClientOperations(ABC, Generic[M]):
         domain: Domain | Mapping[str, Any] | None = None,
         points: int | None = None,
         rounds: int = 5,
-        norm: Norm = "l2",
+        norm: Norm | None = None,
         degree: int | None = None,
         cells: Literal["quad", "triangle"] | None = None,
         goal: Goal | None = None,
@@ -188,11 +188,11 @@ class ClientOperations(ABC, Generic[M]):
         ``solve(mesh)`` solves on a :class:`Mesh`, which has the methods ``to_skfem()``, ``to_dolfinx(comm)`` and so
         on, and returns one of these: values at the nodes, a field of a library with an adaptor, ``CellAverages``, or
         an ``ErrorIndicator`` of the cells. It is called first on the uniform mesh, on blocks the initial one, then at
-        most ``rounds`` times. ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``, and by
-        which rounds are ranked. ``degree``, 1 to 4, is that of the elements at whose nodes values are; without it that
-        of a field whose space shows it is taken, and 1 for arrays. ``cells`` are those of the elements, and of all
-        meshes; without it those of such a field, and quadrilaterals. ``observe`` is called with every round.
-        ``deadline`` is that of each mesh, in seconds.
+        most ``rounds`` times. ``norm`` is that of the error that meshes minimise and by which rounds are ranked,
+        ``"l2"``, without a goal the default, or ``"h1"``. ``degree``, 1 to 4, is that of the elements at whose nodes
+        values are; without it that of a field whose space shows it is taken, and 1 for arrays. ``cells`` are those of
+        the elements, and of all meshes; without it those of such a field, and quadrilaterals. ``observe`` is called
+        with every round. ``deadline`` is that of each mesh, in seconds.
 
         With a ``goal`` meshes make the error of that functional small, ``solve`` returns :class:`WithAdjoint`, and the
         loop ends, too, where its estimated error and the change of its corrected value are at most ``tolerance``

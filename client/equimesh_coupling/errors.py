@@ -3,6 +3,7 @@
 ::
 
     EquimeshError             the root of the solver, and of the client under the name EquimeshClientError
+    ├── InputError            an argument that cannot be used; the message names the place and a remedy
     └── CouplingError         a mesh does not reach another library, or values do not come back
         ├── MissingLibrary    the library is not installed, or does not load (also an ImportError)
         ├── OldLibrary        the library is older than what the adaptor needs (also an ImportError)
@@ -26,6 +27,19 @@ PARSING = threading.RLock()
 
 class EquimeshError(Exception):
     """Root of every exception that equimesh raises on purpose."""
+
+
+class InputError(EquimeshError, ValueError):
+    """Input that cannot be used.
+
+    ``field`` names the offending option as a path of the problem's own names, e.g. ``"grid.n_xi"`` or
+    ``"a"``; the message describes the fault and the remedy.
+    """
+
+    def __init__(self, message: str, *, field: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.field = field
 
 
 class CouplingError(EquimeshError):

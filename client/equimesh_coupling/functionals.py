@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from equimesh_coupling.elements import gauss
 from equimesh_coupling.errors import BadValues
-from equimesh_coupling.parts import Array, IntArray, MeshParts
+from equimesh_coupling.parts import Array, BoolArray, IntArray, MeshParts
 from equimesh_coupling.recovery import edge_numbers, unique_edges
 
 Region: TypeAlias = Callable[[Array, Array], npt.ArrayLike]
@@ -112,7 +112,7 @@ def _in_parts(parts: MeshParts, cells: IntArray, region: Region) -> Places:
     ends, middles = np.linspace(0.0, 1.0, INTERVALS + 1), (np.arange(LINES) + 0.5) / LINES
     every, along = (q.ravel() for q in np.meshgrid(np.arange(len(cells)), middles, indexing="ij"))
 
-    def is_in(which: IntArray, s: Array) -> npt.NDArray[np.bool_]:
+    def is_in(which: IntArray, s: Array) -> BoolArray:
         points = parts.points[parts.cells[cells[every[which]]]].transpose(1, 0, 2)
         x, y = (shape_functions(s, along[which])[..., None] * points).sum(axis=0).T
         return _is_in(region, x, y)
@@ -136,7 +136,7 @@ def _in_parts(parts: MeshParts, cells: IntArray, region: Region) -> Places:
     return Places(cell, s, t, np.tile(0.5 * (end - begin) / LINES, 2) * _areas(parts, cell, s, t))
 
 
-def _is_in(region: Region, x: Array, y: Array) -> npt.NDArray[np.bool_]:
+def _is_in(region: Region, x: Array, y: Array) -> BoolArray:
     found = answer(region, x, y, "the region")
     if found.shape != x.shape or found.dtype.kind not in "biu":
         raise BadValues(

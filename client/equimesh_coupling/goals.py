@@ -8,7 +8,7 @@ Numerica 10, 2001).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, TypeAlias
 
@@ -17,10 +17,9 @@ import numpy.typing as npt
 
 from equimesh_coupling.adaptation import GoalRecord
 from equimesh_coupling.arrays import finite, real
-from equimesh_coupling.biquadratic import Equation, SourceFunction, functional_of_degree_2
-from equimesh_coupling.errors import BadValues, library
+from equimesh_coupling.biquadratic import Equation, PlacesFunction, SourceFunction, functional_of_degree_2
+from equimesh_coupling.errors import BadValues, InputError, library
 from equimesh_coupling.functionals import (
-    Places,
     Region,
     flux_weights,
     nodes_of_side,
@@ -29,21 +28,20 @@ from equimesh_coupling.functionals import (
     places_on_side,
     shape_functions,
 )
-from equimesh_coupling.parts import Array, HasParts, MeshParts
+from equimesh_coupling.parts import Array, BoolArray, HasParts, MeshParts
 from equimesh_coupling.values import element_values, node_values
 from equimesh_schema.certificate import ErrorProducts
 from equimesh_schema.document import is_number
 
 WeightsFunction: TypeAlias = Callable[[Any], npt.ArrayLike]
 """From a mesh to one weight for each node, in the order of the nodes."""
-PlacesFunction: TypeAlias = Callable[[MeshParts], Places]
-"""From the parts of a mesh to the places whose values make a functional."""
 POINT_NODES = 4
 """Nodes with weights, at most, of a functional that is the value at a point."""
 NEEDS_ADJOINT = "with a goal, return WithAdjoint(u, z), or WithAdjoint(u, matrix=A, fixed=nodes), which solves for z"
 NEEDS_GOAL = "an adjoint needs a goal, whose error it tells: give goal=Goal(...), or return u alone"
 NO_DUAL_DEGREE = "an adjoint is known on elements of degree 1 alone: leave the degree out, or solve without a goal"
 NO_DUAL_TRIANGLES = "with an adjoint errors are those on quadrilaterals: leave cells='triangle' out"
+NO_NORM = "with a goal the error is that of the functional, not a norm: leave norm out, or the goal"
 CONSTANT = "the functional is constant: no value of the solution changes it, so that its adjoint is zero everywhere"
 
 
@@ -54,11 +52,11 @@ class Goal:
     :meth:`point`, :meth:`integral`, :meth:`over_side` and :meth:`flux` make usual ones. The error of the functional is
     estimated for ``-div(diffusion grad u) + stream . grad u + reaction u = source`` where its ``diffusion`` is given,
     unless the solver returns an estimate of its own. With the ``source``, a number or a function of x and y, it is
-    estimated by a solution of degree 2 on the same mesh, but for weights of your own: ``fixed`` of the solver then has
+    estimated by a solution of degree 2 on halved cells, but for weights of your own: ``fixed`` of the solver then has
     all nodes with given values, and nothing flows through the rest of the boundary. Without it recovered u and z tell
     it, but for the value at a point, whose adjoint they do not tell.
 
-    Raises ``ValueError`` for numbers that no equation has.
+    Raises :class:`InputError` for numbers that no equation has.
     """
 
     weights: WeightsFunction
@@ -74,33 +72,43 @@ class Goal:
 
     def __post_init__(self) -> None:
         if not callable(self.weights):
-            raise ValueError(
-                "weights is no function: give one from a mesh to the weights of its nodes, or Goal.point(x, y)"
+            raise InputError(
+                "weights is no function: give one from a mesh to the weights of its nodes, or Goal.point(x, y)",
+                field="weights",
             )
-        numbers = (*self.stream, self.reaction, *(() if self.diffusion is None else (self.diffusion,)))
-        is_known = all(is_number(one) and math.isfinite(one) for one in numbers) and len(self.stream) == 2
-        if not is_known or (self.diffusion is not None and self.diffusion <= 0.0):
-            raise ValueError(
-                "diffusion, stream and reaction are those of the equation: a positive number, a pair, and a number"
+        if self.diffusion is not None and not (_is_finite(self.diffusion) and self.diffusion > 0.0):
+            raise InputError(
+                f"diffusion = {self.diffusion!r:.40} is none of an equation: give a positive number", field="diffusion"
             )
-        if self.source is not None and not (callable(self.source) or is_number(self.source)):
-            raise ValueError("source is the right side of the equation: a number, or a function of x and y")
+        if not (isinstance(self.stream, Sequence | np.ndarray) and len(self.stream) == 2 and _is_finite(*self.stream)):
+            raise InputError(
+                f"stream = {self.stream!r:.40} is none of an equation: give a pair of numbers", field="stream"
+            )
+        if not _is_finite(self.reaction):
+            raise InputError(
+                f"reaction = {self.reaction!r:.40} is none of an equation: give a number", field="reaction"
+            )
+        if self.source is not None and not (callable(self.source) or _is_finite(self.source)):
+            raise InputError(
+                "source is the right side of the equation: a number, or a function of x and y", field="source"
+            )
         if self.source is not None and self.diffusion is None:
-            raise ValueError("source is that of an equation: give its diffusion, too")
+            raise InputError("source is that of an equation: give its diffusion, too", field="diffusion")
 
     @classmethod
     def point(cls, x: float, y: float, **equation: Any) -> Goal:
         """The value at a point."""
-        if not all(is_number(one) and math.isfinite(one) for one in (x, y)):
-            raise ValueError(f"the point is ({x!s:.20}, {y!s:.20}): give two finite numbers")
+        if not _is_finite(x, y):
+            raise InputError(f"the point is ({x!s:.20}, {y!s:.20}): give two finite numbers", field="point")
         return cls._of(lambda parts: place_of_point(parts, x, y), equation)
 
     @classmethod
     def integral(cls, region: Region | None = None, **equation: Any) -> Goal:
         """The integral over a region, which tells for arrays x and y what is in it, or over the whole domain."""
         if not (region is None or callable(region)):
-            raise ValueError(
-                f"region = {str(region)[:40]!r}: give a function, such as lambda x, y: x > 0.5, or nothing"
+            raise InputError(
+                f"region = {str(region)[:40]!r}: give a function, such as lambda x, y: x > 0.5, or nothing",
+                field="region",
             )
         return cls._of(lambda parts: places_in_region(parts, region), equation)
 
@@ -178,22 +186,39 @@ class GoalValues:
     """Whether the functional is the value at a point, whose adjoint recovered values do not tell."""
 
 
-def check_goal(goal: object, tolerance: object, degree: object, points: object = None, cells: object = None) -> None:
-    """Raise ``ValueError`` for a goal that cannot be used."""
+def check_goal(
+    goal: object,
+    tolerance: object,
+    degree: object,
+    *,
+    norm: object = None,
+    points: object = None,
+    cells: object = None,
+) -> None:
+    """Raise :class:`InputError` for a goal that cannot be used, and for what has no meaning with one."""
     if goal is None:
         if tolerance is not None:
-            raise ValueError("tolerance is that of a functional: give the goal, too")
+            raise InputError("tolerance is that of a functional: give the goal, too", field="tolerance")
         return
     if not isinstance(goal, Goal):
-        raise ValueError(f"goal = {str(goal)[:40]!r}: give one, such as Goal.point(0.5, 0.5)")
+        raise InputError(f"goal = {str(goal)[:40]!r}: give one, such as Goal.point(0.5, 0.5)", field="goal")
+    if norm is not None:
+        raise InputError(f"norm = {norm!r:.20}: {NO_NORM}", field="norm")
     if degree not in (None, 1):
-        raise ValueError(f"degree = {degree}: {NO_DUAL_DEGREE}")
+        raise InputError(f"degree = {degree}: {NO_DUAL_DEGREE}", field="degree")
     if cells == "triangle":
-        raise ValueError(NO_DUAL_TRIANGLES)
+        raise InputError(NO_DUAL_TRIANGLES, field="cells")
     if points is not None:
-        raise ValueError("points finds the mesh for a norm of the error: give n with a goal, on blocks neither")
+        raise InputError(
+            "points finds the mesh for a norm of the error: give n with a goal, on blocks neither", field="points"
+        )
     if tolerance is not None and not (is_number(tolerance) and 0.0 < tolerance < math.inf):
-        raise ValueError(f"tolerance = {str(tolerance)[:20]}: give a positive number")
+        raise InputError(f"tolerance = {str(tolerance)[:20]}: give a positive number", field="tolerance")
+
+
+def _is_finite(*numbers: object) -> bool:
+    """Whether all are finite numbers."""
+    return all(is_number(one) and math.isfinite(one) for one in numbers)
 
 
 def goal_values(returned: Any, mesh: HasParts, goal: Goal) -> GoalValues:
@@ -245,7 +270,7 @@ def _error(returned: WithAdjoint, u: Array, value: float, mesh: HasParts, goal: 
     is_fixed = ~_free_nodes(returned.fixed, u.size)
     if not (is_fixed.any() or goal.reaction):
         raise BadValues("no node has a given value, so that the equation has many solutions: name them in fixed")
-    of = str(goal.flux_side) if goal.places is None else goal.places(parts)
+    of = str(goal.flux_side) if goal.places is None else goal.places
     return functional_of_degree_2(parts, equation, of, u, is_fixed) - value
 
 
@@ -298,7 +323,7 @@ def _adjoint(matrix: Any, weights: Array, fixed: Any, *, is_flux: bool) -> Array
     return finite(z, "the adjoint")
 
 
-def _free_nodes(fixed: Any, count: int) -> npt.NDArray[np.bool_]:
+def _free_nodes(fixed: Any, count: int) -> BoolArray:
     """Whether each node is none of the ``fixed`` ones, which are numbers or a mask."""
     is_free = np.ones(count, dtype=bool)
     try:

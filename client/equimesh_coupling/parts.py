@@ -14,6 +14,7 @@ from equimesh_coupling.errors import BadValues
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 # The corners of the two triangles of a cell: cut from its corner 0 to 2, or from 1 to 3.
 CUTS = np.array([[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]])

@@ -4,7 +4,7 @@
 
     EquimeshError             the root of all packages, of :mod:`equimesh_coupling.errors`
     ├── CouplingError         a mesh does not reach another library, or values do not come back; drawn there
-    ├── InputError            the caller's data cannot be used; the message names the place and a remedy
+    ├── InputError            an argument cannot be used, of :mod:`equimesh_coupling.errors`, too
     │   ├── ExpressionError   ... at a position inside the expression
     │   ├── SamplesError      ... in an array of samples, names the first bad index
     │   └── DecompositionError ... subdomains, overlap and grid do not fit together
@@ -14,22 +14,9 @@
 
 from dataclasses import dataclass
 
-from equimesh_coupling.errors import EquimeshError
+from equimesh_coupling.errors import EquimeshError, InputError
 
 __all__ = ["DecompositionError", "EquimeshError", "ExpressionError", "InputError", "Position", "SamplesError"]
-
-
-class InputError(EquimeshError, ValueError):
-    """Input that cannot be used.
-
-    ``field`` names the offending option as a path of the problem's own names, e.g. ``"grid.n_xi"`` or
-    ``"a"``; the message describes the fault and the remedy.
-    """
-
-    def __init__(self, message: str, *, field: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.field = field
 
 
 @dataclass(frozen=True)

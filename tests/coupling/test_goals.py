@@ -116,27 +116,30 @@ def test_what_cannot_be_used_is_a_sentence(returned: Any, goal: em.Goal, words: 
 
 
 @pytest.mark.parametrize(
-    "equation",
+    ("field", "equation"),
     [
-        {"diffusion": math.nan},
-        {"diffusion": -1.0},
-        {"stream": (1.0, 2.0, 3.0)},
-        {"reaction": "1"},
-        {"diffusion": 1.0, "source": "1"},
-        {"source": 1.0},
+        ("diffusion", {"diffusion": math.nan}),
+        ("diffusion", {"diffusion": -1.0}),
+        ("stream", {"stream": (1.0, 2.0, 3.0)}),
+        ("stream", {"stream": 1.0}),
+        ("reaction", {"reaction": "1"}),
+        ("source", {"diffusion": 1.0, "source": "1"}),
+        ("source", {"diffusion": 1.0, "source": math.inf}),
+        ("diffusion", {"source": 1.0}),
     ],
 )
-def test_an_equation_without_numbers_is_refused(equation: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"of (the|an) equation"):
+def test_an_equation_without_numbers_is_refused(field: str, equation: dict[str, Any]) -> None:
+    with pytest.raises(em.InputError, match=r"of (the|an) equation") as caught:
         em.Goal.point(0.1, 0.2, **equation)
+    assert caught.value.field == field
 
 
 def test_what_makes_no_functional_is_refused() -> None:
-    with pytest.raises(ValueError, match="from a mesh to the weights"):
+    with pytest.raises(em.InputError, match="from a mesh to the weights"):
         em.Goal(1.0)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="give a function, such as lambda x, y"):
+    with pytest.raises(em.InputError, match="give a function, such as lambda x, y"):
         em.Goal.integral("x > 0.5")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="give two finite numbers"):
+    with pytest.raises(em.InputError, match="give two finite numbers"):
         em.Goal.point(math.nan, 0.5)
 
 

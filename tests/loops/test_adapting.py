@@ -158,6 +158,7 @@ def test_what_is_refused(connect: Connect, url: str) -> None:
         ({"degree": 3, "cells": "triangle"}, r"degree = 3: give 1 to 2, .*on triangles"),
         ({"cells": "hexagon"}, "cells = 'hexagon': choose 'quad' or 'triangle'"),
         ({"tolerance": 1e-3}, "give the goal, too"),
+        ({"goal": GOAL, "norm": "h1"}, "leave norm out"),
     ):
         with pytest.raises(equimesh_client.BadArgument, match=words):
             client.adapt(front, 9, **options)

@@ -79,7 +79,8 @@ class AdaptLoop(Generic[M]):
     """Points a side; None on blocks, which have their own."""
     domain: Domain | Mapping[str, Any] | None
     rounds: int
-    norm: Norm
+    norm: Norm | None
+    """The norm of the error; None for "l2", and with a goal."""
     degree: int | None = None
     """The degree of the elements, 1 to 4; None: that of the space of a field, 1 for arrays."""
     cells: Cells | None = None
@@ -90,6 +91,8 @@ class AdaptLoop(Generic[M]):
     """The estimated error of the functional at which the loop ends."""
     points: int | None = None
     """The most points of the whole mesh, whose shape is found; None where ``n`` or the domain gives it."""
+    measured_norm: Norm = field(init=False)
+    """The norm in which errors are measured."""
     is_settled: bool = False
     """Whether a round that resolves the solution has kept the shape of the mesh before."""
     first_resolved: object = None
@@ -119,7 +122,7 @@ class AdaptLoop(Generic[M]):
         least = 1 if has_own_points(self.domain) else MIN_GRID_POINTS  # the service knows that of blocks
         if self.points is not None and not (is_whole(self.points) and self.points >= least):
             raise BadArgument(f"points = {self.points!r:.20}: give a whole number, at least {least} in all")
-        if self.norm not in NORMS:
+        if self.norm not in (None, *NORMS):
             raise BadArgument(f"norm = {self.norm!r}: choose 'l2' or 'h1'")
         if self.cells not in (None, *MAX_DEGREES):
             raise BadArgument(f"cells = {str(self.cells)[:20]!r}: choose 'quad' or 'triangle'")
@@ -127,16 +130,16 @@ class AdaptLoop(Generic[M]):
         if self.degree is not None and not (is_whole(self.degree) and 1 <= self.degree <= most):
             raise BadArgument(f"degree = {self.degree!r:.20}: give 1 to {most}, the degree of your elements{where}")
         try:
-            check_goal(self.goal, self.tolerance, self.degree, cells=self.cells)
+            check_goal(self.goal, self.tolerance, self.degree, norm=self.norm, cells=self.cells)
         except ValueError as error:
             raise BadArgument(str(error)) from error
-        if self.goal is not None:
-            self.norm = "h1"  # products of two errors are those of the gradients
+        # Products of two errors are those of the gradients.
+        self.measured_norm = self.norm or ("h1" if self.goal else "l2")
 
     @property
     def is_done(self) -> bool:
         """Whether the loop ends."""
-        return verdict_on(self.done, self.rounds, self.norm, self.tolerance).is_done
+        return verdict_on(self.done, self.rounds, self.measured_norm, self.tolerance).is_done
 
     def first(self) -> GenerateArguments:
         """The request for the uniform mesh, on blocks the initial one; of ``points`` in the shape of the domain."""
@@ -167,13 +170,13 @@ class AdaptLoop(Generic[M]):
                 return {"nodes": nodes, "values": of, **shape} if on_blocks else (x, y, of)
 
             adjoint = None if dual is None else samples(dual.z)
-            earlier = self.first_resolved if (self.norm, degree) == ("l2", 1) else None
-            monitor = NodalSolution(norm=self.norm, degree=degree, adjoint=adjoint, earlier=earlier)
+            earlier = self.first_resolved if (self.measured_norm, degree) == ("l2", 1) else None
+            monitor = NodalSolution(norm=self.measured_norm, degree=degree, adjoint=adjoint, earlier=earlier)
             found: Any = {"arrays": arrays, "values": values, "cells": cells, "dual": dual}
             return RoundAnswer(is_indicator=False, monitor=monitor, u=samples(values), **found)
         indicator = cell_values(returned, arrays)
         require_same_kind(self.done, is_indicator=True)
-        density = wanted_density(arrays.x, arrays.y, indicator, self.norm)
+        density = wanted_density(arrays.x, arrays.y, indicator, self.measured_norm)
         weight = None if density is None else Weight((arrays.x, arrays.y, density), map="gradient")
         return RoundAnswer(arrays=arrays, values=indicator, is_indicator=True, monitor=weight)
 
@@ -223,7 +226,7 @@ class AdaptLoop(Generic[M]):
 
     def ended(self, failure: Exception | None = None) -> Adaptation[M]:
         """The result; ``failure`` is what ended the loop before its time."""
-        return ended(self.done, self.rounds, self.norm, failure, self.tolerance)
+        return ended(self.done, self.rounds, self.measured_norm, failure, self.tolerance)
 
     def _request(
         self,
@@ -234,7 +237,7 @@ class AdaptLoop(Generic[M]):
         *,
         points: int | None = None,
     ) -> GenerateArguments:
-        target = None if points is None else Target(norm=self.norm, max_points=points)
+        target = None if points is None else Target(norm=self.measured_norm, max_points=points)
         options: MeshOptions = {**DEFAULTS, "monitor": monitor, "domain": self.domain, "target": target}
         n = DEFAULT_POINTS if n is None else n
         return GenerateArguments(u=u, n=n, options=options, cells=self.cells or cells)

@@ -223,7 +223,7 @@ class AdaptArguments(TypedDict, total=False):
 
     points: int | None
     rounds: int
-    norm: Norm
+    norm: Norm | None
     degree: int | None
     cells: CellKind | None
     goal: Goal | None
@@ -256,7 +256,7 @@ def adapt(
     domain: Domain | Blocks = UNIT_SQUARE,
     points: int | None = None,
     rounds: int = 5,
-    norm: Norm = "l2",
+    norm: Norm | None = None,
     degree: int | None = None,
     cells: CellKind | None = None,
     goal: Goal | None = None,
@@ -277,7 +277,8 @@ def adapt(
     ``to_dolfinx(comm)`` and so on, and returns one of these: values at the nodes, a field of a library with an adaptor,
     :class:`~equimesh_coupling.recovery.CellAverages`, or an :class:`~equimesh_coupling.recovery.ErrorIndicator` of the
     cells. It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that
-    meshes minimise and by which rounds are ranked: ``"l2"`` of u, or ``"h1"`` of its gradient. ``degree``, 1 to 4, is
+    meshes minimise and by which rounds are ranked: ``"l2"`` of u, without a goal the default, or ``"h1"`` of its
+    gradient. ``degree``, 1 to 4, is
     that of the elements, at whose nodes values are: see :func:`~equimesh_coupling.elements.element_shape`. Without it
     that of a field is taken, where its space shows it, and 1 for arrays. ``cells="triangle"``, of degree 1 or 2, says
     that they are the triangles into which ``mesh.triangles()`` cuts the mesh, as ``to_skfem(cells="triangle")`` does;
@@ -299,7 +300,7 @@ def adapt(
     if points is not None and n is not None:
         raise InputError(POINTS_OR_N, field="points")
     given, threads = None if is_blocks or points is not None else _grid(n), thread_count(threads)
-    _check_goal(goal, tolerance, degree, points, cells)
+    check_goal(goal, tolerance, degree, norm=norm, points=points, cells=cells)
     _check_domain(domain)
     _check_observer(observe)
     of, shape = domain if is_blocks else given, None
@@ -307,7 +308,7 @@ def adapt(
         shape = ShapeSearch.within(points, domain)
         of = shape.domain if is_blocks else with_counts(domain, counts_within(points, domain))
     first: Any = {"domain": of} if isinstance(of, Blocks) else {"domain": domain, "grid": of}
-    by = Rounds(**first, shape=shape, norm=norm, degree=degree, cells=cells, goal=goal, threads=threads)
+    by = Rounds(**first, shape=shape, norm=norm or "l2", degree=degree, cells=cells, goal=goal, threads=threads)
     return _loop(solve, by, rounds, tolerance, observe)
 
 
@@ -370,17 +371,9 @@ def _check(solve: object, rounds: object, norm: object, degree: object, cells: o
         raise InputError(fault, field="solve")
     if not is_whole(rounds) or not 1 <= rounds <= MAX_ROUNDS:
         raise InputError(f"rounds = {rounds!r}: a whole number between 1 and {MAX_ROUNDS}", field="rounds")
-    if norm not in NORMS:
+    if norm not in (None, *NORMS):
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
     require_degree(1 if degree is None else degree, "quad" if cells is None else cells)
-
-
-def _check_goal(goal: object, tolerance: object, degree: int | None, points: int | None, cells: object) -> None:
-    """Refuse a goal that cannot be used."""
-    try:
-        check_goal(goal, tolerance, degree, points, cells)
-    except ValueError as error:
-        raise InputError(str(error), field="goal") from error
 
 
 def _check_domain(domain: object) -> None:

@@ -166,17 +166,20 @@ def test_on_blocks_the_bound_of_the_error_falls() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "field", "words"),
     [
-        ({"goal": 1.0}, "give one, such as Goal.point"),
-        ({"tolerance": 1e-3}, "give the goal, too"),
-        ({"goal": POINT, "tolerance": -1.0}, "give a positive number"),
-        ({"goal": POINT, "degree": 2}, "degree = 2: an adjoint is known on elements of degree 1 alone"),
+        ({"goal": 1.0}, "goal", "give one, such as Goal.point"),
+        ({"tolerance": 1e-3}, "tolerance", "give the goal, too"),
+        ({"goal": POINT, "tolerance": -1.0}, "tolerance", "give a positive number"),
+        ({"goal": POINT, "degree": 2}, "degree", "degree = 2: an adjoint is known on elements of degree 1 alone"),
+        ({"goal": POINT, "norm": "l2"}, "norm", "leave norm out"),
+        ({"goal": POINT, "norm": "h1"}, "norm", "leave norm out"),
     ],
 )
-def test_arguments_that_cannot_be_used_are_a_sentence(arguments: dict[str, Any], words: str) -> None:
-    with pytest.raises(em.InputError, match=words):
+def test_arguments_that_cannot_be_used_are_a_sentence(arguments: dict[str, Any], field: str, words: str) -> None:
+    with pytest.raises(em.InputError, match=words) as caught:
         em.adapt(with_matrix, 9, **arguments)
+    assert caught.value.field == field
 
 
 def test_a_number_of_points_is_refused_with_a_goal() -> None:
