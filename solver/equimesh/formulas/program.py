@@ -82,11 +82,11 @@ class Program:
         With a single variable ``y`` is ignored, and the derivatives by it are zero.
         """
         routine = self._routines.get(order)
-        with np.errstate(all="ignore"):
-            if routine is None:
+        if routine is None:
+            with np.errstate(all="ignore"):  # numbers are computed here; the loops at points never warn
                 routine = Routine(lambda x, y: self._run(x, y, order, keep=False)[self.result].components(order))
-                self._routines[order] = routine
-            return routine.evaluate(x, y)
+            self._routines[order] = routine
+        return routine.evaluate(x, y)
 
     def culprit(self, x: float, y: float, limit: float) -> Operation:
         """The innermost operation whose value or gradient at a point is not finite or larger than ``limit``.
