@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.cell_edges import quads_of_block
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.numerics.types import Array, IntArray

@@ -29,7 +29,7 @@ from equimesh.domains.domain import Box
 from equimesh.errors import InputError
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.reading.read import DESCRIPTIONS, description_format, read_description, read_mesh
-from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.cell_edges import quads_of_block
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh_schema.document import is_number

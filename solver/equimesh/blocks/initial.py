@@ -18,7 +18,7 @@ from equimesh.blocks.sides import side_edges
 from equimesh.blocks.sliding import BoundaryEdge
 from equimesh.blocks.spline_curve import SplineCurve
 from equimesh.errors import InputError
-from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.cell_edges import quads_of_block
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.least_error.nest import Level
-from equimesh.meshes.cell_edges import originals_of
-from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.cell_edges import originals_of, quads_of_block
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 

@@ -11,8 +11,7 @@ from typing import Any, ClassVar, Literal, TypeAlias, overload
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.meshes.cell_edges import Join, joins_of
-from equimesh.meshes.connected import Connected, cells_of_blocks, check_table, no_ties
+from equimesh.meshes.cell_edges import Connected, Join, cells_of_blocks, check_table, joins_of, no_ties
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.threads import run_on_threads

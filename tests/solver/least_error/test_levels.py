@@ -21,7 +21,7 @@ from equimesh.least_error.kernels import Nodes, smallest_share
 from equimesh.least_error.lifting import Lifting
 from equimesh.least_error.nest import COARSEST_CELLS, coarse_level, nested_levels
 from equimesh.least_error.paved import is_paved
-from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.cell_edges import quads_of_block
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.testing.geometries import disc, l_shape, naca0012_c, naca0012_o, pitz_daily, ring

@@ -21,8 +21,7 @@ from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.restricted import Merged, RestrictedDescent
 from equimesh.least_error.subdomains import Subdomains, owners
-from equimesh.meshes.cell_edges import originals_of
-from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.cell_edges import originals_of, quads_of_block
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.specs import build, subdomains_of

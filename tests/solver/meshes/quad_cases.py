@@ -7,8 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from equimesh.meshes.cell_edges import links_of
-from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.cell_edges import links_of, quads_of_block
 from equimesh.meshes.mesh import Mesh
 
 CORE = 0.35  # half the side of the square in the disc

@@ -11,8 +11,16 @@ import pytest
 import equimesh as em
 from block_cases import changed, channel, in_blocks, l_shape
 from equimesh.errors import InputError
-from equimesh.meshes.cell_edges import MAX_SPOKES, NO_CELL, CellEdges, corner_at, links_of, originals_of, spokes_of
-from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.cell_edges import (
+    MAX_SPOKES,
+    NO_CELL,
+    CellEdges,
+    corner_at,
+    links_of,
+    originals_of,
+    quads_of_block,
+    spokes_of,
+)
 from equimesh.meshes.interfaces import EDGES, Contact, contacts
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_search import (

@@ -16,7 +16,7 @@ from equimesh.blocks.recovery.recovered import layout_of
 from equimesh.blocks.recovery.shapes import curve_through
 from equimesh.blocks.spline_curve import SplineCurve
 from equimesh.errors import InputError
-from equimesh.meshes.connected import quads_of_block
+from equimesh.meshes.cell_edges import quads_of_block
 from equimesh.numerics.types import Array, IntArray
 from solver.blocks.recovery.meshes import Arrays, boundary_of, disc, grid, ring, without
 
