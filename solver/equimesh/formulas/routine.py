@@ -21,6 +21,8 @@ from equimesh.numerics.types import Array, IntArray
 
 # Numbers worked on at a time: the operands of all instructions stay in the cache.
 BLOCK = 512
+# Between the rows: where one ends at the next, NumPy 1.26 takes them for one and runs loops with other last digits.
+GAP = 8
 
 ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, ABSOLUTE, SQRT, CALL = range(8)
 """Instructions with numbers; the last one runs a loop of NumPy."""
@@ -265,7 +267,7 @@ class Routine:
     def evaluate(self, x: Array, y: Array) -> tuple[Array, ...]:
         """The components at flat arrays of points, in memory of their own."""
         x, y, results = _writeable(x), _writeable(y), np.empty((self._sources.size, x.size))
-        memory = np.empty((self._rows + len(self._numbers), min(x.size, BLOCK)))
+        memory = np.empty((self._rows + len(self._numbers), min(x.size, BLOCK) + GAP))
         memory[self._rows :] = self._column
         calculate(self._instructions, self._table, memory, self._rows, x, y, results, self._sources)
         return tuple(results[k] if isinstance(k, int) else np.full(x.shape, k) for k in self._wanted)
