@@ -144,8 +144,16 @@ def convert_mesh(source: Path, filename: str, target: Path, most_points: int) ->
     """Read the mesh in ``source``, write its arrays to an npz file, and return a summary.
 
     The suffix of ``filename`` tells the format. Raises :class:`~equimesh.errors.InputError` for a mesh that is none of
-    quadrilaterals, or that has too many points.
+    quadrilaterals, or that has too many points; its message tells the place in the file, where no pointer leads.
     """
+    try:
+        return _convert_mesh(source, filename, target, most_points)
+    except InputError as error:
+        error.field = ""
+        raise
+
+
+def _convert_mesh(source: Path, filename: str, target: Path, most_points: int) -> dict[str, Any]:
     described = description_format(filename)
     if described is not None:
         return _convert_description(read_description(source, described), target, most_points)

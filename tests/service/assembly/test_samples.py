@@ -262,12 +262,15 @@ def test_bad_meshes_are_refused(http: httpx.Client) -> None:
     for name, content, message in (
         ("t.msh", triangles, "Recombine"),
         ("t.msh", "$Mesh", ""),
+        ("t.msh", " ", "the file is empty"),
+        ("t.json", json.dumps({**STEP, "side": {}}), "'side' that is not known"),
         ("t.stl", "solid", "there are .msh"),
         ("t.json", "[", "line 1"),
     ):
         answer = http.post("/v1/samples", params={"kind": "mesh", "filename": name}, content=content)
         assert answer.status_code == 422, answer.text
         assert message in answer.json()["detail"]
+        assert answer.json()["errors"][0]["pointer"] == ""
 
 
 def test_a_description_is_kept_as_it_is(tmp_path: Path) -> None:
