@@ -213,7 +213,7 @@ def check_goal(
             "points finds the mesh for a norm of the error: give n with a goal, on blocks neither", field="points"
         )
     if tolerance is not None and not (is_number(tolerance) and 0.0 < tolerance < math.inf):
-        raise InputError(f"tolerance = {str(tolerance)[:20]}: give a positive number", field="tolerance")
+        raise InputError(f"tolerance = {repr(tolerance)[:20]}: give a positive number", field="tolerance")
 
 
 def _is_finite(*numbers: object) -> bool:

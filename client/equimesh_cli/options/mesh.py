@@ -193,11 +193,14 @@ def _check_cells(options: argparse.Namespace) -> None:
 
 
 def _check_points(options: argparse.Namespace) -> None:
-    """Refuse a grid for a domain that has points of its own, of which only their number in all can be given."""
+    """Refuse too few points for a grid, and a grid for a domain that has points of its own: it takes their number."""
     from equimesh_client.spec.domains import has_own_points
 
     given = (options.n_xi, options.n_eta, options.target_error)
-    if any(one is not None for one in given) and has_own_points(options.domain):
+    if not has_own_points(options.domain):
+        if options.points is not None and options.points < LEAST_POINTS:
+            raise CommandError(f"--points {options.points}: give at least {LEAST_POINTS}, 5 points a direction")
+    elif any(one is not None for one in given):
         raise CommandError(
             "the mesh of the domain has points of its own: leave out -n, --n-eta and --target-error; --points, those of"
             " the whole mesh, chooses the cells of its blocks"
@@ -209,8 +212,6 @@ def _check_target(options: argparse.Namespace) -> None:
     if options.points is not None:
         if has_n or options.target_error is not None:
             raise CommandError("--points takes the place of -n, --n-eta and --target-error: give one of them")
-        if options.points < LEAST_POINTS:
-            raise CommandError(f"--points {options.points}: give at least {LEAST_POINTS}, 5 points a direction")
     elif options.target_error is None:
         if options.target_norm is not None:
             raise CommandError("--target-norm is the norm of a target; add --target-error, e.g. --target-error 1e-4")

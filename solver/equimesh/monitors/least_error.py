@@ -126,14 +126,14 @@ class LeastError:
         require_purpose(self.purpose, ("finite_element", "interpolation"), self.degree)
         if not (is_number(self.obliqueness) and 0.0 <= self.obliqueness <= MAX_WEIGHT):
             raise InputError(
-                f"obliqueness = {self.obliqueness}: the weight is 0 for none, and at most {MAX_WEIGHT:g}; 30 is usual",
+                f"obliqueness = {self.obliqueness!r}: the weight is 0 for none, at most {MAX_WEIGHT:g}; 30 is usual",
                 field="obliqueness",
             )
         for name in ("distortion", "smoothness"):
             value = getattr(self, name)
             if not (is_number(value) and 0.0 < value <= MAX_WEIGHT and math.isfinite(value)):
                 raise InputError(
-                    f"{name} = {value}: the weight must be positive and at most {MAX_WEIGHT:g}; 1 is usual", field=name
+                    f"{name} = {value!r}: the weight must be positive, at most {MAX_WEIGHT:g}; 1 is usual", field=name
                 )
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:

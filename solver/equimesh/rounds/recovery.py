@@ -162,11 +162,11 @@ class Recovery:
 def _check_count(values: npt.ArrayLike, mesh: Mesh, degree: ValueDegree, cells: CellKind) -> None:
     """Refuse values of another shape than the nodes of elements of a ``degree``; the message says which is needed."""
     needed, found = nodes_of_elements(mesh, degree), np.shape(values)
-    inside = {"quad": "cells", "triangle": "the diagonals along which cells are cut"}[cells]
+    inside = {"quad": "in cells", "triangle": "on the diagonals along which cells are cut"}[cells]
     if found != needed:
         raise SamplesError(
             f"values has shape {found}, and elements of degree {degree} have nodes of shape {needed} on this mesh: give"
-            f" values at the middles of edges and {inside}, too, or the degree of your elements",
+            f" values at the nodes on edges and {inside}, too, or the degree of your elements",
             field="values",
         )
 

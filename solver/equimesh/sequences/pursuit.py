@@ -255,7 +255,7 @@ def followed(problem: Problem[Any]) -> Problem[Any]:
 
 def field_of(given: Any, mesh: Mesh, name: str) -> Field:
     """A function of x and y: ``given`` itself, the expression of a text, or nodal values as a field."""
-    if isinstance(given, str) or callable(getattr(given, "evaluate", None)):
+    if given is None or isinstance(given, str) or callable(getattr(given, "evaluate", None)):
         return require_field(given, name)
     return QuadField(mesh=mesh, values=given) if not mesh.is_grid else NodalField(mesh=mesh, values=given)
 

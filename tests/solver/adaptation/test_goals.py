@@ -171,6 +171,7 @@ def test_on_blocks_the_bound_of_the_error_falls() -> None:
         ({"goal": 1.0}, "goal", "give one, such as Goal.point"),
         ({"tolerance": 1e-3}, "tolerance", "give the goal, too"),
         ({"goal": POINT, "tolerance": -1.0}, "tolerance", "give a positive number"),
+        ({"goal": POINT, "tolerance": "1e-3"}, "tolerance", "tolerance = '1e-3': give a positive number"),
         ({"goal": POINT, "degree": 2}, "degree", "degree = 2: an adjoint is known on elements of degree 1 alone"),
         ({"goal": POINT, "norm": "l2"}, "norm", "leave norm out"),
         ({"goal": POINT, "norm": "h1"}, "norm", "leave norm out"),

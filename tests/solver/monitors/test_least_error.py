@@ -53,6 +53,12 @@ def test_what_is_refused_names_its_field(field: str, value: Any) -> None:
     assert caught.value.field == field
 
 
+@pytest.mark.parametrize("field", ["distortion", "smoothness", "obliqueness"])
+def test_a_number_in_words_is_shown_as_a_text(field: str) -> None:
+    with pytest.raises(em.InputError, match=f"{field} = '1': the weight"):
+        em.LeastError(**{"u": STEEP, field: "1"})
+
+
 def test_triangles_have_elements_of_degree_1_and_2() -> None:
     assert em.LeastError(u=STEEP, degree=2, cells="triangle").degree == 2
     for kind in (em.LeastError, em.Auto):

@@ -165,6 +165,8 @@ def test_values_of_another_degree_are_refused_with_the_shape_that_is_needed() ->
     mesh = uniform(9, 7)
     with pytest.raises(SamplesError, match=r"shape \(9, 7\), and elements of degree 2 have nodes of shape \(17, 13\)"):
         adapt_round(mesh, mesh.x, degree=2)
+    with pytest.raises(SamplesError, match="give values at the nodes on edges and in cells, too"):
+        adapt_round(mesh, mesh.x, degree=3)  # where they are no middles
     with pytest.raises(InputError, match="degree = 5: give 1 to 4, the degree of the elements at whose nodes"):
         adapt_round(mesh, mesh.x, degree=5)
     with pytest.raises(InputError, match="degree = '2': give 1 to 4"):

@@ -153,6 +153,8 @@ def test_a_sequence_begins_with_one_thing_alone() -> None:
         em.Sequence(FLAT, mesh="x")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="u is the class LeastError"):
         em.Sequence(FLAT, solution=solution).step(em.LeastError)
+    with pytest.raises(InputError, match="u = 'None' cannot be evaluated here"):
+        em.Sequence(FLAT, solution=solution).step(None)
 
 
 MESH = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))

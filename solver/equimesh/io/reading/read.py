@@ -71,8 +71,15 @@ def read_description(path: str | os.PathLike[str], format: str) -> dict[str, Any
         raise InputError(f"{Path(path).name} cannot be read: {error.strerror}", field="path") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{Path(path).name} is no text in UTF-8", field="path") from error
+    _require_content(text)
     with refusing(format):
         return DESCRIPTIONS[format](text)
+
+
+def _require_content(content: str | bytes) -> None:
+    """Refuse an empty file before a reader misses the first thing that its format needs."""
+    if not content.strip():
+        raise bad_file("the file is empty: give one that holds a mesh or a description of blocks")
 
 
 # The reader of each format of meshes; ``zip`` is a zip of the files of a polyMesh, of Plot3D with its map, or
@@ -140,6 +147,7 @@ def read_bytes(data: bytes, format: str) -> PlainMesh:
     """The mesh of the content of a file in a ``format`` of ``READERS``; raises as :func:`read_mesh`."""
     if format not in READERS:
         raise InputError(f"format = {format!r}: choose one of {', '.join(READERS)}", field="format")
+    _require_content(data)
     return _read(lambda: READERS[format](data), format)
 
 

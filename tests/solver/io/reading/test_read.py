@@ -214,6 +214,7 @@ def test_the_object_of_a_json(tmp_path: Path) -> None:
     [
         (b'{"a": 1,\n "b": }', "line 2: Expecting value: this is no JSON"),
         (b"[1]", "the JSON is no object"),
+        (b" \n", "the file is empty: give one that holds a mesh"),
         (b"[" * 100_000, "the JSON cannot be read"),
         (b"\xff\xfe", "l.json is no text in UTF-8"),
     ],
@@ -585,4 +586,5 @@ def test_the_place_of_a_triangle_is_its_middle() -> None:
 
 
 def test_an_empty_file_is_told_what_it_lacks() -> None:
-    assert refusal(b"", "su2") == "the SU2 file has no NDIME="
+    assert refusal(b"%", "su2") == "the SU2 file has no NDIME="
+    assert refusal(b"", "su2").startswith("the file is empty")
