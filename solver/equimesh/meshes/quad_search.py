@@ -21,9 +21,7 @@ MIN_STEP = 1e-8
 FEW_STEPS, STEPS_ACROSS = 64, 8
 """Steps from cell to cell, at most: so many, and so many times the cells across a square mesh."""
 NEAR_EDGE = 1e-9
-"""A point this near to an edge, as a share of its length, may count as one of several cells."""
-ON_SIDE = -0.5 * ROUNDING
-"""The same for an edge of the boundary, which has no other cell beyond it."""
+"""A point this near to an edge, as a share of its length, may count as one of several cells: of a slit, too."""
 MOVED_STEPS = 6
 """Steps, at most, from the cell that the point of the same number had in the call before."""
 MAX_LOST, LOST_SHARE = 8, 4
@@ -263,10 +261,9 @@ def walk_clear(px: float, py: float, corners: Array, neighbours: IntArray, cell:
             after = (edge + 1) % 4
             ex, ey = corners[cell, after, 0] - corners[cell, edge, 0], corners[cell, after, 1] - corners[cell, edge, 1]
             inside = ex * (py - corners[cell, edge, 1]) - ey * (px - corners[cell, edge, 0])
-            is_outer = neighbours[cell, edge] < 0
-            if not inside > (ON_SIDE if is_outer else NEAR_EDGE) * (ex * ex + ey * ey):
+            if not inside > NEAR_EDGE * (ex * ex + ey * ey):
                 is_clear = False
-                if inside < least and not is_outer:
+                if inside < least and neighbours[cell, edge] >= 0:
                     least, to = inside, neighbours[cell, edge]
         if is_clear:
             return cell

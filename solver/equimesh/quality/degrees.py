@@ -54,8 +54,8 @@ def gains_by_degree(
 
     Both meshes are valid and have the same number of cells; ``errors`` are those of one degree. On more than 511 cells
     those of others are estimated from scattered cells, the same of both meshes: to some percent where u is smooth, to
-    some tens where a thin front meets few of them. A gain is 1 where both errors are rounding. It is NaN where
-    ``errors`` say that a layer lies inside a cell.
+    some tens where a thin front meets few of them, to a factor of several at a narrow peak. A gain is 1 where both
+    errors are rounding. It is NaN where ``errors`` say that a layer lies inside a cell.
     """
     degrees = tuple(degree for degree in DEGREES[kind] if degree != errors.degree)
     rows, one_of = cells.rows, cells.count // MEASURED_CELLS

@@ -36,7 +36,7 @@ from equimesh.meshes.quad_search import (
     walk_cells,
     walk_clear,
 )
-from solver.meshes.quad_cases import bent, corner, disc, inner_points, ring
+from solver.meshes.quad_cases import bent, box, corner, disc, inner_points, ring
 from solver.quality.handmade import wavy
 
 
@@ -296,6 +296,19 @@ def test_places_do_not_depend_on_the_points_before(mesh: Mesh) -> None:
             assert one.tobytes() == other.tobytes()
 
 
+def test_a_place_on_a_slit_does_not_depend_on_the_points_before() -> None:
+    below, above = box((0.0, 1.0), (-1.0, 0.0), 4), box((0.0, 1.0), (0.0, 1.0), 4)
+    points = np.concatenate([np.column_stack([x.ravel(), y.ravel()]) for x, y in (below, above)])
+    cells = np.concatenate([quads_of_block(part) for part in np.arange(50).reshape(2, 5, 5)])
+    search, x, y = QuadSearch.of(points, cells), np.array([0.3, 0.6]), np.zeros(2)
+    wanted = search.find(x, y).cell
+    moved = search.find(x, y + 0.01).cell
+    assert (wanted < 16).all()
+    assert (moved >= 16).all()
+    assert [*search.find(x, y).cell] == [*wanted]
+    assert len(search.kept.cells) == 1
+
+
 def test_a_cell_is_sure_where_no_other_one_holds_the_point() -> None:
     mesh = corner(4)
     search = QuadSearch.of(mesh.points, mesh.cells)
@@ -303,8 +316,7 @@ def test_a_cell_is_sure_where_no_other_one_holds_the_point() -> None:
     first, last = int(np.argmin(x + y)), int(np.argmax(x))
     assert walk_clear(x[last], y[last], search.corners, search.links.neighbours, first, FEW_STEPS) == last
     assert walk_clear(x[last], y[last], search.corners, search.links.neighbours, first, 2) == FAR
-    assert walk_clear(x[first], 0.0, search.corners, search.links.neighbours, first, FEW_STEPS) == first
-    for point in ((0.25, 0.1), (0.25, 0.25), (0.1, -0.01), (1.3, 1.4)):  # an edge, a node, and outside
+    for point in ((0.25, 0.1), (0.25, 0.25), (x[first], 0.0), (0.1, -0.01), (1.3, 1.4)):  # edges, a node, and outside
         assert walk_clear(*point, search.corners, search.links.neighbours, first, FEW_STEPS) == UNCLEAR
 
 
