@@ -9,6 +9,7 @@ the exact gradient. Relative errors are in the L2 and in the full H1 norm, by a 
     python benchmarks/refinement.py --norm h1 --only 07     every round of a loop
     python benchmarks/refinement.py --movement              the Helmholtz demo of Firedrake's movement
     python benchmarks/refinement.py --floor                 the least errors with u known
+    python benchmarks/refinement.py --degree-2              biquadratic elements alone
     python benchmarks/refinement.py --unknowns 1000 4000 --write
 """
 
@@ -18,7 +19,7 @@ import argparse
 import io
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -26,6 +27,7 @@ from typing import Any, Literal, NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 import skfem
+from biquadratic_elements import NEWTON_STEPS, BiquadraticElements
 from matplotlib.collections import LineCollection
 from PIL import Image
 from scipy.sparse import csc_matrix
@@ -38,8 +40,6 @@ SOLVE_POINTS, ERROR_POINTS = 6, 12
 """Gauss points a direction and cell of matrices and loads, and of errors."""
 MAX_CHUNK = 200_000
 """Points at which u is evaluated at once."""
-NEWTON_STEPS = 12
-"""Steps, at most, for an equation that is not linear."""
 MAX_ROUNDS = 5
 LARGE = 3000
 """Unknowns from which on errors of others are those with about 4,000 of them."""
@@ -76,26 +76,44 @@ class Problem:
     """The power of the substitution in the quadrature along xi: above 1 for a gradient that is infinite at x = 0."""
     refined: Published | None = None
     """Anisotropic refinement of bilinear elements by Hermes: https://github.com/hpfem/hermes-examples, ``conv_dof``."""
+    refined_twice: Published | None = None
+    """The same of biquadratic elements."""
     remeshed: tuple[Remeshed, Remeshed] | None = None
     """A loop with Mmg, measured with the same unknowns on a machine of two cores."""
 
 
 UNKNOWN = Remeshed(math.nan, math.nan)
 PROBLEMS = {
-    "01": Problem(u="2**40*(x*(1 - x)*y*(1 - y))**10", refined=Published(4.26, 2.13)),
-    "02": Problem(u=CORNER, domain="L", refined=Published(0.876, 0.439), remeshed=(UNKNOWN, Remeshed(1.2e-4, 1.3e-2))),
+    "01": Problem(
+        u="2**40*(x*(1 - x)*y*(1 - y))**10", refined=Published(4.26, 2.13), refined_twice=Published(0.709, 0.157)
+    ),
+    "02": Problem(
+        u=CORNER,
+        domain="L",
+        refined=Published(0.876, 0.439),
+        refined_twice=Published(0.110, math.nan),
+        remeshed=(UNKNOWN, Remeshed(1.2e-4, 1.3e-2)),
+    ),
     "04": Problem(
         u="exp(-1000*((x - 0.5)**2 + (y - 0.5)**2))",
         refined=Published(4.44, 2.17),
+        refined_twice=Published(0.750, 0.187),
         remeshed=(UNKNOWN, Remeshed(7.4e-4, 2.6e-2)),
     ),
-    "07": Problem(u="(x + 1e-12)**0.6", power=6, refined=Published(1.46, math.nan)),
-    "09": Problem(u="atan(50*(sqrt((x - 0.5)**2 + (y - 0.5)**2) - 0.25))", refined=Published(8.50, 4.27)),
+    "07": Problem(
+        u="(x + 1e-12)**0.6", power=6, refined=Published(1.46, math.nan), refined_twice=Published(1.47, math.nan)
+    ),
+    "09": Problem(
+        u="atan(50*(sqrt((x - 0.5)**2 + (y - 0.5)**2) - 0.25))",
+        refined=Published(8.50, 4.27),
+        refined_twice=Published(3.61, 0.821),
+    ),
     "LB": Problem(
         u="(1 - cosh(100*x)/cosh(100))*(1 - cosh(100*y)/cosh(100))",
         domain="box",
         reaction=1e4,
         refined=Published(3.65, 1.25),
+        refined_twice=Published(2.20, 0.204),
     ),
     "peak": Problem(u="exp(-1e5*((x - 0.51)**2 + (y - 0.117)**2))", remeshed=(Remeshed(3.4e-3, 5.4e-2), UNKNOWN)),
     "steep": Problem(
@@ -164,6 +182,7 @@ class Elements:
     nodes: np.ndarray
     cells: np.ndarray
     is_fixed: np.ndarray
+    node_shape: tuple[int, ...]
 
     @classmethod
     def of(cls, problem: Problem, mesh: Any) -> Elements:
@@ -171,7 +190,16 @@ class Elements:
         is_fixed = np.zeros(len(mesh.points), dtype=bool)
         for side in mesh.sides.values():
             is_fixed[np.ravel(side)] = True
-        return cls(problem, np.asarray(mesh.points), np.asarray(mesh.cells), is_fixed)
+        return cls(problem, np.asarray(mesh.points), np.asarray(mesh.cells), is_fixed, mesh.node_shape)
+
+    @property
+    def unknowns(self) -> int:
+        """The number of free unknowns."""
+        return int((~self.is_fixed).sum())
+
+    def returned(self, values: np.ndarray) -> np.ndarray:
+        """What a solver returns to `em.adapt`."""
+        return values.reshape(self.node_shape)
 
     def chunks(self, points: int) -> Iterator[tuple[np.ndarray, Quadrature]]:
         """Some cells at a time with their quadrature."""
@@ -275,6 +303,7 @@ def loop(
     norm: Literal["l2", "h1"],
     rounds: int = MAX_ROUNDS,
     finds_shape: bool = False,
+    elements_of: Callable[[Problem, Any], Elements | BiquadraticElements] = Elements.of,
     **options: Any,
 ) -> Looped:
     """The loop on a mesh with about ``cells`` squared cells, whose shape it finds where requested."""
@@ -283,14 +312,14 @@ def loop(
         options, side = {**options, "points": side**2}, None
     spent, errors, unknowns = [0.0], [], [0]
 
-    def solve(mesh: Any) -> np.ndarray:
+    def solve(mesh: Any) -> Any:
         begun = time.process_time()
-        elements = Elements.of(problem, mesh)
+        elements = elements_of(problem, mesh)
         values = elements.solve()
         errors.append(elements.errors(values))
-        unknowns[0] = int((~elements.is_fixed).sum())
+        unknowns[0] = elements.unknowns
         spent[0] += time.process_time() - begun
-        return values.reshape(mesh.node_shape)
+        return elements.returned(values)
 
     begun = time.process_time()
     found = em.adapt(solve, side, domain=domain, rounds=rounds, norm=norm, threads=1, **options)
@@ -409,22 +438,42 @@ def table_rows(names: list[str], counts: list[int], rounds: int) -> Iterator[tup
             refined = problem.refined and problem.refined[is_large]
             others = problem.remeshed[is_large] if problem.remeshed else UNKNOWN
             at = [looped.errors[looped.found.best] for looped in (value, slope)]
-            shape = "" if problem.domain == "L" else " on {} x {}".format(*slope.found.mesh.grid.shape)
             entries = (
                 f"{name}, {value.unknowns}",
                 pair(value.errors[0]),
                 pair(at[0]),
-                pair(at[1]) + shape,
+                pair(at[1]) + shape_of(slope),
                 percent(refined and refined / 100.0),
                 pair(others),
-                f"{value.seconds:.1f} / {slope.seconds:.1f}",
+                f"{value.seconds:.1f}/{slope.seconds:.1f}",
             )
             yield f"| {' | '.join(entries)} |", {name: slope if name == "07" else value} if number == 0 else {}
 
 
+def degree_2_rows(names: list[str], counts: list[int], rounds: int) -> Iterator[str]:
+    """The table of biquadratic elements, by loops in H1 that find the shape of the grid."""
+    yield "| degree 2: problem, unknowns | uniform, H1 | `em.adapt`, H1 | refinement, H1 |"
+    yield "|---|---|---|---|"
+    for name in names:
+        problem = PROBLEMS[name]
+        for count in counts if problem.refined_twice else ():
+            cells = round((math.sqrt(count) + 1) / 2)
+            found = loop(problem, cells, "h1", rounds, finds_shape=True, elements_of=BiquadraticElements.of)
+            refined = problem.refined_twice[count >= LARGE]
+            (_, uniform), (_, slope) = found.errors[0], found.errors[found.found.best]
+            entries = percent(uniform), percent(slope) + shape_of(found), percent(refined / 100.0)
+            yield f"| {name}, {found.unknowns} | {' | '.join(entries)} |"
+
+
+def shape_of(looped: Looped) -> str:
+    """The points of a grid that the loop has chosen, where they are not as many both ways."""
+    shape = looped.found.mesh.node_shape
+    return "" if len(shape) == 1 or shape[0] == shape[1] else f" on {shape[0]} x {shape[1]}"
+
+
 def pair(errors: tuple[float, float]) -> str:
     """Relative errors in L2 and H1, in percent."""
-    return f"{percent(errors[0])} / {percent(errors[1])}"
+    return " / ".join(map(percent, errors)) if any(map(math.isfinite, errors)) else "-"
 
 
 def draw(loops: dict[str, Looped]) -> None:
@@ -444,11 +493,11 @@ def draw(loops: dict[str, Looped]) -> None:
     Image.open(drawn).convert("L").quantize(16).save(PICTURE, optimize=True)  # lines need few shades
 
 
-def write(rows: list[str], floors: list[str], demo: list[str]) -> None:
+def write(*tables: list[str]) -> None:
     """Put all tables into the page."""
     before, rest = PAGE.read_text().split(BEGIN)
-    after = rest.split(END)[1]
-    PAGE.write_text(f"{before}{BEGIN}\n\n" + "\n".join([*rows, "", *floors, "", *demo]) + f"\n\n{END}{after}")
+    after, text = rest.split(END)[1], "\n\n".join("\n".join(rows) for rows in tables)
+    PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
 
 
 def every_round(name: str, looped: Looped) -> Iterator[str]:
@@ -467,6 +516,7 @@ def main() -> None:
     parser.add_argument("--shape", action="store_true", help="with --norm: let the loop find the shape of the grid")
     parser.add_argument("--rounds", type=int, default=MAX_ROUNDS, help="rounds of the loop, at most")
     parser.add_argument("--movement", action="store_true", help="the Helmholtz demo of movement alone")
+    parser.add_argument("--degree-2", action="store_true", help="biquadratic elements alone")
     parser.add_argument("--floor", action="store_true", help="the least errors with u known alone")
     parser.add_argument("--write", action="store_true", help="all tables and the picture, into the page of the docs")
     options = parser.parse_args()
@@ -478,8 +528,8 @@ def main() -> None:
                 print(f"{name}, {looped.unknowns} unknowns: round {looped.found.best}, {looped.seconds:.1f} s")
                 print("\n".join(every_round(name, looped)), flush=True)
         return
-    rows, loops, demo, floors = [], {}, [], []
-    if not (options.movement or options.floor):
+    rows, loops, demo, floors, twice = [], {}, [], [], []
+    if not (options.movement or options.floor or options.degree_2):
         for row, made in table_rows(options.only, options.unknowns, options.rounds):
             print(row, flush=True)
             rows.append(row)
@@ -490,8 +540,12 @@ def main() -> None:
     if options.floor or options.write:
         floors = list(floor_rows(options.only, options.unknowns))
         print("\n".join(floors))
+    if options.degree_2 or options.write:
+        for row in degree_2_rows(options.only, options.unknowns, options.rounds):
+            print(row, flush=True)
+            twice.append(row)
     if options.write:
-        write(rows, floors, demo)
+        write(rows, twice, floors, demo)
         draw(loops)
 
 

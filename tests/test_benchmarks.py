@@ -7,10 +7,11 @@ import math
 import os
 import runpy
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import adapt
 import bench
@@ -27,6 +28,7 @@ import parted_files
 import pytest
 import refinement
 import road
+from biquadratic_elements import BiquadraticElements
 from costs import budget, newton, peers, solves
 from costs.budget import Bought, Curve
 from costs.quadrature import errors, l2_error
@@ -432,17 +434,20 @@ def test_the_cost_of_a_start_is_that_of_all_processes_and_compiled_loops_are_cou
     "equation",
     [{}, {"reaction": 3.0}, {"is_nonlinear": True}, {"diffusion": 0.1, "stream": (1.0, 0.5)}, {"domain": "L"}],
 )
-def test_the_elements_against_refinement_converge(equation: dict[str, object]) -> None:
+@pytest.mark.parametrize(("degree", "elements_of"), [(1, refinement.Elements.of), (2, BiquadraticElements.of)])
+def test_the_elements_against_refinement_converge(
+    degree: int, elements_of: Callable[..., Any], equation: dict[str, object]
+) -> None:
     problem = refinement.Problem(u="sin(2*x + y)", **equation)
     errors = []
     for cells in (8, 16):
         domain, points = refinement.domain_of(problem, cells)
         mesh = domain.mesh if points is None else em.Mesh.uniform(em.Grid(points))
-        elements = refinement.Elements.of(problem, mesh)
+        elements = elements_of(problem, mesh)
         errors.append(elements.errors(elements.solve()))
     orders = [math.log2(coarse / fine) for coarse, fine in zip(*errors, strict=True)]
-    assert 1.7 < orders[0] < 2.5  # of an L the finer mesh has a little more than twice the cells
-    assert 0.9 < orders[1] < 1.3
+    assert degree + 0.7 < orders[0] < degree + 1.7  # of an L the finer mesh has a little more than twice the cells
+    assert degree - 0.1 < orders[1] < degree + 0.5
 
 
 def test_the_error_of_a_functional_is_near_the_estimate() -> None:
