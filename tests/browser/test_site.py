@@ -78,6 +78,7 @@ def page(chromium: Browser, request: pytest.FixtureRequest, url: str) -> Iterato
     """A page of a browser that reaches the service alone, and fails on a complaint in the console."""
     scheme, width, height = SCREENS[getattr(request, "param", "laptop, light")]
     context = chromium.new_context(color_scheme=scheme, viewport={"width": width, "height": height})
+    context.set_default_timeout(300_000)
     opened = context.new_page()
     complaints: list[str] = []
 

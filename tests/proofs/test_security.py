@@ -55,7 +55,7 @@ def mesh(client: httpx.Client) -> str:
 def test_every_answer_has_the_headers(guarded_service: Guarded, client: httpx.Client, mesh: str) -> None:
     paths = [
         "/", "/docs", "/docs/assets/docs.js", "/openapi.json", "/livez", "/readyz", "/v1/capabilities", "/v1/meshes",
-        "/nowhere", "/v1/meshes/none", "/v1/meshes?limit=x", "/docs/", mesh, f"{mesh}/file", f"{mesh}/plot?format=png",
+        "/nowhere", "/v1/meshes/none", "/v1/meshes?limit=x", "/site", mesh, f"{mesh}/file", f"{mesh}/plot?format=png",
         f"{mesh}/plot?format=svg", f"{mesh}/file?format=none", f"{mesh}/events?after=999", f"{mesh}/events",
     ]  # fmt: skip
     answers = [client.get(path) for path in paths]
