@@ -103,6 +103,12 @@ export function createLive(app) {
     else if (!wanted) fly(state, state.spec, { changed, isQuick: false, isSlow: true });
   }
 
+  /** What is wrong with a change, if anything; an answer to an older one may have been shown after it. */
+  function tellProblem(problem, state) {
+    if (app.drawing?.state !== state) app.emit("stale", true);
+    app.emit("problem", problem);
+  }
+
   async function fly(state, spec, { changed, isQuick, isSlow = false }) {
     const mine = { controller: new AbortController(), began: performance.now(), isSlow };
     flight = mine;
@@ -116,7 +122,7 @@ export function createLive(app) {
       if (!isQuick) slowKinds[performance.now() - mine.began > SLOW ? "add" : "delete"](kindOf(spec));
       if (showsNewer()) return;
       if (hasMesh(drawing) || !app.drawing || app.drawing.isLocal) app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
-      app.emit("problem", drawing.document.error ?? null);
+      tellProblem(drawing.document.error ?? null, state);
     } catch (error) {
       if (flight !== mine || error.name === "AbortError") return;
       if (BUSY.has(error.problem?.status)) {
@@ -132,7 +138,7 @@ export function createLive(app) {
       if (!isQuick || isFaultOf(error)) {
         if (isQuick) forgetSlow();
         if (!wanted) look.end();
-        app.emit("problem", error.problem ?? { title: "The page failed", detail: error.message });
+        tellProblem(error.problem ?? { title: "The page failed", detail: error.message }, state);
       }
     } finally {
       if (flight === mine) {

@@ -88,6 +88,21 @@ def test_an_answer_to_another_question_is_grey_at_once(page: Page) -> None:
     expect(page.locator("#stage")).not_to_have_class(re.compile("stale"))
 
 
+def test_a_mesh_is_grey_beside_a_fault_though_it_came_after_what_was_typed(page: Page) -> None:
+    show(page, SPEC | {"monitor": SPEC["monitor"] | {"kind": "curvature"}})
+    page.evaluate("() => { const now = performance.now(); performance.now = () => now; }")  # no request counts as late
+    held: list[Route] = []
+    page.route(PREVIEWS, lambda route: route.continue_() if held else held.append(route))
+    page.fill(FUNCTION, "tanh(7*x)")
+    wait_for_one(page, held)
+    page.fill(FUNCTION, "1/0 + x")
+    held[0].continue_()  # the mesh of the older text
+    expect(page.locator("#panel-function .fault")).to_contain_text("not finite")
+    page.evaluate("() => { delete performance.now; }")
+    page.unroute(PREVIEWS)
+    expect(page.locator("#stage")).to_have_class(re.compile("stale"))
+
+
 def test_the_page_comes_back_after_the_service(page: Page) -> None:
     page.complaints.expected.append("net::ERR")  # type: ignore[attr-defined]
     page.route(PREVIEWS, lambda route: route.abort())
