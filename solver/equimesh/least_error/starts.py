@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -47,7 +47,7 @@ class Patch(NamedTuple):
     """A piece of a domain that two families of straight lines cross: a grid, or a block."""
 
     places: Callable[[Array, Array], Sequence[Array]]
-    """``x, y, x_s, x_t, y_s, y_t`` at arrays of s and t, the positions of lines from 0 to 1."""
+    """``x, y, x_s, x_t, y_s, y_t`` at flat arrays of s and t, the positions of lines from 0 to 1."""
     families: tuple[int, int] = (0, 1)
     """The numbers of the families of lines of constant s, and of constant t."""
     turned: tuple[bool, bool] = (False, False)
@@ -82,22 +82,21 @@ def equidistributed(
             resampled(line, min(line.size, MAX_CROSSINGS), closed=is_closed)
             for line, is_closed in zip(lines, closed, strict=True)
         ]
+        lengths = [_shares(line, is_closed) for line, is_closed in zip(few, closed, strict=True)]
         found: list[list[tuple[Array, Array]]] = [[] for _ in lines]
         for patch in patches:
-            for axis, slopes in enumerate(_along(u, patch, lines, few)):
-                family = patch.families[axis]
-                if not np.isfinite(slopes).all():
-                    return None
-                across = patch.families[1 - axis]
-                shares = patch.share * _shares(few[across], closed[across])
-                found[family].append((slopes, shares[::-1] if patch.turned[1 - axis] else shares))
+            along = _along(u, patch, lines, few)
+            if along is None:
+                return None
+            for axis, slopes in enumerate(along):
+                shares = patch.share * lengths[patch.families[1 - axis]]
+                found[patch.families[axis]].append((slopes, shares[::-1] if patch.turned[1 - axis] else shares))
         moved = [
-            _equidistributed(line, *_together(crossed), exponent, floor, is_closed, degree)
+            _equidistributed(line, *_together(crossed), (exponent, floor), is_closed, degree)
             for line, crossed, is_closed in zip(lines, found, closed, strict=True)
         ]
-        change = max(_change(line, new) for line, new in zip(lines, moved, strict=True))
-        lines = moved
-        if change < MIN_CHANGE_CELLS:
+        lines = [line for line, _ in moved]
+        if max(change for _, change in moved) < MIN_CHANGE_CELLS:
             break
     return lines
 
@@ -114,7 +113,12 @@ def rectilinear(
 ) -> tuple[Array, Array] | None:
     """The positions of ``counts`` lines along s and along t of a grid, as :func:`equidistributed` finds them."""
 
+    is_plain = isinstance(domain, Rectangle) and domain.is_unit_square
+
     def places(s: Array, t: Array) -> Sequence[Array]:
+        if is_plain:
+            one, none = np.ones(s.size), np.zeros(s.size)
+            return s, t, one, none, none, one
         return *domain.map(s, t), *domain.jacobian(s, t)
 
     found = equidistributed(u, [Patch(places)], counts, norm, floor, closed, degree)
@@ -129,22 +133,28 @@ def _together(crossed: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     return np.concatenate(slopes, axis=1), np.concatenate(shares)
 
 
-def _along(u: Field, patch: Patch, lines: Sequence[Array], few: Sequence[Array]) -> tuple[Array, Array]:
-    """The derivatives of u along both families of a patch where ``few`` lines of the other cross: ``(lines, few)``."""
+def _along(u: Field, patch: Patch, lines: Sequence[Array], few: Sequence[Array]) -> tuple[Array, Array] | None:
+    """The derivatives of u along both families of a patch where ``few`` lines of the other cross: ``(lines, few)``.
+
+    ``None`` where they are not finite.
+    """
     (s, few_s), (t, few_t) = (
         [1.0 - at[family][::-1] if is_turned else at[family] for at in (lines, few)]
         for family, is_turned in zip(patch.families, patch.turned, strict=True)
     )
-    along_s, along_t = _finite_slopes(u, patch, s, few_t)
-    if s.size > few_s.size or t.size > few_t.size:
-        along_t = _finite_slopes(u, patch, few_s, t)[1]
-    along_t = along_t.T
+    found = _finite_slopes(u, patch, s, few_t)
+    other = found if (s.size, t.size) == (few_s.size, few_t.size) else _finite_slopes(u, patch, few_s, t)
+    if found is None or other is None:
+        return None
+    along_s, along_t = found[0], other[1]
     return -along_s[::-1] if patch.turned[0] else along_s, -along_t[::-1] if patch.turned[1] else along_t
 
 
 def product(s: Array, t: Array) -> Array:
     """The mesh of straight lines, shape ``(2, nodes)``."""
-    return np.stack([np.repeat(s, t.size), np.tile(t, s.size)])
+    mesh = np.empty((2, s.size, t.size))
+    mesh[0], mesh[1] = s[:, None], t
+    return mesh.reshape(2, -1)
 
 
 def resampled(line: Array, count: int, *, closed: bool = False) -> Array:
@@ -165,16 +175,20 @@ def resampled(line: Array, count: int, *, closed: bool = False) -> Array:
 
 def _shares(line: Array, closed: bool) -> Array:
     """The length that each line stands for, in a mean over the family."""
-    if not closed:
-        return np.gradient(line)
-    steps = np.diff(line)
-    return np.append(0.5 * (steps + np.roll(steps, 1)), 0.0)
+    steps = line[1:] - line[:-1]
+    if closed:
+        return np.append(0.5 * (steps + np.roll(steps, 1)), 0.0)
+    shares = np.empty(line.size)
+    shares[0], shares[-1], shares[1:-1] = steps[0], steps[-1], 0.5 * (line[2:] - line[:-2])
+    return shares
 
 
-def _finite_slopes(u: Field, patch: Patch, s: Array, t: Array) -> tuple[Array, Array]:
-    """The derivatives of u by s and by t; from points next to the sides where they are infinite on these."""
-    slopes = _slopes(u, patch, s, t)
-    return slopes if np.isfinite(slopes).all() else _slopes(u, patch, _inset(s), _inset(t))
+def _finite_slopes(u: Field, patch: Patch, s: Array, t: Array) -> tuple[Array, Array] | None:
+    """The derivatives of u by s, ``(s, t)``, and by t, ``(t, s)``; ``None`` where they are not finite.
+
+    They are from points next to the sides where they are infinite on these.
+    """
+    return _slopes(u, patch, s, t) or _slopes(u, patch, _inset(s), _inset(t))
 
 
 def _inset(line: Array) -> Array:
@@ -185,47 +199,71 @@ def _inset(line: Array) -> Array:
     return inset
 
 
-def _slopes(u: Field, patch: Patch, s: Array, t: Array) -> tuple[Array, Array]:
-    """The derivatives of u by s and by t at the crossings of the lines, 0 where they are nothing but rounding."""
-    x, y, x_s, x_t, y_s, y_t = patch.places(*np.meshgrid(s, t, indexing="ij"))
-    _, u_x, u_y = u.evaluate(x, y, order=1)
-    return _sum(u_x * x_s, u_y * y_s), _sum(u_x * x_t, u_y * y_t)
+def _slopes(u: Field, patch: Patch, s: Array, t: Array) -> tuple[Array, Array] | None:
+    """The derivatives of u by s, ``(s, t)``, and by t, ``(t, s)``, at the crossings of the lines.
 
-
-def _sum(one: Array, other: Array) -> Array:
-    """The sum, 0 where it is nothing but rounding."""
-    both = one + other
-    smallest = ROUNDING_SHARE * np.maximum(np.abs(one), np.abs(other)).max()
-    return np.where(np.isfinite(both) & (np.abs(both) <= smallest), 0.0, both)
-
-
-def _equidistributed(
-    line: Array, slopes: Array, shares: Array, exponent: float, floor: float, closed: bool, degree: int
-) -> Array:
-    """The line moved to equal integrals of its density; derivatives of order 2 and more are differences of ``slopes``.
-
-    ``shares`` are the lengths for which the lines of the other family stand.
+    They are 0 where they are nothing but rounding; ``None`` where they are not finite.
     """
-    for _ in range(degree - 1):
-        slopes = np.gradient(slopes, line, axis=0)
-    integral = np.empty(line.size)
-    wanted = exponent, floor
-    if not density_integral(line, np.ascontiguousarray(slopes), np.ascontiguousarray(shares), wanted, closed, integral):
-        return line
-    if closed:
-        return _with_uniform_mean(integral, line)
-    moved = np.interp(np.linspace(0.0, integral[-1], line.size), integral, line)
-    moved[0], moved[-1] = 0.0, 1.0
-    return np.asarray(moved)
+    x, y, *jacobian = patch.places(*product(s, t))
+    known: Any = tuple(np.ascontiguousarray(part) for part in (*u.evaluate(x, y, order=1)[1:], *jacobian))
+    along_s, along_t = np.empty((s.size, t.size)), np.empty((t.size, s.size))
+    return (along_s, along_t) if slopes_along(known, along_s, along_t) else None
 
 
 @compiled
-def density_integral(
-    line: Array, slopes: Array, shares: Array, wanted: tuple[float, float], closed: bool, out: Array
-) -> bool:
-    """Fill ``out`` with the integral of the density from the first line to each; False where u does not bend.
+def slopes_along(known: tuple[Array, Array, Array, Array, Array, Array], along_s: Array, along_t: Array) -> bool:
+    """Fill in the derivatives by s, ``(s, t)``, and by t, ``(t, s)``; False where one of them is not finite.
 
-    ``slopes`` of shape ``(lines, crossings)`` are derivatives along the family; ``wanted`` are exponent and floor.
+    ``known`` are ``u_x, u_y, x_s, x_t, y_s, y_t`` at the flat crossings. Sums that are nothing but rounding are 0.
+    """
+    u_x, u_y, x_s, x_t, y_s, y_t = known
+    largest_s, largest_t, check, k = 0.0, 0.0, 0.0, 0
+    for i in range(along_s.shape[0]):
+        for j in range(along_s.shape[1]):
+            a, b, c, d = u_x[k] * x_s[k], u_y[k] * y_s[k], u_x[k] * x_t[k], u_y[k] * y_t[k]
+            largest_s, largest_t = max(largest_s, abs(a), abs(b)), max(largest_t, abs(c), abs(d))
+            along_s[i, j], along_t[j, i] = a + b, c + d
+            check += 0.0 * along_s[i, j] + 0.0 * along_t[j, i]  # NaN where one is infinite
+            k += 1
+    for i in range(along_s.shape[0]):
+        for j in range(along_s.shape[1]):
+            if abs(along_s[i, j]) <= ROUNDING_SHARE * largest_s:
+                along_s[i, j] = 0.0
+            if abs(along_t[j, i]) <= ROUNDING_SHARE * largest_t:
+                along_t[j, i] = 0.0
+    return check == 0.0
+
+
+def _equidistributed(
+    line: Array, slopes: Array, shares: Array, wanted: tuple[float, float], closed: bool, degree: int
+) -> tuple[Array, float]:
+    """The line moved to equal integrals of its density, and its largest move, as :func:`move` tells it.
+
+    Derivatives of order 2 and more are differences of ``slopes``. ``shares`` are the lengths for which the lines of the
+    other family stand, ``wanted`` the exponent and the floor of the density.
+    """
+    for _ in range(degree - 1):
+        slopes = np.gradient(slopes, line, axis=0)
+    integral, out = np.empty(line.size), np.empty(line.size)
+    change = move(line, np.ascontiguousarray(slopes), np.ascontiguousarray(shares), wanted, closed, integral, out)
+    if change < 0.0:
+        return line, 0.0
+    if not closed:
+        return out, change
+    out = _with_uniform_mean(integral, line)
+    steps, moves = np.diff(line), np.abs(out - line)
+    return out, float(max(np.max(moves[1:] / steps), np.max(moves[:-1] / steps)))
+
+
+@compiled
+def move(
+    line: Array, slopes: Array, shares: Array, wanted: tuple[float, float], closed: bool, integral: Array, out: Array
+) -> float:
+    """Fill ``integral`` with that of the density from the first line to each, and ``out`` with lines at equal ones.
+
+    The result is the largest move of a line, as a share of the smaller of its spacings; negative where u does not bend.
+    Of a closed family only the integral is filled. ``slopes`` of shape ``(lines, crossings)`` are derivatives along the
+    family; ``wanted`` are exponent and floor.
     """
     exponent, floor = wanted
     cells, crossings = line.size - 1, shares.size
@@ -241,7 +279,7 @@ def density_integral(
                 bends[i, k] = change / (line[i + 1] - line[i])
                 size = max(size, abs(bends[i, k]))
     if not size > 0.0:
-        return False
+        return -1.0
     for i in range(cells):
         for k in range(crossings):
             density[i] += (bends[i, k] / size) * (bends[i, k] / size) * shares[k]
@@ -250,12 +288,23 @@ def density_integral(
     for i in range(cells):  # the mean with the neighbours
         before = density[i - 1] if i > 0 else density[cells - 1 if closed else 0]
         after = density[i + 1] if i < cells - 1 else density[0 if closed else cells - 1]
-        out[i + 1] = 0.25 * before + 0.5 * density[i] + 0.25 * after
-        total += out[i + 1] * (line[i + 1] - line[i])
-    out[0] = 0.0
+        integral[i + 1] = 0.25 * before + 0.5 * density[i] + 0.25 * after
+        total += integral[i + 1] * (line[i + 1] - line[i])
+    integral[0] = 0.0
     for i in range(cells):
-        out[i + 1] = out[i] + (out[i + 1] + floor * total) * (line[i + 1] - line[i])
-    return True
+        integral[i + 1] = integral[i] + (integral[i + 1] + floor * total) * (line[i + 1] - line[i])
+    if closed:
+        return 0.0
+    step, cell, farthest = integral[cells] / cells, 0, 0.0
+    for k in range(1, cells):
+        while cell < cells - 1 and integral[cell + 1] <= k * step:
+            cell += 1
+        steepness = (line[cell + 1] - line[cell]) / (integral[cell + 1] - integral[cell])
+        out[k] = steepness * (k * step - integral[cell]) + line[cell]
+        share = abs(out[k] - line[k]) / min(line[k + 1] - line[k], line[k] - line[k - 1])
+        farthest = max(farthest, share) if np.isfinite(share) else np.inf
+    out[0], out[cells] = 0.0, 1.0
+    return farthest
 
 
 def _with_uniform_mean(integral: Array, line: Array) -> Array:
@@ -272,13 +321,6 @@ def _with_uniform_mean(integral: Array, line: Array) -> Array:
     moved = np.interp(at + low, knots, places)
     moved[-1] = moved[0] + 1.0
     return np.asarray(moved)
-
-
-def _change(old: Array, new: Array) -> float:
-    """The largest move of a line, as a share of the smaller of its spacings."""
-    steps = np.diff(old)
-    nearest = np.minimum(np.append(steps, steps[-1]), np.append(steps[0], steps))
-    return float(np.max(np.abs(new - old) / nearest))
 
 
 OPEN: Closed = (False, False)

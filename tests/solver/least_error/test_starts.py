@@ -85,6 +85,16 @@ def test_lines_keep_their_order_and_ends(text: str, floor: float) -> None:
         assert np.diff(line).min() > 0.0
 
 
+def test_lines_at_equal_integrals_are_those_of_numpy() -> None:
+    rng = np.random.default_rng(7)
+    line, slopes = np.sort(np.append(rng.random(38), [0.0, 1.0])), rng.normal(size=(40, 9))
+    integral, moved = np.empty(40), np.empty(40)
+    change = starts.move(line, slopes, np.full(9, 0.1), (0.2, 0.1), False, integral, moved)
+    assert np.array_equal(moved[1:-1], np.interp(np.linspace(0.0, integral[-1], 40), integral, line)[1:-1])
+    steps = np.diff(line)
+    assert change == np.max(np.abs(moved - line)[1:-1] / np.minimum(steps[1:], steps[:-1]))
+
+
 def test_more_floor_leaves_more_lines_where_u_is_flat() -> None:
     flat = [np.count_nonzero(lines("tanh(100*(x - 0.3))", floor=floor)[0] > 0.4) for floor in (0.01, 0.1, 1.0)]
     assert flat[0] < flat[1] < flat[2]
