@@ -21,7 +21,6 @@ from equimesh_client import (
     Weight,
 )
 from equimesh_client.wire.transport import BlockingTransport, Session
-from equimesh_coupling import BadValues, ErrorIndicator
 from service.conftest import settings, until, url
 
 __all__ = ["settings", "url"]
@@ -201,28 +200,6 @@ def test_a_sequence_on_blocks_carries_fields_and_goes_on(url: str) -> None:
             sequence.step(np.ones(count + 1))
         assert sequence.mesh().quality.min_jacobian > 0.0
         sequence.delete()
-
-
-def test_a_loop_on_blocks_is_that_of_the_solver(url: str) -> None:
-    estimates: list[float] = []
-    with Client(url) as client:
-        found = client.adapt(
-            lambda mesh: wave(mesh.x, mesh.y),
-            domain=CORNER,
-            rounds=1,
-            observe=lambda one: estimates.append(one.estimate),
-        )
-        mesh = found.mesh.arrays()
-        assert len(mesh.blocks) == 3
-        assert estimates[1] < 0.8 * estimates[0]
-        in_process = em.adapt(lambda one: wave(one.x, one.y), domain=em.Blocks.of(CORNER), rounds=1)
-        np.testing.assert_allclose(mesh.points, in_process.mesh.points, atol=1e-13)
-        with pytest.raises(BadValues, match="indicator"):
-            client.adapt(lambda _: ErrorIndicator(np.ones(108)), domain=CORNER)
-        with pytest.raises(BadArgument, match="leave n out for its own"):
-            client.adapt(abs, 17, domain=CORNER)
-        with pytest.raises(BadArgument, match="n is missing"):
-            client.adapt(abs)
 
 
 def test_values_at_the_nodes_of_other_blocks_are_refused(url: str) -> None:

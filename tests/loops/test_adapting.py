@@ -149,6 +149,12 @@ def test_what_is_refused(connect: Connect, url: str) -> None:
         client.adapt(front, 9, degree=2)
     with pytest.raises(nodes, match=r"2 on triangles have 289 nodes .*, or flat in the order of"):
         client.adapt(front, 9, degree=2, cells="triangle")
+    with pytest.raises(nodes, match="indicator"):
+        client.adapt(lambda _: equimesh_client.ErrorIndicator(np.ones(16)), domain=BLOCKS[1])
+    with pytest.raises(equimesh_client.BadArgument, match="leave n out for its own"):
+        client.adapt(front, 17, domain=BLOCKS[1])
+    with pytest.raises(equimesh_client.BadArgument, match="n is missing"):
+        client.adapt(front)
     with pytest.raises(nodes, match="an adjoint needs a goal"):
         client.adapt(with_adjoint, 9)
     for options, words in (

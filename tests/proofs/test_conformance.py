@@ -10,8 +10,6 @@ import math
 import signal
 import socket
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +22,6 @@ from client.conftest import Blocking
 from equimesh_cli.command import build_parser, main
 from equimesh_client import (
     AnnulusSector,
-    ArcLength,
     AsyncClient,
     AsyncMesh,
     AsyncSequence,
@@ -35,11 +32,8 @@ from equimesh_client import (
     DeadlineExceeded,
     Estimate,
     Forbidden,
-    InvalidInput,
-    LinearRobin,
     Mesh,
     MeshCanceled,
-    MeshFailed,
     MissingLibrary,
     NotFound,
     Quadrilateral,
@@ -55,12 +49,6 @@ from equimesh_client.sequence import AsyncSequences, Sequences
 
 equimesh_service = pytest.importorskip("equimesh_service")
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
-TABLE_1 = {
-    "monitor": ArcLength(),
-    "schwarz": Schwarz(overlap=2, transmission=LinearRobin(2.3), ordering="alternating", compare_single_domain=True),
-    "boundary": "equidistributed_1d",
-    "initial": "uniform",
-}
 
 
 @pytest.fixture(scope="module")
@@ -106,20 +94,6 @@ def test_the_command_line_hands_the_settings_to_the_solver() -> None:
 
 
 @BLOCKING
-def test_the_papers_mesh(client: Any) -> None:
-    mesh = client.generate(PAPER, 12, **TABLE_1, reuse=False)
-    assert mesh.convergence.iterations[0]["max_q_eq"] == pytest.approx(1.6375, abs=5e-5)
-    errors = mesh.convergence.column("error")
-    assert errors[-1] < 1e-10 < errors[0]
-    assert mesh.convergence.rate < 0.1
-    assert mesh.quality.q_eq.mean == pytest.approx(1.0)
-    assert mesh.quality.interpolation_error["l2"] < mesh.quality.interpolation_error["l2_uniform"]
-    assert mesh.attempts == 1
-    assert mesh.timings["solve"] > 0
-    assert mesh.progress.fraction == 1.0
-
-
-@BLOCKING
 def test_notebooks_show_meshes_and_sequences(client: Any) -> None:
     figure = pytest.importorskip("matplotlib.figure")
     mesh = client.generate("tanh(9*(x-y))", 9)
@@ -149,42 +123,6 @@ def test_a_notebook_shows_the_numbers_of_a_mesh_whose_client_is_closed(url: str)
 
 
 @ASYNCHRONOUS
-def test_the_arrays_belong_together(client: Any) -> None:
-    mesh = client.generate("x*y", (9, 7), a=0.7)
-    assert mesh.x.shape == (9, 7)
-    assert np.allclose(mesh.u, mesh.x * mesh.y)
-    for side, (axis, value) in {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)}.items():
-        assert abs(mesh.points[mesh.boundary[side]][..., axis] - value).max() < 1e-14
-    corners = mesh.points[mesh.cells]
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
-    assert (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0).all()
-    arrays = mesh.arrays()
-    assert arrays.q_eq.max() == pytest.approx(mesh.quality.q_eq.max)
-    assert (arrays.subdomain == 0).all()
-    assert mesh.quality.q_eq.cells is None
-    assert np.allclose(mesh.quality_of_cells().q_eq.cells, arrays.q_eq)
-
-
-@BLOCKING
-def test_one_u_in_every_form_gives_one_mesh(client: Any, tmp_path: Path) -> None:
-    axis = np.linspace(0, 1, 129)
-    x, y = np.meshgrid(axis, axis, indexing="ij")
-    values = (1 - np.exp(15 * (x - 1))) * np.sin(np.pi * y)
-    np.savez(tmp_path / "u.npz", x=axis, y=axis, values=values)
-    exact = client.generate(PAPER, 12, a=0.7)
-    forms: list[Any] = [values, (axis, axis, values), tmp_path / "u.npz", client.samples.upload(values)]
-    forms.append(lambda x, y: (1 - np.exp(15 * (x - 1))) * np.sin(np.pi * y))
-    meshes = [client.generate(u, 12, a=0.7) for u in forms]
-    for mesh in meshes:
-        assert abs(mesh.x - exact.x).max() < 1e-4
-        assert np.array_equal(mesh.x, meshes[0].x)
-    coarse = slice(None, None, 8)
-    points = np.column_stack([x[coarse, coarse].ravel(), y[coarse, coarse].ravel()])
-    scattered = client.generate((points, values[coarse, coarse].ravel()), 12, a=0.7)
-    assert abs(scattered.x - exact.x).max() < 0.1
-
-
-@ASYNCHRONOUS
 def test_files_in_every_format(client: Any, tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
     mesh = client.generate("x*y", 9, cells="triangle", a=0.7)
@@ -206,45 +144,6 @@ def test_files_in_every_format(client: Any, tmp_path: Path) -> None:
         assert np.allclose(here.cell_data[name][0], file.cell_data[name][0]), name
     assert set(here.point_data) == set(file.point_data) == {"u", "xi", "eta"}
     assert all(np.allclose(here.point_data[name], file.point_data[name]) for name in file.point_data)
-
-
-@BLOCKING
-def test_the_spec_makes_the_same_mesh(client: Any) -> None:
-    label = f"made {time.time_ns()}"
-    mesh = client.generate("c*x*y", (9, 7), parameters={"c": 2.0}, label=label, b=0.1)
-    again = client.meshes.create(mesh.spec(), wait=10).wait(deadline=300)
-    assert again.id != mesh.id
-    assert np.array_equal(again.x, mesh.x)
-    assert [found.label for found in client.meshes.list(label=label)] == [label, label]
-    assert client.meshes.get(mesh.id).record == mesh.record
-
-
-@ASYNCHRONOUS
-def test_a_mesh_that_is_there_already(client: Any) -> None:
-    u = f"x*y + {time.time_ns()}*x"  # nobody has asked for this before
-    first = client.generate(u, 9, a=0.7)
-    again = client.generate(u, 9, label="again", cells="triangle", a=0.7)
-    anew = client.generate(u, 9, reuse=False, a=0.7)
-    assert (first.reused_from, again.reused_from, anew.reused_from) == (None, first.id, None)
-    assert len({first.id, again.id, anew.id}) == 3
-    assert (again.label, again.cells.shape, again.error) == ("again", (128, 3), None)
-    for mesh in (again, anew):
-        assert np.array_equal(mesh.x, first.x)
-        assert mesh.quality == first.quality
-        assert [event.kind for event in mesh.events()][-1] == "done"
-    assert client.meshes.create(first.spec(), wait=5).reused_from is not None
-    assert client.meshes.create(first.spec(), wait=5, reuse=False).reused_from is None
-
-
-@BLOCKING
-def test_bad_expressions_show_where(client: Any) -> None:
-    for ask in (lambda u: client.generate(u, 8, a=0.7), client.check):
-        with pytest.raises(InvalidInput) as caught:
-            ask("sin(pi*x) + foo")
-        (error,) = caught.value.errors
-        assert error.pointer.endswith("/expression")
-        assert error.column == 13
-        assert str(caught.value).endswith("      sin(pi*x) + foo\n                  ^")
 
 
 FRONT = "tanh(3*(x - y))"
@@ -272,51 +171,6 @@ def test_arrays_and_callables_lie_on_the_box_of_the_domain(client: Any) -> None:
     assert client.check("log(x*x+y*y)", domain=BEND)["domain"]["area"] == pytest.approx(0.75 * np.pi)
 
 
-@BLOCKING
-def test_what_cannot_be_reached_is_relaxed_or_fails(client: Any, tmp_path: Path) -> None:
-    hard = {"u": "tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))", "n": 16, "a": 1.0, "b": 0.0}
-    mesh = client.generate(**hard)
-    assert mesh.relaxed
-    assert mesh.warnings
-    assert mesh.certificate.relaxed[0].asked != mesh.certificate.relaxed[0].reached
-    assert mesh.warnings[0] in str(mesh.certificate)
-    with pytest.raises(MeshFailed) as caught:
-        client.generate(**hard, allow_relaxed=False)
-    failed = client.meshes.get(caught.value.mesh.id)
-    assert not failed.relaxed
-    assert failed.download(tmp_path / "m.vtu", partial=True).exists()
-
-
-@ASYNCHRONOUS
-def test_a_mesh_that_does_not_converge_says_so(client: Any, tmp_path: Path) -> None:
-    few = Schwarz(overlap=2, transmission=LinearRobin(2.3), max_iterations=2)
-    with pytest.raises(MeshFailed) as caught:
-        client.generate(PAPER, 12, schwarz=few, a=0.7)
-    assert caught.value.problem["type"] == "/problems/not-converged"
-    assert "the estimated error is" in str(caught.value)
-    mesh = client.meshes.get(caught.value.mesh.id)
-    assert mesh.status == "failed"
-    with pytest.raises(Conflict):
-        mesh.download(tmp_path / "m.vtu")
-    assert mesh.download(tmp_path / "m.vtu", partial=True).exists()
-
-
-@ASYNCHRONOUS
-def test_cancel_and_delete(client: Any) -> None:
-    mesh = client.meshes.create(heavy())
-    mesh.cancel()
-    with pytest.raises(MeshCanceled):
-        mesh.wait(deadline=300)
-    assert mesh.is_finished
-    assert [event.kind for event in mesh.events(deadline=300)][-1] == "done"
-    mesh.delete()
-    with pytest.raises(NotFound):
-        mesh.refresh()
-    done = client.generate("x", 8, a=0.7)
-    with pytest.raises(Conflict):
-        done.cancel()
-
-
 @ASYNCHRONOUS
 def test_a_deadline_cancels(client: Any) -> None:
     spec = heavy()
@@ -325,18 +179,6 @@ def test_a_deadline_cancels(client: Any) -> None:
     (mesh,) = client.meshes.list(label="late", limit=1)
     with pytest.raises(MeshCanceled):
         mesh.wait(deadline=300)
-
-
-@BLOCKING
-def test_events_tell_the_story(client: Any) -> None:
-    spec = {"monitor": {"kind": "arc_length", "u": {"expression": PAPER}}, "grid": {"n_xi": 64, "n_eta": 64}}
-    mesh = client.meshes.create(spec, reuse=False)
-    events = list(mesh.events(deadline=300))
-    assert [event.id for event in events] == list(range(1, len(events) + 1))
-    assert [events[0].kind, events[-1].kind] == ["status", "done"]
-    assert events[-1].data["status"] == "succeeded"
-    assert list(mesh.events(after=events[-1].id)) == []
-    assert [event.id for event in mesh.events(after=2)] == [event.id for event in events[2:]]
 
 
 @pytest.fixture(scope="module")
@@ -383,105 +225,6 @@ def test_keys(
     said += [str(forbidden.value), repr(forbidden.value), str(full.value), repr(ada), repr(mesh), caplog.text]
     for secret in secrets.values():
         assert not any(secret in words for words in said)
-
-
-class CuttingProxy:
-    """Passes connections on to a service, and cuts some of them after so many bytes of the answer."""
-
-    def __init__(self, target: str) -> None:
-        self.cuts: list[int] = []
-        host, port = target.removeprefix("http://").split(":")
-        self.target = (host, int(port))
-        self.listener = socket.create_server(("127.0.0.1", 0))
-        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
-        self.open: list[socket.socket] = []
-        self.passed = 0  # bytes of answers
-        self.threads = [threading.Thread(target=self.accept)]
-        self.threads[0].start()
-
-    def cut(self, *limits: int) -> None:
-        """Hang up now, and cut the next connections."""
-        self.cuts = list(limits)
-        self.hang_up()
-
-    def hang_up(self) -> None:
-        for end in self.open:
-            with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
-
-    def accept(self) -> None:
-        while True:
-            try:
-                near, _ = self.listener.accept()
-            except OSError:
-                return
-            far = socket.create_connection(self.target)
-            self.open += [near, far]
-            limit = self.cuts.pop(0) if self.cuts else None
-            for source, sink, most in ((near, far, None), (far, near, limit)):
-                self.threads.append(threading.Thread(target=self.pump, args=(source, sink, near, most)))
-                self.threads[-1].start()
-
-    def pump(self, source: socket.socket, sink: socket.socket, near: socket.socket, limit: int | None) -> None:
-        passed = 0
-        with contextlib.suppress(OSError):
-            while passed != limit and (data := source.recv(4096)):
-                data = data if limit is None else data[: limit - passed]
-                sink.sendall(data)
-                passed += len(data)
-                self.passed += len(data) if sink is near else 0
-        for end in (source, sink):
-            with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
-
-    def close(self) -> None:
-        self.listener.shutdown(socket.SHUT_RDWR)
-        self.listener.close()
-        self.hang_up()
-        for thread in self.threads:
-            thread.join(timeout=10)
-        for end in self.open:
-            end.close()
-
-
-@pytest.fixture
-def proxy(url: str) -> Iterator[CuttingProxy]:
-    """A line to the service that breaks."""
-    made = CuttingProxy(url)
-    yield made
-    made.close()
-
-
-@ASYNCHRONOUS
-def test_every_event_comes_once_over_a_line_that_breaks(
-    connect: Any, client: Any, proxy: CuttingProxy, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("equimesh_service.api.events._RETRY_MILLISECONDS", 1)
-    mesh = client.meshes.create(heavy(grid={"n_xi": 64, "n_eta": 64}))
-    far = connect(proxy.url, retries=RetryPolicy(retries=99, first=0.001, longest=0.01)).meshes.get(mesh.id)
-    proxy.cut(*(int(cut) for cut in np.random.default_rng(4).integers(1, 900, 500)))
-    told = []
-    for event in far.events(deadline=300):
-        told.append(event)
-        if len(told) == 10:
-            mesh.cancel()
-    assert [event.id for event in told] == list(range(1, len(told) + 1))
-    assert [(e.id, e.kind, e.data) for e in mesh.events()] == [(e.id, e.kind, e.data) for e in told]
-    assert told[-1].kind == "done"
-    assert len(told) >= 10
-    assert len(proxy.cuts) <= 490  # it did break, at beginnings and in the middle of events
-
-
-@ASYNCHRONOUS
-def test_a_file_over_a_line_that_breaks(connect: Any, client: Any, proxy: CuttingProxy, tmp_path: Path) -> None:
-    mesh = client.generate(PAPER, 129, a=0.7)
-    whole = mesh.download(tmp_path / "near.vtu").read_bytes()
-    far = connect(proxy.url, retries=RetryPolicy(retries=1, first=0.001)).meshes.get(mesh.id)
-    proxy.cut(*(int(cut) for cut in np.random.default_rng(5).integers(2000, 20_000, 9)))
-    # ten connections and one retry: each goes on where the one before ended
-    assert far.download(tmp_path / "far.vtu").read_bytes() == whole
-    assert proxy.cuts == []
-    assert proxy.passed < len(whole) + 10 * 4000
 
 
 TWINS = [

@@ -31,12 +31,6 @@ def test_a_constant_metric_gives_the_uniform_mesh(u: str, boundary: em.Boundary)
 
 
 @pytest.mark.parametrize("boundary", BOUNDARIES)
-def test_no_adaptation_gives_the_uniform_mesh(boundary: em.Boundary) -> None:
-    mesh = em.solve(problem("ring", 12, boundary=boundary, a=0.0)).mesh
-    assert distance(mesh, em.Mesh.uniform(mesh.grid)) < 1e-13
-
-
-@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_symmetries_of_the_square(boundary: em.Boundary) -> None:
     mesh = mesh_of("tanh(8*(x + y/2 - 0.75))", 13, 10, boundary)
     mirrored = mesh_of("tanh(8*(1 - x + y/2 - 0.75))", 13, 10, boundary)

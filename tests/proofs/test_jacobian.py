@@ -29,26 +29,6 @@ def check_taylor_remainder(equations: MeshEquations, mesh: em.Mesh) -> None:
         assert 3.9 < coarse / fine < 4.1
 
 
-@pytest.mark.parametrize("boundary", em.Boundary)
-@pytest.mark.parametrize("b", [0.0, 0.05])
-def test_single_domain(boundary: em.Boundary, b: float) -> None:
-    case = problem("tanh20", 9, 7, boundary=boundary, b=b)
-    check_taylor_remainder(case.equations(), em.Mesh.uniform(case.grid))
-
-
-def test_samples() -> None:
-    axis = np.linspace(0, 1, 21)
-    values = np.sin(4 * axis)[:, None] * np.cos(3 * axis)
-    monitor = em.ArcLength(u=em.GridSamples(x=axis, y=axis, values=values), a=1.0, b=0.0, scaled=False)
-    case = em.Problem(monitor=monitor, grid=em.Grid(n_xi=8, n_eta=9))
-    equations, mesh = case.equations(), em.Mesh.uniform(case.grid)
-    z, v = equations.vector(mesh), np.zeros(2 * equations.size)
-    v[equations.size // 2 + 2] = v[-equations.size // 2] = 1.0  # interior nodes: a spline is not smooth outside
-    value, slope = equations.residual(z), equations.jacobian(z) @ v
-    remainders = [np.linalg.norm(equations.residual(z + h * v) - value - h * slope) for h in STEPS]
-    assert 3.8 < remainders[0] / remainders[1] < 4.2
-
-
 class OldNeighbours:
     """Neighbours that send the values of a fixed mesh."""
 
