@@ -31,7 +31,7 @@ import road
 from biquadratic_elements import BiquadraticElements
 from costs import budget, newton, peers, solves
 from costs.budget import Bought, Curve
-from costs.quadrature import errors, l2_error
+from costs.quadrature import errors
 from costs.rows import Row, lines
 from distributed import Client, LocalCluster
 from random_functions import KINDS, RandomFunction, random_functions
@@ -97,13 +97,6 @@ def test_newton_goes_to_the_mesh_of_the_sweeps(tiny: dict[str, Row]) -> None:
         assert float(row.note.rpartition(" ")[2]) < 1e-9, what
 
 
-def test_sweeps_and_newton_start_alike() -> None:
-    problem, start = solves.front(33), em.solve(solves.front(33)).reference
-    count, mesh = newton.sweep(problem, start)
-    assert count > 1
-    assert np.abs(mesh.x - em.solve(problem, mode=em.Mode.TIGHT).reference.x).max() < 1e-10
-
-
 def test_a_goal_is_met_from_the_right_side() -> None:
     assert Row(what="", value=1.0, unit="s", goal=2.0).met is True
     assert Row(what="", value=3.0, unit="s", goal=2.0).met is False
@@ -118,17 +111,6 @@ def test_goals_are_for_the_sizes_that_they_were_set_for(tiny: dict[str, Row]) ->
     assert [row.what for row in tiny.values() if row.goal is not None] == [
         "n = 65, algebraic over discretisation error"
     ]
-
-
-@pytest.mark.parametrize("kind", ["quads", "triangles"])
-def test_the_quadrature_is_exact_where_the_error_is_known(kind: str) -> None:
-    n = 5
-    mesh = em.Mesh.uniform(em.Grid(n_xi=n, n_eta=n))
-    points, cells = (mesh.points, mesh.cells) if kind == "quads" else peers._uniform_triangles(n)
-    h = 1.0 / (n - 1)
-    # on every cell the error of x^2 is x (x - h), whose square has the mean h^4 / 30
-    assert l2_error(points, cells, lambda x, y: x**2 + y) == pytest.approx(h**2 / math.sqrt(30.0), rel=1e-12)
-    assert l2_error(points, cells, lambda x, y: 2 * x - 3 * y) < 1e-15
 
 
 def test_our_meshes_are_measured_beside_the_uniform_one() -> None:

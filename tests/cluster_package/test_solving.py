@@ -171,14 +171,6 @@ def test_a_failure_of_the_coarse_solve_is_the_callers(client: Client) -> None:
     require_nothing_left(client)
 
 
-def test_relaxed_equations_are_solved_on_the_coarse_grid_and_said(client: Client) -> None:
-    whole = em.solve(RELAXED)
-    with solve(RELAXED, client, parts=1) as handle:
-        assert handle.status is whole.status is em.Status.RELAXED
-        assert (handle.relaxed, handle.message) == (whole.relaxed, whole.message)
-        assert largest_difference(client.compute(handle.x).result(), whole.mesh.x) <= EQUAL
-
-
 @pytest.mark.parametrize("stage", ["sweeps", pytest.param("coarse", marks=pytest.mark.everything)])
 def test_a_worker_that_is_killed_changes_nothing_in_the_mesh(processes: DaskProcesses, stage: str) -> None:
     processes.have(2)

@@ -245,23 +245,6 @@ def test_compiled_loops_are_those_of_the_image(project: Project) -> None:
     assert project.shell("docker compose exec equimesh sh -c 'ls /data/loops/*/ | wc -l'").strip() == "0"
 
 
-def test_no_accepted_mesh_is_lost_while_containers_are_killed(project: Project) -> None:
-    project.page("deploy.md", "replica")
-    until(lambda: is_ready(SECOND), "the replica is ready")
-    with Load(project) as load:
-        for service in ("equimesh", "equimesh-2", "database"):
-            until(lambda: is_ready(FIRST) and is_ready(SECOND), "both are ready")
-            before = len(load.accepted)
-            until(lambda before=before: len(load.accepted) > before + 10, "meshes are requested")  # type: ignore[misc]
-            project.crash(service)
-        until(lambda: is_ready(FIRST) and is_ready(SECOND), "both are ready again")
-        for service in ("equimesh", "database", "equimesh-2"):
-            project.shell(f"docker compose --profile replica restart {service}")
-            until(lambda: is_ready(FIRST) and is_ready(SECOND), "both are ready again")
-    print(f"{len(load.accepted)} meshes were accepted, {load.refused} requests failed while a container was down")
-    check_all_succeed(project, load.accepted)
-
-
 def places(project: Project) -> int:
     """How many meshes the service may solve at the same time, as it says itself; 0 when it does not answer."""
     try:

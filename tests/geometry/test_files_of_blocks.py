@@ -73,14 +73,3 @@ def test_npz_files_hold_all_of_it(tmp_path: Path, name: str, kind: Cells) -> Non
     for one, two in ((found.fields, data.fields), (found.cell_fields, data.cell_fields)):
         assert {*one} == {*two}
         assert all(np.array_equal(one[field], two[field]) for field in two)
-
-
-@pytest.mark.parametrize("suffix", [".vtu", ".vtm", ".xdmf", ".msh", ".mesh", ".su2", ".xyz", ".npz", ".foam.zip"])
-def test_the_same_mesh_gives_the_same_bytes(tmp_path: Path, suffix: str) -> None:
-    for folder in ("one", "two"):
-        (tmp_path / folder).mkdir()
-        files = write_mesh(tmp_path / folder / f"mesh{suffix}", data_of(MESHES["turned"]))
-        assert {*files} == {*(tmp_path / folder).iterdir()}
-    if suffix != ".xdmf":  # HDF5 files hold times
-        for file in (tmp_path / "one").iterdir():
-            assert file.read_bytes() == (tmp_path / "two" / file.name).read_bytes()

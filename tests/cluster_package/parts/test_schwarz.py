@@ -161,40 +161,6 @@ def test_closed_lines_are_refused() -> None:
         SchwarzPlan(problem=closed, schwarz=SLOW, tolerance=None, expected=math.nan)
 
 
-@pytest.mark.parametrize(
-    ("condition", "corrections", "iterations"),
-    [
-        (em.Optimized(), 3, [2, 2, 3, 3, 3]),
-        pytest.param(em.Classical(), 2, [4, 5, 4, 5, 4], marks=pytest.mark.everything),
-    ],
-    ids=["optimized", "classical"],
-)
-def test_2_to_32_subdomains_on_up_to_8_parts(
-    condition: em.TransmissionCondition, corrections: int, iterations: list[int]
-) -> None:
-    """The number of iterations does not grow with them where lines are corrected as a whole."""
-    case = problem("tanh20", 129, 17)
-    start, exact = bent(case, 0.002), bent(case, 0.0)
-    for subdomains, expected in zip((2, 4, 8, 16, 32), iterations, strict=True):
-        settings = em.Schwarz(
-            subdomains=(subdomains, 1), overlap=3, transmission=condition, line_correction=corrections, tolerance=1e-8
-        )
-        made = SchwarzPlan(problem=case, schwarz=settings, tolerance=1e-8, expected=math.nan)
-
-        def part(channel: Channel, made: SchwarzPlan = made) -> SchwarzPart:
-            return iterate_part(channel, made, made.windows(start, channel.number, channel.count))
-
-        found = ThreadChannels(min(subdomains, 8)).run(part)
-        assert len(found[0].iterations) - 1 == expected
-        x, y = joined(found)
-        assert max(abs(x - exact.x).max(), abs(y - exact.y).max()) < 1e-8
-        sent = sum(
-            one.bytes for part in found for counts in part.sent for kind, one in counts.items() if kind != "agreed"
-        )
-        said = sum(record.traffic for record in found[0].iterations)
-        assert sent == said if subdomains <= 8 else 0 < sent < said, "neighbours in one part send nothing"
-
-
 # Blocks in parts: the solution of one process, bit for bit, with its records, also where weights are chosen.
 
 

@@ -15,7 +15,7 @@ from cases import problem
 from cluster_package.parts.whole import COARSE_POINTS, in_parts, low_strips, require_equal
 from equimesh.fields import chunked_samples
 from equimesh.meshes.rows import strips_of
-from equimesh_cluster.messages import ALONE, Channel
+from equimesh_cluster.messages import ALONE
 from equimesh_cluster.parts.rows import cuts_of, nodes_across
 from equimesh_cluster.parts.solve import OtherGridsNeededError, coarse_solution, solve_part
 
@@ -166,16 +166,6 @@ def test_a_level_on_which_sweeps_fail_keeps_the_interpolated_mesh(monkeypatch: p
     assert found.status is em.Status.RELAXED
     assert [(one.what, one.reached) for one in found.relaxed] == [("points", 65)]
     assert not em.Mesh(found.mesh.x, found.mesh.y).is_folded
-
-
-@pytest.mark.usefixtures("low_strips")
-def test_the_observer_gets_every_record() -> None:
-    case, seen = on(em.Rectangle(), em.Boundary.TRACE, em.ArcLength(u=U)), []
-    channel: Channel = ALONE
-    found = solve_part(case, coarse_solution(case, max_points=COARSE_POINTS), channel, observe=seen.append)
-    assert tuple(seen) == found.records
-    assert {record.grid.n_xi for record in seen} == {129, 257}
-    assert seen[-1].converged
 
 
 # The coarse solution.

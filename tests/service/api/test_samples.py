@@ -80,16 +80,6 @@ def test_a_column_of_a_table_is_chosen(http: httpx.Client) -> None:
     assert mesh.json()["errors"][0]["parameter"] == "column"
 
 
-def test_scattered_samples(http: httpx.Client) -> None:
-    points = np.vstack([np.random.default_rng(1).random((500, 2)), [[0, 0], [1, 0], [0, 1], [1, 1]]])
-    values = np.tanh(5 * (points[:, 0] - 0.5))
-    spec = small(
-        monitor={"kind": "arc_length", "u": {"scattered": {"points": points.tolist(), "values": values.tolist()}}}
-    )
-    mesh = post(http, spec, **WAIT).json()
-    assert mesh["status"] == "succeeded", mesh["error"]
-
-
 def test_samples_are_deleted_when_nobody_needs_them(http: httpx.Client) -> None:
     stored = http.post(
         "/v1/samples", content=b"x,y,u\n0,0,7\n0,1,1\n1,0,1\n1,1,2\n", headers={"Content-Type": "text/csv"}
@@ -122,33 +112,6 @@ def test_samples_that_are_read_do_not_hold_up_the_service(http: httpx.Client, mo
         assert http.get("/v1/meshes?limit=1").status_code == 200
         answered.set()
         assert (upload.result().status_code, upload.result().json()["shape"]) == (201, [9004])
-
-
-UPLOADS: dict[str, tuple[str, bytes]] = {
-    "empty": ("a.npz", b""),
-    "not a zip": ("a.npz", b"PK\x03\x04 no"),
-    "no suffix": ("samples", b"1,2,3"),
-    "executable": ("a.exe", b"MZ"),
-    "pickle": ("a.npy", b"\x80\x04\x95K\x01."),
-    "text in csv": ("a.csv", b"x,y,u\n0,0,zero\n"),
-    "nan in csv": ("a.csv", b"x,y,u\n0,0,nan\n0,1,1\n1,0,1\n1,1,1\n"),
-    "not xml": ("a.vtu", b"<VTKFile"),
-    "entity bomb": ("a.vtu", b'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaa">]><VTKFile>&a;</VTKFile>'),
-    "broken vtk": ("a.vtk", b"# vtk DataFile Version 4.2\n"),
-    "json list": ("a.json", b"[1, 2]"),
-}
-
-
-@pytest.mark.parametrize("name", UPLOADS)
-def test_bad_uploads_are_refused(http: httpx.Client, name: str) -> None:
-    filename, data = UPLOADS[name]
-    answer = http.post("/v1/samples", files={"samples": (filename, data)})
-    assert answer.status_code == 422, answer.text
-    assert answer.json()["errors"][0]["message"]
-    spec = json.dumps(small(monitor={"kind": "arc_length", "u": {"samples": "upload"}}))
-    answer = http.post("/v1/meshes", files={"spec": (None, spec), "samples": (filename, data)})
-    assert answer.status_code == 422, answer.text
-    assert answer.json()["errors"][0]["pointer"].startswith("/monitor/u/samples")
 
 
 def test_an_upload_that_the_spec_does_not_use_is_refused(http: httpx.Client) -> None:

@@ -12,9 +12,8 @@ import pytest
 
 import equimesh as em
 from equimesh_service import Settings
-from service.conftest import SLOW, small, until
-from service.guarded import Guarded
-from service.requests import CURVED, FRONT, WAIT, npz, post, solved
+from service.conftest import SLOW, small
+from service.requests import CURVED, FRONT, npz, post, solved
 from service.storages import stored_names
 
 NODES = {"x", "y", "u"}
@@ -203,32 +202,11 @@ def test_stored_samples_are_found_and_missing_ones_are_refused(http: httpx.Clien
     assert (missing.status_code, missing.json()["errors"][0]["pointer"]) == (422, "/monitor/u/samples")
 
 
-def test_busy_workers_are_said_so_and_are_free_afterwards(http: httpx.Client) -> None:
-    meshes = [post(http, SLOW).json() for _ in range(2)]
-    for mesh in meshes:
-        until(lambda mesh=mesh: http.get(mesh["links"]["self"]).json()["status"] == "running")
-    answer = http.post("/v1/previews", json=small())
-    assert (answer.status_code, answer.json()["type"]) == (503, "/problems/workers-busy")
-    assert answer.headers["retry-after"] == "1"
-    for mesh in meshes:
-        http.delete(mesh["links"]["self"])
-    until(lambda: http.post("/v1/previews", json=small()).status_code == 200)
-    assert http.post("/v1/meshes", json=small(), headers=WAIT).json()["status"] == "succeeded"
-
-
 def test_a_mesh_that_is_not_finished_has_no_drawing(http: httpx.Client) -> None:
     mesh = post(http, SLOW).json()
     answer = http.get(f"/v1/meshes/{mesh['id']}/drawing")
     assert answer.json()["type"] == "/problems/not-finished"
     http.delete(mesh["links"]["self"])
-
-
-def test_previews_need_the_right_to_request_meshes(guarded_service: Guarded) -> None:
-    statuses = {}
-    for scopes in ((), ("read",), ("write",)):
-        with guarded_service.client(*scopes) as client:
-            statuses[scopes] = client.post("/v1/previews", json=small()).status_code
-    assert statuses == {(): 401, ("read",): 403, ("write",): 200}
 
 
 UNSTORED = {"store": "false"}
@@ -277,9 +255,3 @@ def test_what_is_refused_of_a_mesh_that_is_not_kept(http: httpx.Client) -> None:
     assert "a mesh of this service has at most 20000" in many.json()["errors"][0]["message"]
     kind = http.post("/v1/meshes", content=b"x", params=UNSTORED, headers={"Content-Type": "text/html"})
     assert kind.status_code == 415
-
-
-def test_a_mesh_that_is_not_kept_ends_at_its_wait(http: httpx.Client) -> None:
-    answer = http.post("/v1/meshes", json=SLOW, params=UNSTORED, headers={"Prefer": "wait=1"})
-    assert (answer.status_code, answer.json()["type"]) == (409, "/problems/time-limit")
-    assert "within 1 s" in answer.json()["detail"]

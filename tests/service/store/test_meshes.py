@@ -41,24 +41,6 @@ def test_the_same_key_gives_the_same_mesh(store: Store) -> None:
     assert store.meshes.add(NewMesh(id="d", spec=SPEC), key="k", fingerprint="f") == "d"
 
 
-def test_the_same_key_at_the_same_moment_gives_one_mesh(store: Store) -> None:
-    found: list[str] = []
-    barrier = threading.Barrier(6)
-
-    def ask(number: int) -> None:
-        barrier.wait()
-        found.append(store.meshes.add(NewMesh(id=f"m{number}", spec=SPEC), key="k", fingerprint="f"))
-
-    threads = [threading.Thread(target=ask, args=(number,)) for number in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(found) == 6
-    assert len(set(found)) == 1
-    assert len(store.meshes.page()) == 1
-
-
 def test_list_filters_and_pages(store: Store) -> None:
     for number in range(5):
         add(store, f"m{number}", label="odd" if number % 2 else "even")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -60,15 +59,6 @@ def test_corner_jacobians_are_those_of_the_map_from_the_grid() -> None:
     jacobians = em.Mesh(moved, start.y).corner_jacobians()
     assert em.Mesh(moved, start.y).min_jacobian == pytest.approx(jacobians.min()) == pytest.approx(0.6)
     assert {tuple(cell) for _, *cell in np.argwhere(jacobians < 1 - 1e-9).tolist()} == {(1, 0), (1, 1)}
-
-
-@pytest.mark.parametrize("value", [0.6, 0.5, math.nan, math.inf])
-def test_a_node_beyond_the_next_one_folds(value: float) -> None:
-    start = em.Mesh.uniform(GRID)
-    assert not start.is_folded
-    x = start.x.copy()
-    x[1, 1] = value  # its neighbour stands at 0.5
-    assert em.Mesh(x, start.y).is_folded
 
 
 def test_the_sides_of_the_unit_square_are_met_exactly() -> None:
