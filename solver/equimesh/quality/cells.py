@@ -103,12 +103,12 @@ class ChosenCells:
 
     def count(self) -> int:
         """The number of such cells in all rows of the grid."""
-        return int(self.rows.summed(np.array([float(self.numbers.size)]))[0])
+        size = self.numbers.size
+        return size if self.rows.are_all else int(self.rows.summed(np.array([float(size)]))[0])
 
     def total(self, values: Array) -> Array:
         """The sums of ``values``, shape ``(k, cells)``, over such cells in all rows; shape ``(k,)``."""
-        spans = pairwise(self.ends)
-        strips = np.array([[row[one:two].sum() for row in values] for one, two in spans])
+        strips = np.array([values[:, one:two].sum(axis=1) for one, two in pairwise(self.ends)])
         return self.rows.total(strips.reshape(-1, len(values)))
 
 
@@ -139,7 +139,7 @@ class Cells(ABC):
 
     @property
     def lines(self) -> Pair | None:
-        """x and y of the held lines of nodes, where all are known to be parallel to the axes; ``None`` elsewhere."""
+        """x and y of the lines around own cells, where all are known to be parallel to the axes; ``None`` elsewhere."""
         return None
 
     @property
@@ -163,13 +163,8 @@ class Cells(ABC):
         return self.rows.own
 
     def blocks(self, points: CellPoints) -> Iterator[slice]:
-        """All own cells, in pieces of about ``BLOCK_POINTS`` points that are the same for any number of holders.
-
-        They are whole rows between :attr:`lines`.
-        """
+        """All own cells, in pieces of about ``BLOCK_POINTS`` points that are the same for any number of holders."""
         columns, size = self.shape[1], cells_of_block(points)
-        if self.lines is not None:
-            size = max(1, size // columns) * columns
         for first, last in self.rows.strips:
             yield from pieces(first * columns, last * columns, size)
 
@@ -236,6 +231,14 @@ class UniformCells(Cells):
         if not (isinstance(self.domain, Rectangle) and self.domain.is_unit_square):
             out[:4], out[4:] = self.domain.map(out[:4], out[4:])
         return out
+
+    @property
+    def lines(self) -> Pair | None:
+        """x and y of the lines around own cells of a rectangle; ``None`` in other domains."""
+        if not isinstance(self.domain, Rectangle):
+            return None
+        (x, y), rows = self._reference, self.rows
+        return self.domain.map(x, x)[0][rows.first : rows.last + 1], self.domain.map(y, y)[1]
 
     @cached_property
     def _reference(self) -> Pair:
@@ -322,13 +325,11 @@ class MeshCells(Cells):
 class BilinearCells(MeshCells):
     """All cells of a grid of nodes, numbered as in :class:`~equimesh.meshes.mesh.Mesh`.
 
-    Cells on both sides of the seam of ``closed`` lines are neighbours; all rows of such a mesh are here. ``straight``
-    says that all lines of the mesh are parallel to the axes.
+    Cells on both sides of the seam of ``closed`` lines are neighbours; all rows of such a mesh are here.
     """
 
     mesh: Mesh | MeshRows
     closed: Closed = OPEN
-    straight: bool = False
     _found: list[tuple[float, float]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
@@ -355,11 +356,6 @@ class BilinearCells(MeshCells):
     def total_area(self) -> float:
         """Signed area of the whole mesh."""
         return self._of_all()[1]
-
-    @property
-    def lines(self) -> Pair | None:
-        """x and y of the held lines of nodes; ``None`` unless they are ``straight``."""
-        return (self.window.x[:, 0], self.window.y[0]) if self.straight else None
 
     @property
     def own_shape(self) -> tuple[int, ...]:

@@ -269,7 +269,7 @@ def _norms(cells: Cells, u: Field, degree: int, kind: CellKind) -> Norms:
         worst = int(errors[2].argmax())
         if errors[2, worst] > peak.value:
             peak = LargestError(float(errors[2, worst]), *map(float, found.corners[:, :, worst].mean(axis=1)))
-    extremes = Extremes.of(cells.rows, values, ends, peak)
+    extremes = Extremes.of(cells.rows, float(np.abs(values).max(initial=0.0)), ends, peak)
     allowed = noise(cells, extremes.size)
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
     whole = _Pieces(kind, degree, corners, values)

@@ -161,8 +161,8 @@ def norms(
 
 def norms_of(tally: ErrorTally) -> Norms:
     """The norms from the errors at the points of a rule."""
-    cells, values, chosen = tally.cells, tally.values, tally.chosen
-    extremes = Extremes.of(cells.rows, values, tally.range, _peak(tally))
+    cells, chosen = tally.cells, tally.chosen
+    extremes = Extremes.of(cells.rows, tally.size, tally.range, _peak(tally))
     allowed = noise(cells, extremes.size)
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
 
@@ -180,8 +180,8 @@ def _peak(tally: ErrorTally) -> LargestError:
     if not tally.largest.size:
         return NO_ERROR
     worst = int(tally.largest.argmax())
-    at = tally.cells.at(CENTRE, tally.chosen.numbers[worst : worst + 1])
-    return LargestError(float(tally.largest[worst]), float(at.x[0, 0]), float(at.y[0, 0]))
+    (x0,), (x1,), (x2,), (x3,), *y = tally.cells.corners(tally.chosen.numbers[worst : worst + 1]).tolist()
+    return LargestError(float(tally.largest[worst]), 0.25 * (x0 + x1 + x2 + x3), 0.25 * sum(one for (one,) in y))
 
 
 class Extremes(NamedTuple):
@@ -192,10 +192,11 @@ class Extremes(NamedTuple):
     peak: LargestError
 
     @classmethod
-    def of(cls, rows: Rows, values: Array, ends: tuple[float, float], peak: LargestError) -> Extremes:
-        """From the ``values`` at the corners of the own cells, the ``ends`` of the values there and at other points,
+    def of(cls, rows: Rows, size: float, ends: tuple[float, float], peak: LargestError) -> Extremes:
+        """From the largest ``size`` at a corner of the own cells, the ``ends`` of the values there and at other points,
         and the largest error in the own cells."""
-        size = float(np.abs(values).max(initial=0.0))
+        if rows.are_all:
+            return cls(size, ends[1] - ends[0], peak)
         found = rows.joined(np.array([[size, *ends, *peak]]))
         low, high = np.fmin.reduce(found[:, 1]), np.fmax.reduce(found[:, 2])
         worst = found[found[:, 3].argmax(), 3:]

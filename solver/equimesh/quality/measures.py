@@ -260,14 +260,26 @@ def _errors(
 
     They are those in the cells with these ``numbers``, or in all.
     """
-    there, rule = _uniform_cells(cells, uniform, domain, numbers), error_rule(cells, gauss)
+    there, rule = _uniform_cells(cells, uniform, domain, element, numbers), error_rule(cells, gauss)
     kind, degree = element
     if element != ("quad", 1):
         return degree_errors(cells, there, u, degree, kind)
     if here is None:
         here = norms(cells, u, rule, numbers, nodal=nodal, threads=threads)
-    second = UNKNOWN if there is None else norms(there, u, rule, numbers, threads=threads)
-    return compared(cells, here, second)
+    if there is None or _are_same(cells, there):
+        return compared(cells, here, UNKNOWN if there is None else here)
+    return compared(cells, here, norms(there, u, rule, numbers, threads=threads))
+
+
+def _are_same(cells: MeshCells, there: Cells) -> bool:
+    """Whether all nodes of a mesh are where the lines of the other one cross: both have the same errors then."""
+    if there.lines is None:
+        return False
+    rows, (at_x, at_y) = cells.rows, there.lines
+    x, y = MeshRows.of(cells.mesh).nodes(rows.first, rows.last)
+    middle = at_x.size // 2
+    is_same = x[middle, 1] == at_x[middle] and bool((x == at_x[:, None]).all() and (y == at_y).all())
+    return rows.agreed(float(not is_same))[0] == 0.0
 
 
 def window_image(window: MeshRows, domain: Domain) -> MeshRows:
@@ -278,7 +290,11 @@ def window_image(window: MeshRows, domain: Domain) -> MeshRows:
 
 
 def _uniform_cells(
-    cells: MeshCells, uniform: Mesh | None, domain: Domain | None, numbers: IntArray | None
+    cells: MeshCells,
+    uniform: Mesh | None,
+    domain: Domain | None,
+    element: tuple[Literal["quad", "triangle"], int],
+    numbers: IntArray | None,
 ) -> Cells | None:
     """The cells of the mesh that a mesh is compared with, where those with ``numbers`` or all are looked at.
 
@@ -291,11 +307,9 @@ def _uniform_cells(
     if domain is None or not cells.mesh.is_grid:
         return None
     window = MeshRows.of(cells.mesh)
-    return (
-        BilinearCells(window_image(window, domain), straight=isinstance(domain, Rectangle))
-        if numbers is None
-        else UniformCells(window.grid, domain, cells.rows)
-    )
+    if numbers is None and (element != ("quad", 1) or not isinstance(domain, Rectangle)):
+        return BilinearCells(window_image(window, domain))
+    return UniformCells(window.grid, domain, cells.rows)
 
 
 def _quality(

@@ -89,8 +89,10 @@ class Pieces:
         for start in range(0, self.count, BLOCK_PIECES):
             block = slice(start, start + BLOCK_PIECES)
             corners, values = (np.ascontiguousarray(part[:, block]) for part in (self.corners, self.values))
-            known = None if self.u is None else self.u[:, block]
-            result[:, block] = _block_errors(u, corners, values, known)
+            found = _block_errors(u, corners, values, _ALL_POINTS if self.u is None else _UNKNOWN_POINTS)
+            if self.count <= BLOCK_PIECES:
+                return found
+            result[:, block] = found
         return result
 
 
@@ -100,40 +102,41 @@ _UNKNOWN_POINTS = CellPoints(*(np.delete(part, range(_INSIDE.s.size, part.size, 
 """The points without the corners."""
 
 
-def _block_errors(u: Field, corners: Array, values: Array, known: Array | None) -> Array:
-    """As :meth:`Pieces.errors`; ``known`` is u at the corners."""
-    points, inside, n = _ALL_POINTS if known is None else _UNKNOWN_POINTS, _INSIDE.s.size, corners.shape[1]
+def _block_errors(u: Field, corners: Array, values: Array, points: CellPoints) -> Array:
+    """As :meth:`Pieces.errors`, with u at these ``points``: not at the corners where it is the interpolant there."""
+    inside, n = _INSIDE.s.size, corners.shape[1]
     x, y = np.empty((2, points.s.size, n))
     locate(corners, points.s, points.t, x, y)
     there, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1)[:3])
-    rim = there[inside:]
-    if known is not None:
-        rim = np.empty((RIM.s.size, n))
-        rim[::2], rim[1::2] = known, there[inside:]
-    sums, missed = np.zeros((4, n)), np.empty(n)
-    add_errors(corners, values, there[:inside], (u_x[:inside], u_y[:inside]), _INSIDE, sums, np.zeros(n), 0)
-    missed_gradients(corners, values, rim, sums[2:], missed)
-    return np.stack([sums[0], sums[1], missed])
+    sums = np.zeros((5, n))
+    add_errors(corners, values, there[:inside], (u_x[:inside], u_y[:inside]), _INSIDE, sums[:4], sums[4], 0)
+    replace_by_missed(corners, values, there[inside:], sums)
+    return sums[:3]
 
 
 @compiled
-def missed_gradients(corners: Array, values: Array, rim: Array, mean: Array, missed: Array) -> None:
-    """``missed`` of every piece: the square of ``mean``, minus the integral of ``e n`` over the rim, by its area.
+def replace_by_missed(corners: Array, values: Array, rim: Array, sums: Array) -> None:
+    """Replace the third of the ``sums`` of every piece by the gradient that the rule has missed.
 
-    ``rim`` of shape ``(8, n)`` holds u at the points :data:`RIM`. The integral along an edge is by Simpson's rule.
+    That is the square of the third and the fourth one, which are those of :func:`~equimesh.quality.tally.add_errors`,
+    minus the integral of ``e n`` over the rim, by the area of the piece. ``rim`` of shape ``(8, n)`` holds u at the
+    points :data:`RIM`, or ``(4, n)`` in the middles alone, where e is 0 at the corners. The integral along
+    an edge is by Simpson's rule.
     """
-    for k in range(missed.size):
-        total_x, total_y, area = mean[0, k], mean[1, k], 0.0
+    for k in range(corners.shape[1]):
+        total_x, total_y, area, first, last = sums[2, k], sums[3, k], 0.0, 0.0, 0.0
         for side in range(4):
-            after = (side + 1) % 4
+            after, place = (side + 1) % 4, side
             dx, dy = corners[after, k] - corners[side, k], corners[4 + after, k] - corners[4 + side, k]
-            first, last = values[side, k] - rim[2 * side, k], values[after, k] - rim[(2 * side + 2) % 8, k]
-            middle = 0.5 * (values[side, k] + values[after, k]) - rim[2 * side + 1, k]
+            if len(rim) > 4:
+                place = 2 * side + 1
+                first, last = values[side, k] - rim[2 * side, k], values[after, k] - rim[(2 * side + 2) % 8, k]
+            middle = 0.5 * (values[side, k] + values[after, k]) - rim[place, k]
             along = (first + 4.0 * middle + last) / 6.0
             total_x -= along * dy
             total_y += along * dx
             area += 0.5 * (corners[side, k] * corners[4 + after, k] - corners[after, k] * corners[4 + side, k])
-        missed[k] = (total_x * total_x + total_y * total_y) / area
+        sums[2, k] = (total_x * total_x + total_y * total_y) / area
 
 
 # Which cells to look at more closely, chosen among those of the whole mesh.
@@ -159,10 +162,9 @@ def largest_of(values: Array, count: int, rows: Rows) -> IntArray:
     """
     keys = np.abs(values).view(np.uint64)
     if rows.are_all and 0 < count < values.size:
-        smallest = np.partition(keys, values.size - count)[values.size - count]
-        above = np.flatnonzero(keys > smallest)
-        equal = np.flatnonzero(keys == smallest)[: count - above.size]
-        return np.sort(np.concatenate([above, equal]))
+        places = np.empty(count, dtype=np.int64)
+        find_largest(keys.view(np.int64), places)
+        return places
     chosen, candidates, left = np.zeros(values.size, dtype=np.bool_), np.arange(values.size), count
     of_all = int(rows.summed(np.array([float(values.size)]))[0])
     most, shift = of_all if rows.are_all else MAX_SENT, 64
@@ -185,6 +187,33 @@ def largest_of(values: Array, count: int, rows: Rows) -> IntArray:
     before = int(parts[parts[:, 0] < rows.first, 1].sum())
     chosen[candidates[: max(0, left - before)]] = True
     return np.flatnonzero(chosen)
+
+
+@compiled
+def find_largest(keys: IntArray, places: IntArray) -> None:
+    """Fill ``places``, which are fewer, with those of the largest ``keys``, increasing; of equal ones the first."""
+    count, heap = places.size, np.empty(places.size, np.int64)
+    for k in range(keys.size):  # keys from ``here`` on that are no larger than those below them
+        here, key = max(count - 1 - k, 0), keys[count - 1 - k if k < count else k]
+        if k >= count and key <= heap[0]:
+            continue
+        below = 2 * here + 1
+        while below < count:
+            if below + 1 < count and heap[below + 1] < heap[below]:
+                below += 1
+            if heap[below] >= key:
+                break
+            heap[here] = heap[below]
+            here, below = below, 2 * below + 1
+        heap[here] = key
+    smallest, left, taken = heap[0], 0, 0
+    for key in heap:
+        left += key == smallest
+    for k in range(keys.size):
+        if keys[k] > smallest or (keys[k] == smallest and left > 0):
+            left -= keys[k] == smallest
+            places[taken] = k
+            taken += 1
 
 
 def all_but_the_smallest(values: Array, allowed: float, rows: Rows) -> BoolArray:
@@ -237,7 +266,7 @@ def _place_of(runs: IntArray, one_of: int) -> IntArray:
     return np.asarray((mixed ^ (mixed >> np.uint64(31))) % np.uint64(one_of)).astype(np.int64)
 
 
-MAX_DIFFERENCES = np.array([0.1, 0.02])
+MAX_DIFFERENCES = (0.1, 0.02)
 """Largest differences of two integrals of squared errors, as shares of them: 5 % of the L2 norm, 1 % of the H1 norm.
 
 A descent moves nodes until the gradient of u changes where its own rule has no points. Rules that are nearly as coarse
@@ -315,14 +344,14 @@ def resolved_integrals(
     by the first rule. Integrals of at most ``noise`` are rounding, and are not refined.
     """
     totals, count = cells.total(first), cells.count()
-    is_known, agree = bool(np.isfinite(totals).all()), np.ones(2, dtype=np.bool_)
+    is_known, agree = math.isfinite(totals[0]) and math.isfinite(totals[1]), (True, True)
     if is_known and count > MIN_SAMPLED_CELLS:
         some = _largest_and_sampled(cells, count, first, totals)
         share = 1.0 if count > MIN_CHECKED_CELLS else CLEAR_SHARE
         agree = _agree(pieces, cells, first, u, totals, noise, some, share)
-    if is_known and (count <= MIN_SAMPLED_CELLS or (count <= MIN_CHECKED_CELLS and not agree.all())):
+    if is_known and (count <= MIN_SAMPLED_CELLS or (count <= MIN_CHECKED_CELLS and not all(agree))):
         agree = _agree(pieces, cells, first, u, totals, noise, _all_of(cells), 1.0)
-    if agree.all():
+    if all(agree):
         return Integrals((float(totals[0]), float(totals[1])), (True, True), count)
     every = pieces(np.arange(cells.numbers.size))
     found = _Refinement(u, np.asarray(noise), cells.rows).of(every, first, count)
@@ -340,20 +369,21 @@ def _agree(
     noise: tuple[float, float],
     some: tuple[IntArray, Array],
     share: float,
-) -> BoolArray:
+) -> tuple[bool, bool]:
     """Whether a second rule agrees in values and in gradients, to a ``share`` of what is allowed.
 
     ``some`` are the positions of the cells on which it is tried, and how many cells each stands for.
     """
     chosen, weights = some
     second = pieces(chosen).errors(u)
-    tried = cells.rows.summed(np.concatenate([first[:, chosen], second]) @ weights)
-    before, after, missed = tried[:2], tried[2:4], MISSED_WEIGHT * float(tried[4])
-    small = (np.maximum(totals, after) <= noise, bool(max(totals[1], after[1], missed) <= noise[1]))
-    allowed = share * MAX_DIFFERENCES
-    agree = (np.abs(after - before) <= allowed * np.maximum(after, before)) | small[0]
-    agree[1] &= missed <= allowed[1] * max(after[1], before[1]) or small[1]
-    return np.asarray(agree)
+    tried = cells.rows.summed(np.concatenate([first[:, chosen], second]) @ weights).tolist()
+    missed, agree = MISSED_WEIGHT * tried[4], list[bool]()
+    for part, (before, after) in enumerate(zip(tried[:2], tried[2:4], strict=True)):
+        allowed = share * MAX_DIFFERENCES[part] * max(after, before)
+        is_small = totals[part] <= noise[part] and after <= noise[part]  # not where it is NaN
+        agree.append(abs(after - before) <= allowed or is_small)
+    agree[1] = agree[1] and (missed <= allowed or (is_small and missed <= noise[1]))
+    return agree[0], agree[1]
 
 
 def _all_of(cells: ChosenCells) -> tuple[IntArray, Array]:
@@ -366,36 +396,60 @@ def _largest_and_sampled(cells: ChosenCells, count: int, first: Array, totals: A
 
     ``count`` is the number of ``cells`` of the whole mesh.
     """
-    sampled = _on_lattice(cells)
+    wanted, sampled = count // CHECKED if count > MIN_CHECKED_CELLS else MIN_LARGEST, _on_lattice(cells)
+    if cells.rows.are_all and 0 < wanted < count:
+        places, weights = np.empty(wanted + sampled.size, np.int64), np.empty(wanted + sampled.size)
+        size = choose_cells(first, totals, sampled, wanted, places, weights)
+        return places[:size], weights[:size]
     share = (first / np.where(totals > 0.0, totals, 1.0)[:, None]).sum(axis=0)
-    wanted = count // CHECKED if count > MIN_CHECKED_CELLS else MIN_LARGEST
-    largest = largest_of(share, wanted, cells.rows)
-    sampled[largest] = False
-    rest = np.flatnonzero(sampled)
+    largest, is_rest = largest_of(share, wanted, cells.rows), np.ones(share.size, dtype=np.bool_)
+    is_rest[largest] = False
+    rest = sampled[is_rest[sampled]]
     in_sample = float(cells.rows.summed(np.array([float(rest.size)]))[0])
     weights = np.ones(largest.size + rest.size)
     weights[largest.size :] = (count - wanted) / max(in_sample, 1.0)
     return np.concatenate([largest, rest]), weights
 
 
-def _on_lattice(cells: ChosenCells) -> BoolArray:
-    """Whether a cell belongs to the sample, which meets every row and column."""
+@compiled
+def choose_cells(first: Array, totals: Array, sampled: IntArray, wanted: int, places: IntArray, weights: Array) -> int:
+    """Fill ``places`` with those of the ``wanted`` largest of the ``first`` errors, then those ``sampled``; returns how
+    many there are. ``weights`` are how many cells each stands for."""
+    share, one, two = np.empty(first.shape[1]), totals[0], totals[1]
+    one, two = 1.0 / one if one > 0.0 else 1.0, 1.0 / two if two > 0.0 else 1.0
+    for k in range(share.size):
+        share[k] = one * first[0, k] + two * first[1, k]
+    find_largest(share.view(np.int64), places[:wanted])
+    size, before = wanted, 0
+    for place in sampled:
+        while before < wanted and places[before] < place:
+            before += 1
+        if before == wanted or places[before] != place:
+            places[size] = place
+            size += 1
+    for k in range(size):
+        weights[k] = 1.0 if k < wanted else (share.size - wanted) / (size - wanted)
+    return size
+
+
+def _on_lattice(cells: ChosenCells) -> IntArray:
+    """The positions of the cells that belong to the sample, which meets every row and column."""
     numbers, columns = cells.numbers, cells.columns
     if cells.rows.cells[1] == 1:  # a mesh of blocks
-        return scattered(numbers, CHECKED)
+        return np.flatnonzero(scattered(numbers, CHECKED))
     if numbers.size and numbers[-1] - numbers[0] + 1 == numbers.size <= MAX_KEPT_CELLS:
-        return _lattice(int(numbers[0]), numbers.size, columns).copy()
+        return _lattice(int(numbers[0]), numbers.size, columns)
     return _lattice_of(numbers, columns)
 
 
 @lru_cache(maxsize=4)
-def _lattice(first: int, count: int, columns: int) -> BoolArray:
+def _lattice(first: int, count: int, columns: int) -> IntArray:
     """The lattice of consecutive cells."""
     return _lattice_of(np.arange(first, first + count), columns)
 
 
-def _lattice_of(numbers: IntArray, columns: int) -> BoolArray:
-    return np.asarray((numbers + (CHECKED_SHIFT - columns) * (numbers // columns)) % CHECKED == 0)
+def _lattice_of(numbers: IntArray, columns: int) -> IntArray:
+    return np.flatnonzero((numbers + (CHECKED_SHIFT - columns) * (numbers // columns)) % CHECKED == 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,7 +487,7 @@ class _Refinement:
             differences = _shared(parents, sums)
             differences[1] += MISSED_WEIGHT * errors[2]
         totals, doubt = self._total(kept, sums, kept_differences, differences)
-        resolved = (doubt <= MAX_DIFFERENCES * totals) | (np.maximum(totals, doubt) <= self.noise)
+        resolved = (doubt <= np.multiply(MAX_DIFFERENCES, totals)) | (np.maximum(totals, doubt) <= self.noise)
         return Integrals((float(totals[0]), float(totals[1])), (bool(resolved[0]), bool(resolved[1])), count)
 
     def _sum(self, numbers: Array) -> Array:

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.fields.expression import Field
-from equimesh.fields.samples import GridSamples
-from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.meshes.mesh import MeshRows
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray, Pair
-from equimesh.quality.cell_maps import locate
-from equimesh.quality.cells import BilinearCells, CellPoints, Cells, ChosenCells, MeshCells
+from equimesh.quality.cell_maps import gather_values, locate
+from equimesh.quality.cells import BLOCK_POINTS, BilinearCells, CellPoints, Cells, ChosenCells, MeshCells, pieces
 
 # Compiled integrals over cells of the squared errors of bilinear interpolation.
 #
@@ -90,6 +88,45 @@ def add_values(corners: Array, values: Array, u: Array, points: CellPoints, sums
             error = a * v0[k] + b * v1[k] + c * v2[k] + d * v3[k] - here[k]
             sums[k] += weight * (x_s * y_t - x_t * y_s) * error * error
             largest[k] = max(largest[k], abs(error))
+
+
+@compiled
+def add_between_lines(
+    lines: Pair, nodal: Array, rule: CellPoints, at: tuple[Array, Array, Array], sums: Array, largest: Array, place: int
+) -> None:
+    """As :func:`add_errors` for the first two sums of all cells between ``lines`` at x and at y.
+
+    ``nodal`` is u where these cross. u and its gradient ``at`` the points of a Gauss rule have the shape
+    ``(k rows, k columns)`` for k points per direction: those at the first place of each cell come first.
+    """
+    (x, y), (u, u_x, u_y) = lines, at
+    columns = y.size - 1
+    count = u.shape[1] // columns
+    error, per_y = np.empty(columns), np.empty(columns)
+    for j in range(columns):
+        per_y[j] = 1.0 / (y[j + 1] - y[j])
+    for i in range(x.size - 1):
+        v0, v1, begin = nodal[i], nodal[i + 1], place + i * columns
+        squares, slopes = sums[0, begin : begin + columns], sums[1, begin : begin + columns]
+        most, per_x = largest[begin : begin + columns], 1.0 / (x[i + 1] - x[i])
+        for p in range(count * count):
+            s, t, weight, row, first = rule.s[p], rule.t[p], rule.weights[p], p // count, p % count * columns
+            a, b, c, d = (1.0 - s) * (1.0 - t), s * (1.0 - t), s * t, (1.0 - s) * t
+            k = row * (x.size - 1) + i
+            here, by_x, by_y = u[k, first:], u_x[k, first:], u_y[k, first:]
+            for j in range(columns):
+                error[j] = a * v0[j] + b * v1[j] + c * v1[j + 1] + d * v0[j + 1] - here[j]
+            for j in range(columns):
+                squares[j] += weight * error[j] * error[j]
+                most[j] = max(most[j], abs(error[j]))
+            for j in range(columns):
+                along_x = ((1.0 - t) * (v1[j] - v0[j]) + t * (v1[j + 1] - v0[j + 1])) * per_x - by_x[j]
+                along_y = ((1.0 - s) * (v0[j + 1] - v0[j]) + s * (v1[j + 1] - v1[j])) * per_y[j] - by_y[j]
+                slopes[j] += weight * (along_x * along_x + along_y * along_y)
+        for j in range(columns):
+            area = (x[i + 1] - x[i]) * (y[j + 1] - y[j])
+            squares[j] *= area
+            slopes[j] *= area
 
 
 @compiled
@@ -171,9 +208,10 @@ def on_lines(u: Field, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
 class ErrorTally:
     """Sums over own cells, all of them or some, that grow while blocks of cells are added.
 
-    ``chosen`` are these cells, ``sampled`` is whether they are some only. ``values`` of shape ``(4, n)`` are u at the
-    corners, ``sums`` of shape ``(4, n)`` the integrals of :func:`~equimesh.quality.tally.add_errors`,
-    ``largest`` the largest errors at a point. ``nodal`` is u at the held nodes, ``None`` where it is not known.
+    ``chosen`` are these cells, ``sampled`` is whether they are some only. ``values`` are u at the corners, of shape
+    ``(4, n)``, or where ``lines`` cross. ``sums`` of shape ``(4, n)`` are the integrals of :func:`add_errors`, between
+    lines the first two of them, and ``largest`` the largest errors at a point. ``nodal`` is u at the held nodes,
+    ``None`` where it is not known.
     """
 
     cells: Cells
@@ -189,7 +227,7 @@ class ErrorTally:
     corners: Array | None
     """x and y of the corners of some cells; ``None`` where all are looked at, in blocks."""
     lines: Pair | None
-    """Those of the cells, on which a spline is evaluated; ``None`` for other functions."""
+    """Those between which all cells are; ``None`` for other meshes, and where some cells are looked at."""
 
     @classmethod
     def of(
@@ -205,14 +243,17 @@ class ErrorTally:
         ``nodal`` is u at the held nodes if that is known.
         """
         chosen = ChosenCells.of(cells.rows, numbers)
-        count, lines = chosen.numbers.size, cells.lines if isinstance(u, GridSamples | ScatteredSamples) else None
-        corners = None if numbers is None and isinstance(cells, MeshCells) else cells.corners(chosen.numbers)
-        if isinstance(cells, MeshCells) and (nodal is not None or numbers is None):
+        count, lines = chosen.numbers.size, cells.lines if numbers is None else None
+        corners = None
+        if lines is not None:
+            values = nodal = on_lines(u, *lines)[0]
+        elif isinstance(cells, MeshCells) and (nodal is not None or numbers is None):
             if nodal is None:
-                (nodal,) = u.evaluate(*cells.nodes) if lines is None else on_lines(u, *lines)
+                (nodal,) = u.evaluate(*cells.nodes)
             values = cells.corner_values(nodal, chosen.numbers)
+            corners = None if numbers is None else cells.corners(numbers)
         else:
-            corners = cells.corners(chosen.numbers) if corners is None else corners
+            corners = cells.corners(chosen.numbers)
             (values,) = u.evaluate(corners[:4], corners[4:])
         return cls(
             cells=cells,
@@ -231,9 +272,17 @@ class ErrorTally:
 
     def pieces(self, some: IntArray) -> tuple[Array, Array]:
         """The corners, shape ``(8, n)``, and the values there, shape ``(4, n)``, of some of the cells."""
-        if self.corners is None:
-            return self.cells.corners(self.chosen.numbers[some]), self.values[:, some]
-        return self.corners[:, some], self.values[:, some]
+        if self.lines is None:
+            corners = self.cells.corners(self.chosen.numbers[some]) if self.corners is None else self.corners[:, some]
+            return corners, self.values[:, some]
+        values = np.empty((4, some.size))
+        gather_values(self.values, some, values)
+        return self.cells.corners(some + self.cells.own.start), values
+
+    @property
+    def size(self) -> float:
+        """The largest size of u at a corner."""
+        return max(map(abs, self.ends[0])) if self.ends else 0.0
 
     def _corners(self, where: slice, numbers: slice | IntArray) -> Array:
         """The corners of the cells at these places, which have these ``numbers``."""
@@ -247,7 +296,10 @@ class ErrorTally:
 
     def add_all(self, threads: int = 1) -> None:
         """All cells at all points of the rule, block by block; ``threads`` share the blocks if they are many."""
-        points, lines = self.rule.inner, self.lines
+        if self.lines is not None:
+            self._add_between(self.lines, threads)
+            return
+        points = self.rule.inner
         blocks: list[tuple[slice, slice | IntArray]] = list(self.cells.blocks_of(self.chosen, points))
         if not self.sampled:
             start = self.cells.own.start
@@ -257,10 +309,7 @@ class ErrorTally:
             with np.errstate(all="ignore"):
                 for where, numbers in blocks[thread::threads]:
                     corners = self._corners(where, numbers)
-                    if lines is None or not isinstance(numbers, slice):
-                        self.add(where, corners, self._at(points, corners, order=1))
-                    else:
-                        self.add(where, corners, self._in_rows(lines, numbers))
+                    self.add(where, corners, self._at(points, corners, order=1))
                     if not self._shares_edges:
                         self._add_edges(where, corners)
 
@@ -268,16 +317,42 @@ class ErrorTally:
         if self._shares_edges:
             self.add_edges()
 
-    def _in_rows(self, lines: Pair, numbers: slice) -> tuple[Array, ...]:
-        """u and its gradient at the inner points of whole rows of cells between these ``lines``."""
-        inner, columns, begin = self.rule.inner, self.cells.shape[1], self.cells.rows.begin
-        x, y = lines[0][numbers.start // columns - begin : numbers.stop // columns - begin + 1], lines[1]
-        count = math.isqrt(inner.s.size)
-        along = (x, inner.s[::count]), (y, inner.t[:count])
-        at_x, at_y = (line[:-1] + part[:, None] * (line[1:] - line[:-1]) for line, part in along)
-        shape = *at_x.shape, *at_y.shape
-        found = on_lines(self.u, at_x.ravel(), at_y.ravel(), order=1)
-        return tuple(part.reshape(shape).swapaxes(1, 2).reshape(inner.s.size, -1) for part in found)
+    def _add_between(self, lines: Pair, threads: int) -> None:
+        """All cells between ``lines`` at all points of the rule, some rows at a time."""
+        inner, (x, y), nodal = self.rule.inner, lines, self.values
+        count, columns, first = math.isqrt(inner.s.size), y.size - 1, self.cells.rows.first
+        height = max(1, BLOCK_POINTS // (inner.s.size * columns))
+        rows = [
+            slice(piece.start - first, piece.stop - first + 1)
+            for strip in self.cells.rows.strips
+            for piece in pieces(*strip, height)
+        ]
+        at_y = (y[:-1] + inner.t[:count, None] * np.diff(y)).ravel()
+
+        def work(thread: int, threads: int) -> None:
+            with np.errstate(all="ignore"):
+                for here in rows[thread::threads]:
+                    part, place = x[here], here.start * columns
+                    at_x = (part[:-1] + inner.s[::count, None] * np.diff(part)).ravel()
+                    at = on_lines(self.u, at_x, at_y, order=1)
+                    there = np.ascontiguousarray(at[0]), np.ascontiguousarray(at[1]), np.ascontiguousarray(at[2])
+                    add_between_lines((part, y), nodal[here], inner, there, self.sums, self.largest, place)
+                    self._widen(there[0])
+                    if self.rule.edge.s.size:
+                        self._add_middles_between(part, y, nodal[here], place)
+
+        share_blocks(work, self.largest.size, threads)
+
+    def _add_middles_between(self, x: Array, y: Array, nodal: Array, place: int) -> None:
+        """The middles of the edges of the cells between lines at x and at y, from ``place`` on."""
+        shape = x.size, y.size
+        (of_xi,), (of_eta,) = on_lines(self.u, 0.5 * (x[1:] + x[:-1]), y), on_lines(self.u, x, 0.5 * (y[1:] + y[:-1]))
+        middles = np.ascontiguousarray(of_xi), np.ascontiguousarray(of_eta)
+        nodes = np.repeat(x, y.size).reshape(shape), np.tile(y, x.size).reshape(shape)
+        where = slice(place, place + (x.size - 1) * (y.size - 1))
+        add_middles(nodes, nodal, middles, self.sums[0, where], self.largest[where])
+        self._widen(of_xi)
+        self._widen(of_eta)
 
     @property
     def _shares_edges(self) -> bool:
@@ -314,13 +389,8 @@ class ErrorTally:
         """The middles of the edges of the rows ``first`` to ``last - 1`` of cells."""
         rows, columns = window.rows, window.rows.cells[1]
         x, y = window.nodes(first, last)
-        if self.lines is None:
-            (of_xi,) = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))
-            (of_eta,) = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))
-        else:
-            at_x, at_y = x[:, 0], y[0]
-            (of_xi,) = on_lines(self.u, 0.5 * (at_x[1:] + at_x[:-1]), at_y)
-            (of_eta,) = on_lines(self.u, at_x, 0.5 * (at_y[1:] + at_y[:-1]))
+        (of_xi,) = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))
+        (of_eta,) = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))
         there = np.ascontiguousarray(nodal[first - rows.begin : last + 1 - rows.begin])
         where = slice((first - rows.first) * columns, (last - rows.first) * columns)
         middles = np.ascontiguousarray(of_xi), np.ascontiguousarray(of_eta)
