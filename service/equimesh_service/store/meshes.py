@@ -102,7 +102,7 @@ class SequencesStore:
             rows = _SHOW_SEQUENCE.execute(connection, {"sequence": sequence_id}).all()
         if not rows:
             return None
-        return SequenceRow(**next((row for row in rows if row.status not in (FAILED, CANCELED)), rows[0])._mapping)
+        return SequenceRow(**next((row for row in rows if row.status not in (FAILED, CANCELED)), rows[0])._asdict())
 
     def page(
         self, *, key_id: str | None = None, before: tuple[float, str] | None = None, limit: int = 50
