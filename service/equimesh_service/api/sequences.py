@@ -218,30 +218,31 @@ async def step(
             kind, data = await _read_body(request, service, place)
             stopwatch.lap("receive")
             head = f"{id} {waiting.format} {kind} "
-            with refusals():
-                fingerprint, again = await run_in_threadpool(_find_repeated, service, caller, key, head, data)
+            fingerprint, again = "", None  # which a request without a key does not need
+            if key is not None:
+                with refusals():
+                    fingerprint, again = await run_in_threadpool(_find_repeated, service, caller, key, head, data)
             if again is not None:
                 with service.quotas.count_wait(caller, waiting.seconds):
                     return await _answer(waiting, request, service, caller, AcceptedMesh(again))
             await service.quotas.check_bytes(caller, len(data))
-            mesh = await service.mesh(sequence.mesh_id, caller)
             at = StepPlace(
                 sequence_id=id,
                 number=sequence.number,
-                mesh_id=mesh.id,
-                points=mesh.n_xi * mesh.n_eta,
+                mesh_id=sequence.mesh_id,
+                points=sequence.points,
                 keep=sequence.keep,
                 fingerprint=fingerprint,
             )
             mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key)
-            if mesh.status == SUCCEEDED and _is_short(kind, data, at.points):
+            if sequence.status == SUCCEEDED and _is_short(kind, data, at.points):
                 with service.quotas.count_wait(caller, waiting.seconds):
                     body = Body(content_type=kind, content=data, caller=caller)
                     taken = await service.intake.take_step(body, mesh_request, at)
                     if taken is not None:
                         del body, data
                         return await _answer(waiting, request, service, caller, taken, (id, at.number + 1))
-            move, made = await service.check(_check_step, service, (kind, data), (sequence, mesh), caller, stack)
+            move, made = await service.check(_check_step, service, (kind, data), sequence, caller, stack)
             del data  # a mesh that is waited for needs it no more
         if made is None:
             start = await _start(service, caller, sequence.id, move.step)
@@ -310,16 +311,15 @@ def _read_step(service: Service, kind: str, data: bytes, points: int) -> "Move":
 
 
 def _check_step(
-    service: Service, body: tuple[str, bytes], at: tuple[SequenceRow, MeshRow], caller: Caller, stack: ExitStack
+    service: Service, body: tuple[str, bytes], at: SequenceRow, caller: Caller, stack: ExitStack
 ) -> "tuple[Move, PreparedStep | None]":
     """The step in a body, prepared where it follows the mesh that the sequence is at; raises 4xx problems.
 
     Where another step is taken meanwhile, the store refuses this one.
     """
-    sequence, mesh = at
-    move = _read_step(service, *body, mesh.n_xi * mesh.n_eta)  # all meshes of a sequence have as many points
-    is_usual = move.step == sequence.number and mesh.status == SUCCEEDED
-    return move, _prepare_step(service, move, mesh.id, caller, stack) if is_usual else None
+    move = _read_step(service, *body, at.points)  # all meshes of a sequence have as many points
+    is_usual = move.step == at.number and at.status == SUCCEEDED
+    return move, _prepare_step(service, move, at.mesh_id, caller, stack) if is_usual else None
 
 
 def _prepare_step(service: Service, move: "Move", start: str, caller: Caller, stack: ExitStack) -> "PreparedStep":
@@ -343,7 +343,7 @@ def _is_short(kind: str, data: bytes, points: int) -> bool:
     return points <= MAX_STEP_POINTS and len(data) <= (MAX_ROW_BYTES if kind == bodies.NPZ else _MAX_TEXT_BYTES)
 
 
-def _find_repeated(service: Service, caller: Caller, key: str | None, head: str, data: bytes) -> tuple[str, str | None]:
+def _find_repeated(service: Service, caller: Caller, key: str, head: str, data: bytes) -> tuple[str, str | None]:
     """What is equal for equal requests of a step, and the mesh of an earlier one with this idempotency key."""
     digest = sha256(head.encode())
     digest.update(data)

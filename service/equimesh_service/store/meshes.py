@@ -59,10 +59,11 @@ from equimesh_service.store.schema import (
 )
 
 _SHOWN_SEQUENCES = [sequences.c[name] for name in ("id", "key_id", "keep", "created_at", "used_at")]
+_LAST_STEP = (steps.c.number, steps.c.mesh_id, meshes.c.status, (meshes.c.n_xi * meshes.c.n_eta).label("points"))
 _HERE = sequences.c.id == bindparam("sequence")
 # Built once, since building them takes longer than executing them.
 _SHOW_SEQUENCE = Prepared(
-    select(*_SHOWN_SEQUENCES, steps.c.number, steps.c.mesh_id, meshes.c.status)
+    select(*_SHOWN_SEQUENCES, *_LAST_STEP)
     .select_from(sequences.join(steps, steps.c.sequence_id == sequences.c.id))
     .join(meshes, meshes.c.id == steps.c.mesh_id)
     .where(_HERE)
@@ -120,7 +121,7 @@ class SequencesStore:
             joined = steps.join(meshes, meshes.c.id == steps.c.mesh_id)
             names = [row.id for row in found]
             taken = (
-                select(steps.c.sequence_id, steps.c.number, steps.c.mesh_id, meshes.c.status)
+                select(steps.c.sequence_id, *_LAST_STEP)
                 .select_from(joined)
                 .where(steps.c.sequence_id.in_(names))
                 .order_by(steps.c.number)
@@ -130,7 +131,9 @@ class SequencesStore:
                 if row.status not in (FAILED, CANCELED) or row.sequence_id not in current:
                     current[row.sequence_id] = row
         return [
-            SequenceRow(**row._mapping, number=step.number, mesh_id=step.mesh_id, status=step.status)
+            SequenceRow(
+                **row._mapping, number=step.number, mesh_id=step.mesh_id, status=step.status, points=step.points
+            )
             for row in found
             if (step := current.get(row.id)) is not None
         ]

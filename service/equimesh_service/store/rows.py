@@ -277,7 +277,10 @@ class NewStep:
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceRow:
-    """The current row of a sequence, with the number, mesh and status of its last step that has not failed."""
+    """The current row of a sequence, with the number of its last step that has not failed, and the mesh of that.
+
+    ``status`` and ``points`` are those of the mesh.
+    """
 
     id: str
     key_id: str
@@ -287,6 +290,7 @@ class SequenceRow:
     number: int
     mesh_id: str
     status: str
+    points: int
 
 
 @dataclass(frozen=True, kw_only=True)

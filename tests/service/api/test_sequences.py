@@ -214,6 +214,9 @@ def test_a_large_step_does_not_hold_up_the_service(http: httpx.Client, monkeypat
 
     monkeypatch.setattr(sequences, "sha256", digest)
     assert http.post(sequence["links"]["steps"], content=b"no npz", headers=NPZ).status_code == 422
+    assert threads == []  # nothing is compared without a key
+    keyed = {**NPZ, "Idempotency-Key": "large"}
+    assert http.post(sequence["links"]["steps"], content=b"no npz", headers=keyed).status_code == 422
     assert threads == [True]
 
 
