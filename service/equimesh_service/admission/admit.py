@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -137,7 +137,31 @@ _MAX_WORK_SECONDS = 60.0
 _FEWER_SAMPLES = "send fewer samples, or send them on a grid"
 # The most monitors that are remembered as valid on their domains.
 _MAX_REMEMBERED = 1000
+# The longest text of a spec that is remembered with what was read of it, and the number of such texts: a caller who
+# steps in time sends the same one with other samples.
+_MAX_AGAIN_BYTES, _MAX_AGAIN = 4096, 64
 Result = TypeVar("Result")
+
+
+def _read(body: bytes) -> tuple[Any, CheckedSpec]:
+    """The JSON of a text, and the spec in it; raises 400 and 422 problems with pointers."""
+    document = parse(body)
+    with _pointing_into(document):
+        return document, read_spec(document)
+
+
+_read_again = lru_cache(_MAX_AGAIN)(_read)
+
+
+@contextmanager
+def _pointing_into(document: Any) -> Iterator[None]:
+    """Let the problems that are raised point to places that a document has."""
+    try:
+        yield
+    except Problem as problem:
+        if not problem.errors:
+            raise
+        raise repointed(problem, partial(sent_pointer, document)) from None
 
 
 @dataclass(frozen=True)
@@ -154,7 +178,9 @@ class Admission:
         The samples of a long one are taken out of it into files.
         """
         if len(body) <= MAX_SHORT_BYTES:
-            return self.admit(parse(body), upload, caller, mesh)
+            document, spec = _read_again(body) if len(body) <= _MAX_AGAIN_BYTES else _read(body)
+            with _pointing_into(document):
+                return self._admit(ShortSpec(spec.with_limit(self.settings.max_points)), upload, caller, mesh)
         with self.files.unfinished(".json") as text, TemporaryDirectory(dir=text.parent) as folder:
             text.write_bytes(body)
             short = self.work("", shorten, text, Path(folder), self._limits)
@@ -162,13 +188,9 @@ class Admission:
 
     def admit(self, document: Any, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> AdmittedSpec:
         """Check a parsed spec, and store its samples and its ``mesh``; raises a 422 problem with pointers."""
-        try:
+        with _pointing_into(document):
             spec = read_spec(document).with_limit(self.settings.max_points)
             return self._admit(ShortSpec(spec), upload, caller, mesh)
-        except Problem as problem:
-            if not problem.errors:
-                raise
-            raise repointed(problem, partial(sent_pointer, document)) from None
 
     def _admit(
         self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections import Counter
 from collections.abc import AsyncIterator, Coroutine, Iterator, Mapping
 from contextlib import contextmanager
@@ -206,19 +207,66 @@ async def read_parts(request: Request, body: bytes, allowed: tuple[str, ...]) ->
 
 def parts_of(content_type: str, body: bytes, allowed: tuple[str, ...]) -> Mapping[str, Part]:
     """The parts of a multipart body, by their names; raises a 400 problem for names that are not ``allowed``."""
+    plain = _plain_parts(content_type, body)
+    return _by_names(_parsed_parts(content_type, body) if plain is None else plain, allowed)
+
+
+# A multipart body as programs write it. Its head gives its boundary, that of each part a name.
+_PLAIN = re.compile(r"multipart/form-data; boundary=([\w-]{1,70})", re.ASCII)
+_HEAD = re.compile(
+    rb'\r\nContent-Disposition: form-data; name="(\w{1,80})"(?:; filename="([\w.-]{1,255})")?'
+    rb"(?:\r\nContent-Type: ([\w./+-]{1,127}))?\r\n\r\n",
+    re.ASCII,
+)
+_MOST_PARTS = 8
+
+
+def _plain_parts(content_type: str, body: bytes) -> list[tuple[str, Part]] | None:
+    """The names and parts of the plainest body, which the parser takes ten times as long to read; None for others."""
+    kind = _PLAIN.fullmatch(content_type)
+    if kind is None:
+        return None
+    border = b"--" + kind[1].encode()
+    if not body.startswith(border):
+        return None
+    parts, at, border = list[tuple[str, Part]](), len(border), b"\r\n" + border
+    while (head := _HEAD.match(body, at)) is not None and len(parts) < _MOST_PARTS:
+        end = body.find(border, head.end())
+        data = body[head.end() : end]
+        if end < 0 or (head[2] is None and not _is_utf8(data)):
+            return None
+        name, filename, media = (b"" if text is None else text for text in head.groups())
+        media = media if filename else b""
+        parts.append((name.decode(), Part(data, filename.decode(), media.decode().lower())))
+        at = end + len(border)
+        if len(body) - at <= 4 and body[at:] in (b"--", b"--\r\n"):
+            return parts
+    return None
+
+
+def _is_utf8(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _parsed_parts(content_type: str, body: bytes) -> list[tuple[str, Part]]:
+    """The names and parts of any multipart body."""
 
     async def stream() -> AsyncIterator[bytes]:
         for start in range(0, len(body), _PIECE_BYTES):
             yield body[start : start + _PIECE_BYTES]
 
-    headers = Headers({"content-type": content_type})
-    parser = _Parser(headers, stream(), max_files=8, max_fields=8, max_part_size=len(body) + 1)  # type: ignore[arg-type]
+    headers, most = Headers({"content-type": content_type}), _MOST_PARTS
+    parser = _Parser(headers, stream(), max_files=most, max_fields=most, max_part_size=len(body) + 1)  # type: ignore[arg-type]
     try:
         form = _finish(parser.parse())
     except (MultiPartException, KeyError, LookupError, UnicodeError) as error:
         raise Problem("malformed-body", f"The multipart body cannot be read: {str(error).rstrip('.')}.") from None
     try:
-        return _finish(_read_form(form, allowed))
+        return _finish(_read_form(form))
     finally:
         _finish(form.close())
 
@@ -233,18 +281,25 @@ def _finish(coroutine: Coroutine[Any, Any, Result]) -> Result:
     raise RuntimeError("a part of a body was not in memory")
 
 
-async def _read_form(form: FormData, allowed: tuple[str, ...]) -> Mapping[str, Part]:
-    parts: dict[str, Part] = {}
+async def _read_form(form: FormData) -> list[tuple[str, Part]]:
+    parts = list[tuple[str, Part]]()
     for name, value in form.multi_items():
+        if isinstance(value, UploadFile):
+            kind = media_type_of(Headers(raw=value.headers.raw).get("content-type", ""))
+            parts.append((name, Part(await value.read(), value.filename or "", kind)))
+        else:
+            parts.append((name, Part(value.encode("utf-8", "surrogatepass"), "", "")))
+    return parts
+
+
+def _by_names(found: list[tuple[str, Part]], allowed: tuple[str, ...]) -> Mapping[str, Part]:
+    parts: dict[str, Part] = {}
+    for name, part in found:
         if name not in allowed:
             raise Problem("malformed-body", f"A part {name[:80]!r} is not known; known are {', '.join(allowed)}.")
         if name in parts:
             raise Problem("malformed-body", f"The part {name!r} comes twice.")
-        if isinstance(value, UploadFile):
-            kind = media_type_of(Headers(raw=value.headers.raw).get("content-type", ""))
-            parts[name] = Part(await value.read(), value.filename or "", kind)
-        else:
-            parts[name] = Part(value.encode("utf-8", "surrogatepass"), "", "")
+        parts[name] = part
     return parts
 
 

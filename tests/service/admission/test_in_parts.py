@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NoReturn
@@ -197,3 +199,21 @@ def test_a_round_of_too_many_points_is_refused_again(tmp_path: Path) -> None:
             admission.admit({"monitor": monitor, "domain": STEP}, None, ANYONE)
         assert caught.value.errors[0].pointer == "/monitor/u"
         assert f"{mesh.x.size} points" in caught.value.errors[0].message
+
+
+def test_a_spec_that_comes_again_is_read_once_and_checked_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = Settings(data_dir=tmp_path)
+    storage = Storage(here.database, files_address(here))
+    storage.store().prepare()
+    body = json.dumps({"monitor": {"u": "x + y"}, "grid": {"n_xi": 20, "n_eta": 20}, "label": str(tmp_path)}).encode()
+    admission = admit.Admission(here, storage.store(), storage.files())
+    first = admission.receive(body, None, ANYONE)
+    monkeypatch.setattr(admit, "parse", None)
+    again = admission.receive(body, None, ANYONE)
+    assert (again.spec, again.digest) == (first.spec, first.digest)
+    smaller = replace(admission, settings=here.model_copy(update={"max_points": 100}))
+    with pytest.raises(Problem) as caught:
+        smaller.receive(body, None, ANYONE)
+    assert caught.value.errors[0].pointer == "/grid"

@@ -25,7 +25,8 @@ from equimesh_service.files.folder import FolderFiles
 from equimesh_service.files.port import Files, StoredFile
 from equimesh_service.files.s3 import S3Files
 from equimesh_service.problems.problem import Problem
-from equimesh_service.wire.body import MEMORY_BYTES, BodyPlace, BodyRoom, is_quick, read_body
+from equimesh_service.wire import body as bodies
+from equimesh_service.wire.body import MEMORY_BYTES, BodyPlace, BodyRoom, is_quick, parts_of, read_body
 from equimesh_service.wire.sending import Span, parse_ranges, send_file
 from service.files.check_files import keep
 from service.s3_server import S3Server
@@ -90,6 +91,46 @@ def test_broken_multipart_is_a_400(http: httpx.Client, body: bytes) -> None:
     answer = http.post("/v1/meshes", content=body, headers=headers)
     assert answer.status_code == 400, answer.text
     assert http.post("/v1/meshes", content=body, headers={"Content-Type": "multipart/form-data"}).status_code == 400
+
+
+FORM = "multipart/form-data; boundary=b"
+_SPEC = b'--b\r\nContent-Disposition: form-data; name="spec"'
+_FILE = b'--b\r\nContent-Disposition: form-data; name="samples"; filename="a.npz"'
+ALLOWED = ("spec", "samples", "mesh")
+
+
+@pytest.mark.parametrize(
+    ("body", "is_plain"),
+    [
+        (
+            _SPEC + b"\r\n\r\n{}\r\n" + _FILE + b"\r\nContent-Type: Application/X-Npz\r\n\r\n\r\n--b\0\r\n--b--\r\n",
+            False,
+        ),
+        (_SPEC + b"\r\nContent-Type: application/json\r\n\r\n{}\r\n" + _FILE + b"\r\n\r\n\r\n\0--b\r\n--b--", True),
+        (_FILE + b"\r\nContent-Type: Application/X-Npz\r\n\r\n\r\n--b--\r\n", True),
+        (_SPEC + "\r\n\r\n{é}\r\n--b--\r\n".encode(), True),
+        (_SPEC + b"\r\n\r\n\xff\r\n--b--\r\n", False),
+        (_SPEC.lower() + b"\r\n\r\n{}\r\n--b--\r\n", False),
+        (_SPEC + b"\r\n\r\n{}\r\n--b--\r\nand more", False),
+        (_SPEC + b'; filename="a b.npz"\r\n\r\n{}\r\n--b--\r\n', False),
+        (b"before\r\n" + _SPEC + b"\r\n\r\n{}\r\n--b--\r\n", False),
+        ((_SPEC + b"\r\n\r\n{}\r\n") * 2 + b"--b--\r\n", True),
+        ((_SPEC + b"\r\n\r\n{}\r\n") * 9 + b"--b--\r\n", False),
+    ],
+)
+def test_a_plain_form_has_the_parts_that_the_parser_finds(
+    body: bytes, is_plain: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def found() -> object:
+        try:
+            return parts_of(FORM, body, ALLOWED)
+        except Problem as problem:
+            return problem.detail
+
+    before = found()
+    assert (bodies._plain_parts(FORM, body) is not None) == is_plain
+    monkeypatch.setattr(bodies, "_plain_parts", lambda *_: None)
+    assert found() == before
 
 
 def request_of(receive: Callable[[], Awaitable[dict[str, Any]]]) -> Request:
