@@ -13,7 +13,6 @@ import equimesh_client
 from equimesh_coupling import element_points
 
 Connect = Callable[..., Any]
-SECTOR = (em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0)), equimesh_client.AnnulusSector(angles=(0.0, 60.0)))
 
 
 CORNER = {"vertices": {"a": [0, 0], "b": [1, 0], "c": [2, 0], "d": [0, 1], "e": [1, 1], "f": [2, 1], "g": [0, 2],
@@ -65,11 +64,9 @@ def with_adjoint(mesh: Any) -> em.WithAdjoint:
 # What a solver returns, the arguments of both loops, and the domain of each.
 LOOPS: dict[str, tuple[Callable[[Any], Any], dict[str, Any], tuple[Any, Any] | None]] = {
     "values": (front, {"n": 17, "rounds": 2, "norm": "h1"}, None),
-    "degree 3": (of_degree(3), {"n": 7, "degree": 3}, None),
     "quadratic triangles": (of_degree(2, "triangle"), {"n": 7, **SIX_NODES}, None),
-    "degree 4 on blocks": (of_degree(4), {"degree": 4}, BLOCKS),
+    "degree 3 on blocks": (of_degree(3), {"degree": 3}, BLOCKS),
     "quadratic triangles on blocks": (of_degree(2, "triangle"), SIX_NODES, BLOCKS),
-    "a sector": (lambda mesh: np.tanh(20.0 * (np.hypot(mesh.x, mesh.y) - 1.5)), {"n": (17, 9)}, SECTOR),
     "an indicator": (indicator, {"n": 17}, None),
     "a goal": (with_adjoint, {"n": 9, "goal": GOAL}, None),
     "a goal on blocks": (with_adjoint, {"goal": GOAL}, BLOCKS),

@@ -16,9 +16,6 @@ from service.clusters import ClusterProcesses, cluster_processes
 from service.conftest import SLOW, small, until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
-# It fills the memory of a worker with factorisations.
-DEEP = {**SLOW, "grid": {"n_xi": 220, "n_eta": 220}}
-LOST = ("/problems/memory-limit", "/problems/worker-lost")
 
 
 @pytest.fixture(scope="module")
@@ -32,14 +29,12 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClusterProcess
 
 @pytest.fixture(scope="module")
 def http(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
-    """A client of a service on the cluster, with small limits."""
+    """A client of a service on the cluster."""
     settings = Settings(
         data_dir=tmp_path_factory.mktemp("service"),
         port=0,
         engine="dask",
         scheduler=cluster.scheduler,
-        memory_limit=96,  # loading libraries can take 48
-        time_limit=4.0,
         log_level="info",
         reuse=False,
     )
@@ -60,8 +55,9 @@ def mesh_of(http: httpx.Client, mesh_id: str) -> dict[str, Any]:
 
 
 def test_a_mesh_is_solved_there_and_its_files_are_here(cluster: ClusterProcesses, http: httpx.Client) -> None:
-    # The first mesh of a process may take longer than the limit of time on a busy machine.
-    mesh = until(lambda: (one := ask(http, small(), Prefer="wait=300"))["status"] == "succeeded" and one)
+    mesh = ask(http, small(), Prefer="wait=300")
+    assert until(lambda: mesh_of(http, mesh["id"])["finished_at"])
+    assert mesh_of(http, mesh["id"])["status"] == "succeeded"
     assert http.get(f"{mesh['links']['file']}?format=npz").content.startswith(b"PK")
     log = cluster.log("worker")
     assert log.count(f"mesh {mesh['id']} succeeded") == 1, "another process has solved it"
@@ -94,20 +90,6 @@ def test_progress_is_told_and_a_cancelled_mesh_ends_within_a_second(http: httpx.
         http.post(one["links"]["cancel"])
 
 
-def test_limits_of_time_and_memory_hold_there(http: httpx.Client) -> None:
-    def error_of(spec: dict[str, Any]) -> str:
-        mesh = ask(http, spec)
-        ended = until(lambda: (now := mesh_of(http, mesh["id"]))["finished_at"] and now)
-        found: str = ended["error"]["type"]
-        return found
-
-    assert error_of(SLOW) == "/problems/time-limit"
-    # A library that gets no memory may end its process: the worker is lost, and another one tries. The memory is full
-    # after 0.6 s of computing; a busy machine may need more than the limit of time, and gets another chance.
-    found = (error_of(DEEP) for _ in range(20))
-    assert next(error for error in found if error != "/problems/time-limit") in LOST
-
-
 def test_requests_that_wait_are_answered_when_their_mesh_is_done(http: httpx.Client) -> None:
     answers: list[dict[str, Any]] = []
     threads = [threading.Thread(target=lambda: answers.append(ask(http, small(), Prefer="wait=300"))) for _ in range(8)]
@@ -116,9 +98,7 @@ def test_requests_that_wait_are_answered_when_their_mesh_is_done(http: httpx.Cli
     for thread in threads:
         thread.join()
     assert len(answers) == 8
-    for mesh in answers:
-        assert mesh["status"] == "succeeded" or mesh["error"]["type"] == "/problems/time-limit", mesh
-    assert any(mesh["status"] == "succeeded" for mesh in answers)
+    assert all(until(lambda one=one: mesh_of(http, one["id"])["status"] == "succeeded") for one in answers)
 
 
 def test_without_the_scheduler_readiness_names_it_and_meshes_wait(

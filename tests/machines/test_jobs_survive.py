@@ -76,16 +76,14 @@ class Saboteur:
         return [pid for server in below for pid in children(server, deep=False)]
 
 
-@pytest.mark.parametrize(
-    ("jobs", "workers", "deeds"),
-    [
-        (8, 1, {"process": 1, "worker": 1, "scheduler": 1, "service": 1}),
-        pytest.param(200, 2, {"process": 6, "worker": 3, "scheduler": 2, "service": 2}, marks=pytest.mark.everything),
-    ],
-)
-def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(
-    tmp_path: Path, postgres: Postgres, jobs: int, workers: int, deeds: dict[str, int], everything: bool
-) -> None:
+JOBS, WORKERS = 200, 2
+DEEDS = {"process": 6, "worker": 3, "scheduler": 2, "service": 2}
+
+
+# The loss of a process, of a worker and of the scheduler are in tests/service/engine/test_dask.py and in test_jobs.py,
+# that of a service in tests/proofs/test_durability.py.
+@pytest.mark.everything
+def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(tmp_path: Path, postgres: Postgres) -> None:
     files = tmp_path / "shared"
     with (
         postgres.database() as url,
@@ -97,34 +95,33 @@ def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(
             ENGINE="dask",
             SCHEDULER=cluster.scheduler,
             LEASE="3",
-            WARM_UP="all" if everything else "none",  # workers are killed while they start, too, which then takes long
+            WARM_UP="all",  # workers are killed while they start, too, which then takes long
         ) as service,
     ):
         cluster.start_scheduler()
-        for number in range(workers):
+        for number in range(WORKERS):
             cluster.start_own_worker(f"worker-{number}", slots=1)
         service.start()
         until(lambda: lives(service.url), _PATIENCE)
         service.ready()
         store = Store(url)
         try:
-            work = Work(service.url, jobs)
-            saboteur = Saboteur(service, cluster, seed=jobs)
+            work = Work(service.url, JOBS)
+            saboteur = Saboteur(service, cluster, seed=JOBS)
             threads = work.start()
             kill_at_work(store, saboteur.pool_processes)
-            saboteur.rage(store, jobs, [deed for deed, times in deeds.items() for _ in range(times)])
+            saboteur.rage(store, JOBS, [deed for deed, times in DEEDS.items() for _ in range(times)])
             for thread in threads:
                 thread.join()
             assert work.faults == []
-            assert len(work.accepted) == jobs
-            assert saboteur.killed == deeds
+            assert len(work.accepted) == JOBS
+            assert saboteur.killed == DEEDS
             until(lambda: unfinished(store) == 0, _PATIENCE)
-            if everything:  # a start sweeps files away that no mesh names
-                assert service.stop() == 0
-                age_files(url, files)
-                service.start()
-                service.ready()
-                check_files(url, files)
+            assert service.stop() == 0  # a start sweeps files away that no mesh names
+            age_files(url, files)
+            service.start()
+            service.ready()
+            check_files(url, files)
             check_meshes(store, work)
             service.ready()  # the last deed may have been its end, when nothing was left to do
             check_downloads(service.url, store)

@@ -125,14 +125,6 @@ def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(
     assert until(lambda: kept_results(cluster) == 0)
 
 
-def test_a_head_is_the_answer_where_it_is_requested(http: httpx.Client) -> None:
-    answer = http.post("/v1/meshes?format=pvtu", json={**SPEC, "parts": 2}, headers={"Prefer": "wait=60"})
-    while answer.status_code == 202:  # the wait of a request is 30 s at most
-        answer = http.get(answer.headers["location"] + "/file?format=pvtu", params={"wait": 300})
-    assert answer.status_code in (200, 201), answer.text
-    assert b"PUnstructuredGrid" in answer.content
-
-
 def test_a_cancelled_mesh_leaves_nothing_on_the_workers(http: httpx.Client, cluster: ClusterProcesses) -> None:
     mesh = ask(http, LONG)
     until(lambda: running_parts(cluster) == 2)

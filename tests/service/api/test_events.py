@@ -60,7 +60,7 @@ def test_from_any_number_come_all_later_ones(url: str, http: httpx.Client, finis
     path = finished["links"]["events"]
     every = whole(http, finished["id"])
     assert [number for number, _, _ in every] == list(range(1, len(every) + 1))
-    for last in range(len(every)):
+    for last in sorted({0, 1, len(every) // 2, len(every) - 1}):
         assert events(raw(url, path, str(last))) == every[last:]
         assert events(raw(url, f"{path}?after={last}")) == every[last:]
     assert events(raw(url, f"{path}?after=2", "1")) == every[2:]  # the larger of the two
