@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 import platform
 import shutil
@@ -78,9 +77,11 @@ def variables(settings: Settings) -> Finding:  # noqa: ARG001
 
 def python(settings: Settings) -> Finding:  # noqa: ARG001
     """Whether the package supports this Python."""
+    from importlib import metadata
+
     from packaging.specifiers import SpecifierSet
 
-    wanted = importlib.metadata.metadata("equimesh")["Requires-Python"]
+    wanted = metadata.metadata("equimesh")["Requires-Python"]
     here = platform.python_version()
     if not SpecifierSet(wanted).contains(here, prereleases=True):
         return failed(f"this is Python {here}; equimesh needs {wanted}", "install equimesh with such a Python")
@@ -89,6 +90,8 @@ def python(settings: Settings) -> Finding:  # noqa: ARG001
 
 def packages(settings: Settings) -> Finding:
     """Whether all packages that the settings need are installed, in the required versions."""
+    from importlib import metadata
+
     extras = ["service"]
     if settings.database.startswith("postgres"):
         extras.append("postgres")
@@ -102,7 +105,7 @@ def packages(settings: Settings) -> Finding:
     wrong = sorted(filter(None, map(_fault, wanted.values())))
     if wrong:
         return failed("; ".join(wrong), f"pip install 'equimesh[{','.join(extras)}]'")
-    version = importlib.metadata.version("equimesh")
+    version = metadata.version("equimesh")
     return ok(f"equimesh {version} with {', '.join(extras)}: {len(wanted)} packages in the required versions")
 
 
@@ -152,9 +155,11 @@ def solve(settings: Settings) -> Finding:  # noqa: ARG001
 
 def _requirements(extra: str) -> Iterator[Requirement]:
     """The requirements of an extra and of the extras that it names."""
+    from importlib import metadata
+
     from packaging.requirements import Requirement
 
-    for text in importlib.metadata.requires("equimesh") or []:
+    for text in metadata.requires("equimesh") or []:
         requirement = Requirement(text)
         if requirement.marker is not None and not requirement.marker.evaluate({"extra": extra}):
             continue
@@ -167,9 +172,11 @@ def _requirements(extra: str) -> Iterator[Requirement]:
 
 
 def _fault(requirement: Requirement) -> str | None:
+    from importlib import metadata
+
     try:
-        here = importlib.metadata.version(requirement.name)
-    except importlib.metadata.PackageNotFoundError:
+        here = metadata.version(requirement.name)
+    except metadata.PackageNotFoundError:
         return f"{requirement.name} is not installed"
     if not requirement.specifier.contains(here, prereleases=True):
         return f"{requirement.name} is {here}; {requirement.specifier} is needed"

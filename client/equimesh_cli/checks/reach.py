@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import importlib.metadata
 import socket
 from typing import TYPE_CHECKING
 
@@ -74,7 +73,9 @@ def readiness(client: Client) -> Finding:
 
 def version(client: Client) -> Finding:
     """Whether a running service has the release that is installed here."""
-    here, there = importlib.metadata.version("equimesh"), str(client.capabilities()["version"])
+    from importlib import metadata
+
+    here, there = metadata.version("equimesh"), str(client.capabilities()["version"])
     if here != there:
         return warning(f"the service has release {there}; this is {here}", "restart the service after an upgrade")
     return ok(f"release {there}, the same as here")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import errno
 import os
-import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
@@ -128,6 +127,8 @@ def database_settings(options: argparse.Namespace) -> Settings:
 @contextmanager
 def refusing_database_errors() -> Iterator[None]:
     """Raise :class:`CommandError` for a database that does not answer."""
+    import sqlite3
+
     from sqlalchemy.exc import SQLAlchemyError
 
     try:
