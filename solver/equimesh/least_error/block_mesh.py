@@ -119,9 +119,9 @@ class Place:
         mesh ``there`` where all of them fold even so. Meshes that cut too much off the domain are moved back. On a
         regular domain the first of the three that does not fold is taken, as on a grid.
         """
-        fine, tried = there.mesh, []
+        fine, tried, lifting = there.mesh, [], Lifting(self.mesh.level, there.mesh.level)
         for share, cubic in ((1.0, True), (1.0, False), (0.0, False)):
-            unknowns = objective.held(self._interpolated(first, there, share, cubic=cubic))
+            unknowns = objective.held(self._interpolated(lifting, first, there, share, cubic=cubic))
             smallest = objective.smallest_share(unknowns)
             if is_regular:
                 if smallest > 0.0:
@@ -135,12 +135,11 @@ class Place:
                 tried.append(unknowns)
         return Place(mesh=fine, unknowns=min(tried, key=objective.error)) if tried else there
 
-    def _interpolated(self, first: Place, there: Place, share: float, *, cubic: bool) -> Array:
+    def _interpolated(self, lifting: Lifting, first: Place, there: Place, share: float, *, cubic: bool) -> Array:
         """The unknowns of a finer mesh, from the positions less ``share`` times those of the first mesh."""
-        lifting, fine = Lifting(self.mesh.level, there.mesh.level), there.mesh
         moves = lifting.lifted(self.points - share * first.points, cubic=cubic)
         along = lifting.lifted_along_sides(self.parameters - first.parameters, cubic=cubic)
-        return fine.chart.unknowns(share * there.points + moves, there.parameters + along)
+        return there.mesh.chart.unknowns(share * there.points + moves, there.parameters + along)
 
     @property
     def quad_mesh(self) -> Mesh:

@@ -196,17 +196,19 @@ class CurveChart:
 
     def on(self, nodes: IntArray) -> CurveChart:
         """The chart of these nodes alone, for arrays of their unknowns."""
-        place = np.full(self.free.shape[1], -1)
-        place[nodes] = np.arange(nodes.size)
         chart = copy(self)
         chart.free = self.free[:, nodes]
         chart._curves, chart._has_chords = [], False
+        chart._known = deque(maxlen=KNOWN_MESHES)
+        if not (chart.free[0] > chart.free[1]).any():  # none of them slides
+            return chart
+        place = np.full(self.free.shape[1], -1)
+        place[nodes] = np.arange(nodes.size)
         for one in self._curves:
             there = place[one.nodes]
             if (there >= 0).any():
                 curve = one.curve.on(there >= 0) if isinstance(one.curve, Lines) else one.curve
                 chart._curves.append(Slides(curve=curve, nodes=there[there >= 0], speed=one.speed))
-        chart._known = deque(maxlen=KNOWN_MESHES)
         return chart
 
     def unknowns(self, points: Array, parameters: Array) -> Array:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -20,21 +20,21 @@ AHEAD = 4
 """Lines from which a value is interpolated with cubic interpolation; two with linear one."""
 
 
-Around: TypeAlias = tuple[list[list[IntArray | None]], Array]
-"""By axis and end the nodes next to the edges of a block on their other sides, and the finest lines to there.
-
-``None`` and 0 where there are none.
-"""
-NOTHING: Around = ([[None, None], [None, None]], np.zeros((2, 2)))
-"""No neighbours."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Line:
+class Line(NamedTuple):
     """Places between lines, each with the numbers of the lines around it and their weights, shape ``(places, k)``."""
 
     numbers: IntArray
     weights: Array
+
+
+class Around(NamedTuple):
+    """The nodes of a block with one more line on each side, those of its neighbours, and the places of all lines."""
+
+    nodes: IntArray
+    """-1 where there is no neighbour, and at the four corners."""
+    places: tuple[Array, Array]
+    steps: IntArray
+    """By axis and end the finest lines to the neighbour; 0 where there is none."""
 
 
 class Lifting:
@@ -42,7 +42,17 @@ class Lifting:
 
     def __init__(self, coarse: BlockLevel, fine: BlockLevel) -> None:
         self.coarse, self.fine = coarse, fine
-        self._around = [_around(coarse, block) for block in range(len(coarse.blocks))]
+
+    @cached_property
+    def _alone(self) -> list[Around]:
+        """The blocks without neighbours."""
+        pairs = zip(self.coarse.blocks, self.coarse.lines, strict=True)
+        return [_padded(nodes, lines, np.zeros((2, 2), dtype=np.int64)) for nodes, lines in pairs]
+
+    @cached_property
+    def _around(self) -> list[Around]:
+        """The blocks with their neighbours."""
+        return [_around(self.coarse, block) for block in range(len(self.coarse.blocks))]
 
     def lifted(self, values: Array, *, cubic: bool, alone: bool = False) -> Array:
         """``values`` of shape ``(k, coarse nodes)`` at the fine nodes, exact at nodes that are both.
@@ -50,64 +60,40 @@ class Lifting:
         ``alone`` tells whether each block is interpolated without its neighbours: lines may have kinks between them.
         """
         out = np.zeros((len(values), self.fine.points))
-        for block, around in enumerate([NOTHING] * len(self._around) if alone else self._around):
-            out[:, self.fine.blocks[block]] = self._block(values, around, block, cubic=cubic)
+        blocks = zip(self._alone if alone else self._around, self.fine.lines, self.fine.blocks, strict=True)
+        for around, wanted, to in blocks:
+            _lift(values, around, wanted, to, out, cubic=cubic)
         return out
 
     def lifted_along_sides(self, values: Array, *, cubic: bool) -> Array:
         """See :meth:`lifted`, of one value a node, shape ``(coarse nodes,)``, from values along the same edge alone.
 
-        Inside of blocks the values mean nothing.
+        Inside of blocks the values are 0.
         """
-        out = np.zeros(self.fine.points)
-        for block, to in enumerate(self.fine.blocks):
-            here = self._block(values[None], NOTHING, block, cubic=cubic)[0]
-            for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
-                out[to[edge]] = here[edge]
-        return out
-
-    def _block(self, values: Array, around: Around, block: int, *, cubic: bool) -> Array:
-        """The values at the fine nodes of a block: along i, then along j, with one line more on each side."""
-        ghosts, steps = around
-        padded = [_padded(self.coarse.lines[block][axis], steps[axis]) for axis in (0, 1)]
-        wanted = self.fine.lines[block]
-        lines = [_line(padded[axis], wanted[axis], True, cubic=cubic) for axis in (0, 1)]
-        beside = _line(padded[0], wanted[0], False, cubic=cubic) if steps[1].any() else lines[0]
-        out = np.empty((len(values), wanted[0].size, wanted[1].size))
-        inside = self.coarse.blocks[block]
-        n, m = inside.shape
-        for k in range(len(values)):
-            extended = np.zeros((n + 2, m + 2))
-            extended[1:-1, 1:-1] = values[k][inside]
-            for axis, end in np.ndindex(2, 2):
-                nodes = ghosts[axis][end]
-                if steps[axis][end] > 0 and nodes is not None:
-                    at = (n + 1) * end if axis == 0 else (m + 1) * end
-                    target = extended[at, 1:-1] if axis == 0 else extended[1:-1, at]
-                    target[:] = values[k][nodes]
-            first = np.zeros((wanted[0].size, m + 2))
-            _apply(extended, lines[0].numbers, lines[0].weights, first, 1, m + 1)
-            # Lines of a neighbour need not run on as those of the block do.
-            for column in (0, m + 1):
-                _apply(extended, beside.numbers, beside.weights, first, column, column + 1)
-            turned = np.zeros((wanted[1].size, wanted[0].size))
-            _apply(np.ascontiguousarray(first.T), lines[1].numbers, lines[1].weights, turned, 0, wanted[0].size)
-            out[k] = turned.T
-        return out
+        out = np.zeros((1, self.fine.points))
+        blocks = zip(self._alone, self.coarse.lines, self.fine.lines, self.fine.blocks, strict=True)
+        for around, lines, wanted, to in blocks:
+            for axis in (0, 1):
+                # The two edges as a block of two lines.
+                nodes = around.nodes[1:-1, 1:-1].take([0, -1], axis)
+                ends = [one if k != axis else one[[0, -1]] for k, one in enumerate(lines)]
+                there = [one if k != axis else one[[0, -1]] for k, one in enumerate(wanted)]
+                edges = _padded(nodes, ends, np.zeros((2, 2), dtype=np.int64))
+                _lift(values[None], edges, there, to.take([0, -1], axis), out, cubic=cubic)
+        found: Array = out[0]
+        return found
 
 
 def along(values: Array, places: Array) -> Array:
     """``values`` at the nodes of one line, at other ``places`` on it, counted in nodes, by cubic interpolation."""
-    line = _line(_padded(np.arange(values.size), np.zeros(2)), places, False, cubic=True)
-    padded = np.concatenate([[0.0], values, [0.0]])
-    found: Array = (padded[line.numbers] * line.weights).sum(axis=1)
+    line = _line(np.arange(-1.0, values.size + 1.0), np.zeros(2), places, cubic=True)
+    found: Array = (values[line.numbers - 1] * line.weights).sum(axis=1)
     return found
 
 
 def _around(level: BlockLevel, block: int) -> Around:
-    """What lies around a block of the level."""
-    found: list[list[IntArray | None]] = [[None, None], [None, None]]
-    steps = np.zeros((2, 2))
+    """A block of the level with its neighbours."""
+    steps, rows = np.zeros((2, 2), dtype=np.int64), dict[tuple[int, int], IntArray]()
     for axis, end in np.ndindex(2, 2):
         other = level.edges.across(block, axis, end)
         if other is None:
@@ -115,27 +101,48 @@ def _around(level: BlockLevel, block: int) -> Around:
         nodes, lines = level.blocks[other.block], level.lines[other.block][other.axis]
         inner = 1 if other.end == 0 else -2
         row = nodes[inner] if other.axis == 0 else nodes[:, inner]
-        found[axis][end] = row[::-1] if other.is_turned else row
+        rows[axis, end] = row[::-1] if other.is_turned else row
         steps[axis, end] = abs(int(lines[inner] - lines[-other.end]))
-    return found, steps
+    found = _padded(level.blocks[block], level.lines[block], steps)
+    for (axis, end), row in rows.items():
+        (found.nodes if axis == 0 else found.nodes.T)[-end, 1:-1] = row
+    return found
 
 
-def _padded(lines: IntArray, steps: Array) -> tuple[Array, bool, bool]:
-    """The places of lines with those of the neighbours before and after them, and whether these are there."""
-    before, after = (float(step) for step in steps)
-    places = np.concatenate([[lines[0] - (before or 1.0)], lines, [lines[-1] + (after or 1.0)]]).astype(np.float64)
-    return places, before > 0.0, after > 0.0
+def _padded(nodes: IntArray, lines: Sequence[IntArray], steps: IntArray) -> Around:
+    """The nodes of a block and the places of its lines, with those of the neighbours at so many ``steps``."""
+    padded = np.full((nodes.shape[0] + 2, nodes.shape[1] + 2), -1)
+    padded[1:-1, 1:-1] = nodes
+    i, j = (
+        np.concatenate([[one[0] - (before or 1.0)], one, [one[-1] + (after or 1.0)]])
+        for one, (before, after) in zip(lines, steps.tolist(), strict=True)
+    )
+    return Around(padded, (i, j), steps)
 
 
-def _line(padded: tuple[Array, bool, bool], wanted: Array | IntArray, has_ghosts: bool, *, cubic: bool) -> Line:
-    """Lagrange interpolation from the lines around each of the ``wanted`` places."""
-    places, before, after = padded
-    first, last = (0 if before and has_ghosts else 1), places.size - (0 if after and has_ghosts else 1)
+def _line(places: Array, steps: Array | IntArray, wanted: Array | IntArray, *, cubic: bool) -> Line:
+    """Lagrange interpolation from the lines around each of the ``wanted`` places; without ``steps`` no neighbours."""
+    first, last = (0 if steps[0] else 1), places.size - (0 if steps[1] else 1)
     size = min(AHEAD, last - first) if cubic else 2
     line = Line(numbers=np.empty((wanted.size, size), dtype=np.int64), weights=np.empty((wanted.size, size)))
     bounds = (first, last - size) if cubic else (1, places.size - 3)
     interpolate(places, np.asarray(wanted, dtype=np.float64), bounds, line.numbers, line.weights)
     return line
+
+
+def _lift(
+    values: Array, around: Around, wanted: Sequence[Array | IntArray], to: IntArray, out: Array, *, cubic: bool
+) -> None:
+    """Fill ``values`` at the nodes ``to`` of a block, on the ``wanted`` lines: along i, then along j."""
+    (places, across), steps = around.places, around.steps
+    rows, columns = (
+        _line(one, ends, there, cubic=cubic) for one, ends, there in zip(around.places, steps, wanted, strict=True)
+    )
+    # Lines of a neighbour need not run on as those of the block do.
+    beside = _line(places, np.zeros(2), wanted[0], cubic=cubic) if steps[1].any() else rows
+    used = np.zeros(across.size, dtype=bool)
+    used[columns.numbers] = True
+    apply(values, around.nodes, rows, beside, columns, used, to, out)
 
 
 @compiled
@@ -158,14 +165,36 @@ def interpolate(places: Array, wanted: Array, bounds: tuple[int, int], numbers: 
 
 
 @compiled
-def _apply(values: Array, numbers: IntArray, weights: Array, out: Array, first: int, last: int) -> None:
-    """``out[p] = sum of weights[p, k] values[numbers[p, k]]``, in the columns from ``first`` to before ``last``."""
-    for p in range(numbers.shape[0]):
-        for column in range(first, last):
-            total = 0.0
-            for k in range(numbers.shape[1]):
-                total += weights[p, k] * values[numbers[p, k], column]
-            out[p, column] = total
+def apply(
+    values: Array,
+    nodes: IntArray,
+    rows: Line,
+    beside: Line,
+    columns: Line,
+    used: BoolArray,
+    to: IntArray,
+    out: Array,
+) -> None:
+    """Weighted sums over ``rows`` of ``values`` at ``nodes``, in the columns that are ``used``, then over ``columns``.
+
+    The first and the last column have those ``beside`` them for rows. The results are ``out``, at the numbers ``to``.
+    """
+    last = used.size - 1
+    first = np.empty(used.size)
+    for part in range(values.shape[0]):
+        for p in range(to.shape[0]):
+            for j in range(used.size):
+                if used[j]:
+                    numbers, weights = rows if 0 < j < last else beside
+                    total = 0.0
+                    for k in range(numbers.shape[1]):
+                        total += weights[p, k] * values[part, nodes[numbers[p, k], j]]
+                    first[j] = total
+            for q in range(to.shape[1]):
+                total = 0.0
+                for k in range(columns.numbers.shape[1]):
+                    total += columns.weights[q, k] * first[columns.numbers[q, k]]
+                out[part, to[p, q]] = total
 
 
 # Folds of a mesh that comes from a coarser one, mended: nodes of folded corners move as little as unfolds them.
@@ -196,6 +225,8 @@ class Round(NamedTuple):
     cells: Cells
     start: Array
     at: Array
+    to: Array
+    """As ``at``: where the nodes of small corners are moved."""
     free: Array
     """0 for fixed nodes, 1 for others."""
     looked_at: IntArray
@@ -222,9 +253,9 @@ def mended(chart: CurveChart, cells: Cells, first: Array, mesh: Array) -> Array:
 def _rounds(chart: CurveChart, cells: Cells, first: Array, mesh: Array, mend: Mend) -> tuple[Array, bool]:
     """The mesh after rounds of mending, and whether it has no folds."""
     start, at = np.stack(chart.nodes(first)), np.stack(chart.nodes(mesh))
-    step, out, looked_at = np.zeros_like(mesh), mesh, np.arange(cells.count)
+    step, to, out, looked_at = np.zeros_like(mesh), at.copy(), mesh, np.arange(cells.count)
     for done in range(MAX_ROUNDS):
-        nodes, moves = mend(Round(cells, start, at, chart.free[0], looked_at, done))
+        nodes, moves = mend(Round(cells, start, at, to, chart.free[0], looked_at, done))
         if not nodes.size:
             return out, True
         here, now = chart.on(nodes), out[:, nodes]
@@ -233,18 +264,21 @@ def _rounds(chart: CurveChart, cells: Cells, first: Array, mesh: Array, mend: Me
         out = mesh.copy() if out is mesh else out
         now += step[:, nodes]
         out[:, nodes] = now
-        at[:, nodes] = here.nodes(now)
+        at[:, nodes] = to[:, nodes] = here.nodes(now)
         looked_at = _cells_of(nodes, cells)  # other cells are as they were
     return out, False
 
 
 def _projected(now: Round) -> tuple[IntArray, Array]:
     """The nodes of small corners, and moves along the derivatives of these; see :func:`unfold`."""
-    marks, to = np.zeros(now.at.shape[1], dtype=np.bool_), now.at.copy()
-    unfold(Nodes(to[0], to[1], now.cells.corners.reshape(-1)), now.start, now.looked_at, now.free, marks)
-    nodes, moves, ties = _with_ties(np.flatnonzero(marks), now.cells), to - now.at, now.cells.ties
-    np.add.at(moves.T, ties[:, 1], moves.T[ties[:, 0]])  # what a copy needs, its original does
-    return nodes, moves[:, nodes]
+    cells, to, marks = now.cells, now.to, np.zeros(now.at.shape[1], dtype=np.bool_)
+    unfold(Nodes(to[0], to[1], cells.corners.reshape(-1)), now.start, now.looked_at, now.free, marks)
+    nodes = _with_ties(np.flatnonzero(marks), cells)
+    if cells.ties.size:
+        moves = to - now.at
+        np.add.at(moves.T, cells.ties[:, 1], moves.T[cells.ties[:, 0]])  # what a copy needs, its original does
+        return nodes, moves[:, nodes]
+    return nodes, to[:, nodes] - now.at[:, nodes]
 
 
 def _averaged(now: Round) -> tuple[IntArray, Array]:
@@ -269,7 +303,9 @@ def _cells_of(nodes: IntArray, cells: Cells) -> IntArray:
     """The numbers of the cells that have one of the nodes."""
     first, count = cells.starts[nodes], cells.starts[nodes + 1] - cells.starts[nodes]
     places = np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
-    return np.unique(cells.places[places] // 4)
+    is_near = np.zeros(cells.count, dtype=bool)
+    is_near[cells.places[places] // 4] = True
+    return np.flatnonzero(is_near)
 
 
 @compiled
