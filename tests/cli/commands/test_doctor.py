@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import socket
 
@@ -63,7 +64,7 @@ def test_a_service_that_runs(
     assert check(guarded_service.url) == (1, {**well, "key": "failed", "round trip": "warning"})
     reader = check(guarded_service.url, guarded_service.key("read")[1])
     assert reader == (0, {**well, "key": "ok", "round trip": "warning"})
-    monkeypatch.setattr(reach.importlib.metadata, "version", lambda _: "9.9")
+    monkeypatch.setattr(importlib.metadata, "version", lambda _: "9.9")
     assert check(url)[1]["version"] == "warning"
 
 
