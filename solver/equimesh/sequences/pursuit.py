@@ -29,6 +29,7 @@ from equimesh.monitors.metrics import Curvature
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Intersection
+from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
 from equimesh.solving.solution import AnySolution
@@ -41,6 +42,8 @@ from equimesh.solving.status import Initial, SolveArguments
 NODE_SHARE = 0.95
 # A change of u along one edge, as a share of its range, that deserves a sentence where the mesh moves far.
 MAX_SILENT_JUMP = 0.5
+# The share of rounding in the positions of nodes that meet on their way.
+MEETING = 1e-12
 
 
 def displacement(old: Mesh, new: Mesh) -> Array:
@@ -84,33 +87,25 @@ def _moved_in_cells(mesh: Mesh, move: Array) -> Array:
     return np.asarray((sums / np.maximum(counts, 1.0))[counts > 0.0])
 
 
-def stays_valid(old: Mesh, new: Mesh) -> bool:
-    """Whether all cells are valid at all times while each node moves on a straight line at constant speed.
+@compiled
+def stays_valid(before: Array, after: Array, cells: IntArray) -> bool:
+    """Whether ``cells`` are valid at all times while each node moves on a straight line at constant speed.
 
-    A corner's Jacobian is then quadratic in time, and positive throughout when it is so at both ends and where it is
-    least.
+    The nodes are at ``before`` and ``after``, of shape ``(n, 2)``. A corner's Jacobian is quadratic in time, with the
+    Bernstein coefficients a, m / 2 and b: it is positive throughout when a and b are, and m > -2 sqrt(a b).
     """
-    first, half, last = _jacobians(old, new)
-    curvature = 2.0 * (first + last) - 4.0 * half
-    slope = last - first - curvature
-    with np.errstate(all="ignore"):  # a line has its least value at an end
-        at = np.clip(np.nan_to_num(-0.5 * slope / curvature), 0.0, 1.0)
-    least = np.minimum(np.minimum(first, last), first + at * (slope + at * curvature))
-    return bool(np.all(least > 0.0))
-
-
-def _jacobians(old: Mesh, new: Mesh) -> tuple[Array, Array, Array]:
-    """The Jacobians of all corners of the old mesh, of the mesh half way, and of the new one, in one unit."""
-    before, after, cells = old.points, new.points, old.cells
-    first, half, last = (_corner_areas(points, cells) for points in (before, 0.5 * (before + after), after))
-    return first, half, last
-
-
-def _corner_areas(points: Array, cells: IntArray) -> Array:
-    """The products of the two edges at each corner of ``cells``, with their nodes at ``points``."""
-    x, y = (points[:, axis][cells.T] for axis in (0, 1))
-    dx, dy = (np.roll(q, -1, axis=0) - q for q in (x, y))
-    return np.asarray(np.roll(dx, 1, axis=0) * dy - np.roll(dy, 1, axis=0) * dx)
+    for cell in cells:
+        for corner in range(4):
+            i, j, k = cell[corner - 1], cell[corner], cell[(corner + 1) % 4]
+            x, y = before[j, 0] - before[i, 0], before[j, 1] - before[i, 1]
+            to_x, to_y = before[k, 0] - before[j, 0], before[k, 1] - before[j, 1]
+            x_end, y_end = after[j, 0] - after[i, 0], after[j, 1] - after[i, 1]
+            to_x_end, to_y_end = after[k, 0] - after[j, 0], after[k, 1] - after[j, 1]
+            a, b = x * to_y - y * to_x, x_end * to_y_end - y_end * to_x_end
+            m = x * to_y_end - y * to_x_end + x_end * to_y - y_end * to_x
+            if not (min(a, b) > 0.0 and m > -2.0 * (1.0 - MEETING) * math.sqrt(a * b)):
+                return False
+    return True
 
 
 def largest_jump(values: Array, cells: IntArray) -> float:
@@ -136,7 +131,7 @@ def about_moves(old: Mesh, new: Mesh, jump: float, moved: float, max_move: float
             f"The mesh moved by {moved:.2g} cells in this step, and u changes by {100 * jump:.0f} % of its range"
             " along one edge of the mesh before: it has outrun its cells there. Take smaller time steps."
         )
-    if not stays_valid(old, new):
+    if not stays_valid(old.points, new.points, old.cells):
         yield (
             "A cell would fold while its nodes move on straight lines from the mesh before to this one: take the"
             " carried fields, and not the velocity, in this step."

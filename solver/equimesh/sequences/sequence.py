@@ -427,8 +427,8 @@ class Sequence:
         u, before = solution.problem.monitor.u, self.mesh
         if isinstance(u, OnDomain):
             u, before = u.reference, self._reference
-        jump = 0.0
-        if isinstance(u, NodalField | HermiteField | QuadField) and _is_same(u.mesh, before):
+        jump, is_far = 0.0, moved > self.max_move  # of others nothing is said
+        if is_far and isinstance(u, NodalField | HermiteField | QuadField) and _is_same(u.mesh, before):
             jump = largest_jump(u.values, u.mesh.cells)
         yield from about_moves(self.mesh, solution.mesh, jump, moved, self.max_move)
 

@@ -261,12 +261,29 @@ def test_moves_are_counted_in_cells() -> None:
     assert cells_moved(old, em.Mesh(few, old.y)) < 0.01
 
 
+def stay_valid(old: em.Mesh, new: em.Mesh) -> bool:
+    return stays_valid(old.points, new.points, old.cells)
+
+
+def test_cells_are_valid_on_their_way_where_they_are_at_all_times() -> None:
+    rng, found = np.random.default_rng(7), list[bool]()
+    old = np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij"))
+    for _ in range(200):
+        new = np.tensordot(rng.normal(0.0, 1.5, (2, 2)), old, 1) + rng.normal(0.0, 0.1, (2, 2, 2))
+        ways = (em.Mesh(*(old + t * (new - old))) for t in np.linspace(0.0, 1.0, 51))
+        least = min(mesh.min_jacobian for mesh in ways)
+        if abs(least) > 1e-2:
+            found.append(least > 0.0)
+            assert stay_valid(em.Mesh(*old), em.Mesh(*new)) == found[-1]
+    assert 20 < sum(found) < len(found) - 20
+
+
 def test_a_way_on_which_a_cell_folds_is_seen() -> None:
     old = smooth_mesh(9)
-    assert stays_valid(old, smooth_mesh(9, depth=-0.08))
+    assert stay_valid(old, smooth_mesh(9, depth=-0.08))
     turned = em.Mesh(-old.x, -old.y)  # a half turn: valid at both ends, and flat in the middle
     assert not turned.is_folded
-    assert not stays_valid(old, turned)
+    assert not stay_valid(old, turned)
 
 
 def test_the_largest_jump_is_a_share_of_the_range() -> None:
@@ -280,15 +297,15 @@ def test_moves_on_blocks_count_in_cells_too() -> None:
     far = mesh.moved(mesh.points + np.array([0.125, 0.0]))
     assert cells_moved(mesh, far) == pytest.approx(0.5)
     assert displacement(mesh, far).shape == (len(mesh.points), 2)
-    assert stays_valid(mesh, far)
+    assert stay_valid(mesh, far)
     assert largest_jump(mesh.x, mesh.cells) == pytest.approx(0.125)
     assert largest_jump(0 * mesh.x, mesh.cells) == 0.0
 
 
 def test_cells_of_blocks_that_fold_on_the_way_are_found() -> None:
     mesh = disc(4)
-    assert stays_valid(mesh, turned(mesh, 0.5))
-    assert not stays_valid(mesh, turned(mesh, np.pi))  # both ends are valid, and half way all nodes meet
+    assert stay_valid(mesh, turned(mesh, 0.5))
+    assert not stay_valid(mesh, turned(mesh, np.pi))  # both ends are valid, and half way all nodes meet
 
 
 def test_a_changed_integral_is_told_with_its_size() -> None:
