@@ -21,6 +21,7 @@ from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.errors import InputError
 from equimesh.formulas.poles import find_pole
 from equimesh.formulas.program import Program, check_parameters, compile_formula, raise_culprit, require_finite
+from equimesh.formulas.routine import Routine
 from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, PLANE
 from equimesh.numerics.types import Array, Pair
 
@@ -78,6 +79,10 @@ class Expression:
             xs, ys = np.broadcast_arrays(xs, ys)
         results = self._program.evaluate(xs.ravel(), ys.ravel(), order)
         return results if xs.ndim == 1 else tuple(result.reshape(xs.shape) for result in results)
+
+    def routine(self, order: int) -> Routine:
+        """What computes the value and all partial derivatives up to ``order``."""
+        return self._program.routine(order)
 
     def check_finite(self, n: int = 33, domain: Domain | Blocks = UNIT_SQUARE) -> None:
         """Evaluate u and its gradient on ``n`` x ``n`` points of the closed ``domain``, and look for poles between.

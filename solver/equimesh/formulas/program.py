@@ -81,12 +81,16 @@ class Program:
 
         With a single variable ``y`` is ignored, and the derivatives by it are zero.
         """
+        return self.routine(order).evaluate(x, y)
+
+    def routine(self, order: int) -> Routine:
+        """What computes the value and the derivatives up to ``order``."""
         routine = self._routines.get(order)
         if routine is None:
             with np.errstate(all="ignore"):  # numbers are computed here; the loops at points never warn
                 routine = Routine(lambda x, y: self._run(x, y, order, keep=False)[self.result].components(order))
             self._routines[order] = routine
-        return routine.evaluate(x, y)
+        return routine
 
     def culprit(self, x: float, y: float, limit: float) -> Operation:
         """The innermost operation whose value or gradient at a point is not finite or larger than ``limit``.

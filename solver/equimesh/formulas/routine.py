@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -33,24 +33,26 @@ X, Y, FIRST_FREE = range(3)
 """Rows of the memory: the coordinates, and the first one for what is computed."""
 
 
-@compiled
-def calculate(
-    instructions: IntArray,
-    loops: IntArray,
-    memory: Array,
-    numbers: int,
-    x: Array,
-    y: Array,
-    results: Array,
-    sources: IntArray,
-) -> None:
-    """Do all ``instructions`` at all points ``x``, ``y``.
+class Table(NamedTuple):
+    """The ``instructions`` of a formula, with memory for one block of points.
 
     An instruction has a code, the row of the ``memory`` that it writes, and three rows that it reads, which are others.
-    The rows hold one block of points at a time; those from ``numbers`` on hold one number each. The last operand of a
-    call is the row of ``loops`` with the address of the loop, what that is given, and how many rows it reads. The
-    memory's row ``sources[c]`` becomes a part of ``results[c]``.
+    The rows of the memory from ``numbers`` on hold one number each. The last operand of a call is the row of ``loops``
+    with the address of the loop, what that is given, and how many rows it reads. The c-th result is the memory's row
+    ``results[c]``.
     """
+
+    instructions: IntArray
+    loops: IntArray
+    memory: Array
+    numbers: int
+    results: IntArray
+
+
+@compiled
+def calculate(table: Table, x: Array, y: Array, rows: Array) -> None:
+    """Do all instructions at all points ``x``, ``y``; the results begin the ``rows``."""
+    instructions, loops, memory, numbers, results = table
     places, count, strides = np.empty(3, np.int64), np.empty(1, np.int64), np.empty(3, np.int64)
     for start in range(0, x.size, BLOCK):
         size = min(BLOCK, x.size - start)
@@ -98,9 +100,9 @@ def calculate(
             else:
                 for j in range(size):
                     target[j] = np.sqrt(one[j])
-        for c in range(results.shape[0]):
+        for c in range(results.size):
             for j in range(size):
-                results[c, start + j] = memory[sources[c], j]
+                rows[c, start + j] = memory[results[c], j]
 
 
 @compiled
@@ -256,21 +258,26 @@ class Routine:
         wanted = components(TracedRow(trace, X), TracedRow(trace, Y))
         rows = [part.row for part in wanted if isinstance(part, TracedRow)]
         lines, sources, self._rows = compact(trace.needed(rows), rows)
-        self._sources, found = np.array(sources, dtype=np.int64), iter(range(len(sources)))
-        self._wanted = [next(found) if isinstance(part, TracedRow) else float(part or 0.0) for part in wanted]
         self._numbers, self._loops = list[float](), list[tuple[int, int, int]]()
         instructions = [self._instruction(line) for line in lines]
+        found = iter(sources)
+        results = [next(found) if isinstance(part, TracedRow) else self._row_of(float(part or 0.0)) for part in wanted]
+        self._results = np.array(results, dtype=np.int64)
         self._instructions = np.array(instructions, dtype=np.int64).reshape(-1, 5)
         self._table = np.array(self._loops, dtype=np.int64).reshape(-1, 3)
         self._column = np.array(self._numbers).reshape(-1, 1)
 
+    def table(self, points: int = BLOCK) -> Table:
+        """The instructions with memory of their own, for so many points at once."""
+        memory = np.empty((self._rows + len(self._numbers), min(points, BLOCK) + GAP))
+        memory[self._rows :] = self._column
+        return Table(self._instructions, self._table, memory, self._rows, self._results)
+
     def evaluate(self, x: Array, y: Array) -> tuple[Array, ...]:
         """The components at flat arrays of points, in memory of their own."""
-        x, y, results = _writeable(x), _writeable(y), np.empty((self._sources.size, x.size))
-        memory = np.empty((self._rows + len(self._numbers), min(x.size, BLOCK) + GAP))
-        memory[self._rows :] = self._column
-        calculate(self._instructions, self._table, memory, self._rows, x, y, results, self._sources)
-        return tuple(results[k] if isinstance(k, int) else np.full(x.shape, k) for k in self._wanted)
+        x, y, rows = _writeable(x), _writeable(y), np.empty((self._results.size, x.size))
+        calculate(self.table(x.size), x, y, rows)
+        return tuple(rows)
 
     def _instruction(self, line: Line) -> tuple[int, ...]:
         """The line as a row of a table: numbers are rows of the memory there, and every line has three operands."""

@@ -1,7 +1,7 @@
 """Descent on one mesh, of its nodes or of its straight lines, and the records of its steps.
 
-J. Nocedal and S. J. Wright, *Numerical Optimization* (Springer, 2006), algorithm 7.4. The Armijo condition and a floor
-of the Jacobian decide how far a step goes, so that every mesh is valid, and its objective lower than that before.
+The Armijo condition and a floor of the Jacobian decide how far a step goes, so that every mesh is valid, and its
+objective lower than that before.
 """
 
 from __future__ import annotations
@@ -9,17 +9,30 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from equimesh.inputs import finite_or_none
 from equimesh.least_error.cells import Cells
-from equimesh.least_error.objective import Evaluation, Objective
-from equimesh.least_error.quasi_newton import History, slope_along
+from equimesh.least_error.evaluation import KNOWN, OPEN, Parts, evaluate
+from equimesh.least_error.objective import Evaluation, Objective, Result
+from equimesh.least_error.quasi_newton import (
+    EVALUATE,
+    HERE,
+    OVER,
+    RENEW,
+    RESULTS,
+    STEPS,
+    TAKEN,
+    Way,
+    advance,
+    way_from,
+)
 from equimesh.least_error.starts import product
 from equimesh.meshes.mesh import Grid, Mesh
-from equimesh.numerics.types import Array
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.types import Array, IntArray
 
 # The record of one step of a least-error solve.
 
@@ -74,22 +87,12 @@ class Descent:
         }
 
 
-PAIRS = 8
-"""Moves, and the changes of the gradient by them, that are kept."""
-STEPS_A_PRECONDITIONER = 5
-"""Steps after which the blocks are renewed."""
 MAX_MOVE_CELLS = 2.0
 """The longest move of a coordinate in one step, in spacings of a mesh with equal cells."""
-SHORTENING = 0.4
-"""The factor by which a step that was not accepted is shortened."""
-MAX_TRIALS = 9
-"""Lengths of a step that are tried."""
-MIN_DECREASE_SHARE = 1e-4
-"""The share of the expected decrease that a step must reach: the Armijo condition."""
 MIN_JACOBIAN_SHARE = 1e-4
 """The smallest Jacobian of a corner relative to the start; lower only where the first mesh has less."""
-PATIENCE = 3
-"""Steps over which the mean decrease is taken that ends the descent."""
+MAX_KEPT_POINTS = 129 * 129
+"""Points of a mesh whose steps are taken in one compiled call; those of a finer one are told one by one."""
 
 
 class Minimised(Protocol):
@@ -109,8 +112,19 @@ class Minimised(Protocol):
         """Cut triangles anew; whether the cuts are others than before."""
         ...
 
-    def tie(self, direction: Array) -> None:
-        """Let the copies of tied nodes move as their originals, in place."""
+    @property
+    def ties(self) -> IntArray:
+        """Pairs of unknowns that move together, a copy and its original: numbers of a flat array, ``(ties, 2)``."""
+        ...
+
+    @property
+    def parts(self) -> Parts | None:
+        """What compiled code evaluates it from; ``None`` where it cannot."""
+        ...
+
+    @property
+    def beyond(self) -> float:
+        """The squared error of further cells that do not change."""
         ...
 
     def smallest_share(self, mesh: Array) -> float:
@@ -122,56 +136,97 @@ class Minimised(Protocol):
         ...
 
 
-def descend(objective: Minimised, mesh: Array, steps: int, min_decrease: float) -> Iterator[tuple[Array, Evaluation]]:
-    """The meshes of a descent with their evaluations, from ``mesh`` itself on; at most ``steps`` steps.
+def descend(objective: Minimised, mesh: Array, steps: int, min_decrease: float) -> Iterator[tuple[Array, Result]]:
+    """The meshes of a descent with their results, from ``mesh`` itself on; at most ``steps`` steps.
 
-    Ends early where a step lowers the objective by less than ``min_decrease`` in the mean of the last ``PATIENCE``, or
-    not at all. Yields nothing where the objective cannot be evaluated at ``mesh``: u is then interpolated exactly.
-    Triangles are cut anew with every preconditioner; the objective can rise there.
+    Ends early where a step lowers the objective by less than ``min_decrease`` in the mean of the last few, or not at
+    all. Yields nothing where the objective cannot be evaluated at ``mesh``: u is then interpolated exactly. Triangles
+    are cut anew with every preconditioner; the objective can rise there.
     """
-    now, history = objective.evaluate(mesh), History(mesh.size, max(1, min(PAIRS, steps)))
-    if now is None:
+    first = objective.evaluate(mesh)
+    if first is None:
         return
-    yield mesh, now
+    yield mesh, first.result
     floor = min(MIN_JACOBIAN_SHARE, 0.9 * objective.smallest_share(mesh))
-    blocks, values = now.blocks, [now.value]
-    for step in range(steps):
-        if step % STEPS_A_PRECONDITIONER == 0:
-            if step > 0 and objective.cut(mesh):
-                now = objective.evaluate(mesh) or now
-            blocks = now.blocks
-        found = search(objective, mesh, now, history.direction(now.gradient, blocks), floor)
-        if found is None and not history.is_empty:
-            history.clear()
-            blocks = now.blocks
-            found = search(objective, mesh, now, history.direction(now.gradient, blocks), floor)
-        if found is None:
-            return
-        moved, then = found
-        history.add(mesh, moved, now.gradient, then.gradient)
-        mesh, now = moved, then
-        yield mesh, now
-        values.append(now.value)
-        if len(values) > PATIENCE and values[-1 - PATIENCE] - values[-1] < PATIENCE * min_decrease:
-            return
+    max_move = MAX_MOVE_CELLS * objective.length / math.sqrt(objective.cells.count)
+    way, parts = way_from(mesh, objective.ties, steps, max_move, min_decrease), objective.parts
+    write(way, way.here, first)
+    is_known, need = False, RENEW
+    while need != OVER:
+        if parts is None:
+            need = advance(way, is_known)
+        else:
+            taken = Taken.of(mesh, steps)
+            need, count = take_steps(way, parts, objective.beyond, floor, is_known, taken)
+            for k in range(count):
+                yield taken.meshes[k], Result(*taken.results[k].tolist())
+        if need == EVALUATE:
+            mesh = way.trial.copy()
+            then = objective.evaluate(mesh, floor)
+            is_known = then is not None
+            if then is not None:
+                write(way, 1 - way.here, then)
+        elif need == TAKEN and parts is None:
+            yield mesh, Result(*way.results[way.here].tolist())
+        elif need == RENEW and way.counts[STEPS] > 0 and objective.cut(mesh):
+            anew = objective.evaluate(mesh)
+            if anew is not None:
+                write(way, way.here, anew)
 
 
-def search(
-    objective: Minimised, mesh: Array, now: Evaluation, direction: Array, floor: float
-) -> tuple[Array, Evaluation] | None:
-    """The mesh at an accepted length along minus ``direction``, with its evaluation; ``None`` where there is none."""
-    objective.tie(direction)
-    slope, longest = slope_along(np.ascontiguousarray(now.gradient).reshape(-1), direction.reshape(-1))
-    if not (slope > 0.0 and math.isfinite(longest)):
-        return None
-    length = min(1.0, MAX_MOVE_CELLS * objective.length / math.sqrt(objective.cells.count) / longest)
-    for _ in range(MAX_TRIALS):
-        moved = mesh - length * direction
-        then = objective.evaluate(moved, floor)
-        if then is not None and then.value <= now.value - MIN_DECREASE_SHARE * length * slope:
-            return moved, then
-        length *= SHORTENING
-    return None
+def write(way: Way, place: int, found: Evaluation) -> None:
+    """Write what was found for a mesh of the descent."""
+    way.gradients[place], way.blocks[place] = found.gradient, found.blocks
+    way.results[place] = found.value, found.error, found.distortion
+
+
+class Taken(NamedTuple):
+    """The meshes of some steps, shape ``(steps, 2, nodes)``, and their results."""
+
+    meshes: Array
+    results: Array
+
+    @classmethod
+    def of(cls, mesh: Array, steps: int) -> Taken:
+        """Memory for so many steps, or for one of a fine mesh."""
+        at_once = max(1, steps if mesh.shape[1] <= MAX_KEPT_POINTS else 1)
+        return cls(np.empty((at_once, *mesh.shape)), np.empty((at_once, RESULTS)))
+
+
+@compiled
+def take_steps(way: Way, parts: Parts, beyond: float, floor: float, is_known: bool, taken: Taken) -> tuple[int, int]:
+    """Take as many steps as have a place, until the descent is over, or needs what compiled code cannot tell.
+
+    Returns what it needs, :data:`~equimesh.least_error.quasi_newton.TAKEN` for more places, and how many steps it took.
+    """
+    count = 0
+    while True:
+        need = advance(way, is_known)
+        if need == EVALUATE:
+            there = 1 - way.counts[HERE]
+            out = way.gradients[there], way.blocks[there], way.results[there]
+            found = evaluate(parts, beyond, way.meshes[there], floor, out[0], out[1], out[2])
+            if found == OPEN:
+                return need, count
+            is_known = found == KNOWN
+        elif need == TAKEN:
+            here = way.counts[HERE]
+            copy(way.meshes[here], taken.meshes[count])
+            for k in range(RESULTS):
+                taken.results[count, k] = way.results[here, k]
+            count += 1
+            if count == taken.meshes.shape[0]:
+                return need, count
+        elif need == OVER:
+            return need, count
+
+
+@compiled
+def copy(rows: Array, out: Array) -> None:
+    """Copy all numbers."""
+    for k in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            out[k, j] = rows[k, j]
 
 
 # The objective as a function of straight lines: x of the reference square depends on xi alone, y on eta alone.
@@ -213,11 +268,22 @@ class StraightLines:
         """See :meth:`~equimesh.least_error.objective.Objective.cut`."""
         return self.objective.cut(self.mesh(lines))
 
-    def tie(self, direction: Array) -> None:
-        """Let the last line of a closed family move as the first, in place."""
-        for axis, count in enumerate(self.shape):
-            if self.objective.cells.closed[axis]:
-                direction[axis, count - 1] = direction[axis, 0]
+    @property
+    def ties(self) -> IntArray:
+        """The last line of a closed family moves as the first."""
+        most = max(self.shape)
+        ends = [(axis * most + count - 1, axis * most) for axis, count in enumerate(self.shape)]
+        closed = [end for end, is_closed in zip(ends, self.objective.cells.closed, strict=True) if is_closed]
+        return np.array(closed, dtype=np.int64).reshape(-1, 2)
+
+    @property
+    def parts(self) -> None:
+        """Nothing: compiled code knows no lines."""
+
+    @property
+    def beyond(self) -> float:
+        """See :attr:`~equimesh.least_error.objective.Objective.beyond`."""
+        return self.objective.beyond
 
     def smallest_share(self, lines: Array) -> float:
         """See :meth:`~equimesh.least_error.objective.Objective.smallest_share`."""

@@ -20,9 +20,9 @@ from equimesh.least_error.descent import Descent, StraightLines, descend
 from equimesh.least_error.dual import objective_of
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import Level, Nest, Start, last_compared
-from equimesh.least_error.objective import Evaluation, Objective, Weights
+from equimesh.least_error.objective import Objective, ProjectedObjective, Result, Weights
 from equimesh.least_error.paved import descend_paved, paved_steps
-from equimesh.least_error.projection import ProjectedObjective, is_projected
+from equimesh.least_error.projection import is_projected
 from equimesh.least_error.restricted import Merged
 from equimesh.least_error.starts import GridNest
 from equimesh.least_error.subdomains import Subdomains
@@ -402,7 +402,7 @@ class LeastErrorSolve:
 
     def _moves(
         self, objective: Objective, level: Level, origin: Start, start: Array
-    ) -> Iterator[tuple[Array, Evaluation | Merged]]:
+    ) -> Iterator[tuple[Array, Result | Merged]]:
         """The meshes of a descent on one level: of all nodes, of straight lines, or of subdomains."""
         least, steps, nest = MIN_DECREASE / self.effort, self._most_steps(level), self.nest
         if self.monitor.rectilinear and isinstance(nest, GridNest):

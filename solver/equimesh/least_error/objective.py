@@ -4,17 +4,44 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from equimesh.domains.domain import most_cut_off
 from equimesh.fields.expression import Field
+from equimesh.fields.source import source_of
 from equimesh.least_error import kernels, lagrange
 from equimesh.least_error.cells import Cells, Region
 from equimesh.least_error.charts import Chart, CurveChart, DomainChart
+from equimesh.least_error.evaluation import (
+    NO_MATRIX,
+    NO_NUMBER,
+    OF_PROJECTION,
+    OF_SLOPES,
+    OF_VALUES,
+    OPEN,
+    REFUSED,
+    Parts,
+    Scales,
+    evaluate,
+    machine_code,
+    memory_for,
+)
 from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Rule, Smoothness, Values
+from equimesh.least_error.projection import (
+    Places,
+    Unknowns,
+    are_finite,
+    matrix_for,
+    of_four_corners,
+    projected_errors,
+    unknowns_of,
+)
+from equimesh.least_error.quasi_newton import RESULTS
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 
@@ -24,6 +51,8 @@ NEARBY_SHARE = 1e-3
 """The way from a node to the centre of a cell at which slopes are taken that are infinite at the node."""
 BACK_SHARES = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
 """Shares of the way back to the initial mesh that are tried for a mesh that cuts too much off the domain."""
+MAX_SPANS = 7
+"""Spans of cells, at most, whose errors compiled code adds: NumPy adds more of them in another order."""
 ROUNDING_SHARE = 1e-13
 """The share of the largest value of u below which its error is rounding; of the gradient, times ten over a spacing."""
 CUT_OFF_WEIGHT = 30.0
@@ -42,9 +71,8 @@ class Weights:
     """The limit: the largest cotangent of the angle of a corner, and minus the smallest one."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Evaluation:
-    """The objective at one mesh, with its derivatives."""
+class Result(NamedTuple):
+    """The objective at one mesh."""
 
     value: float
     """The objective."""
@@ -52,10 +80,24 @@ class Evaluation:
     """The norm of the interpolation error, in the units of u, or of its gradient times a length."""
     distortion: float
     """The mean of ``(r^2 - 1) / 2``, 0 for the start."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """The objective at one mesh as a :class:`Result` has it, with its derivatives."""
+
+    value: float
+    error: float
+    distortion: float
     gradient: Array
     """The derivatives by the unknowns, shape ``(2, nodes)``; 0 where these are fixed, and for tied copies of nodes."""
     blocks: Array
     """A positive definite approximation of the second derivatives of each node, ``(ss, st, tt)``, ``(3, nodes)``."""
+
+    @property
+    def result(self) -> Result:
+        """The objective without its derivatives."""
+        return Result(self.value, self.error, self.distortion)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,6 +202,39 @@ class Objective:
         """The size of the domain in the units of the unknowns."""
         return self._chart.length
 
+    @cached_property
+    def parts(self) -> Parts | None:
+        """What compiled code evaluates the objective from; ``None`` where it needs more than that knows."""
+        rule, cells, spans = self._rule, self.cells, len(self._spans)
+        are_shared = self._threads > 1 and spans > 1
+        if not self._is_plain or rule.cells != "quad" or rule.degree > 1 or spans > MAX_SPANS or are_shared:
+            return None
+        error, unknowns = self._kind_of_error()
+        u = source_of(self._u, 1 if error == OF_VALUES else 2)
+        if u is None:
+            return None
+        element = rule.element
+        at_once = cells.count if unknowns is not None else max(last - first for first, last in self._spans)
+        return Parts(
+            code=machine_code(),
+            error=error,
+            u=u,
+            first=self._first,
+            start=self.start,
+            elements=self._elements,
+            element=element,
+            spans=np.array(self._spans),
+            smooth=self._smooth,
+            scales=Scales(**asdict(self._weights), rounding=self.rounding),
+            number=NO_NUMBER if unknowns is None else unknowns.number,
+            matrix=NO_MATRIX if unknowns is None else matrix_for(unknowns),
+            memory=memory_for(cells.nodes, at_once * element.weights.size, self._sums),
+        )
+
+    def _kind_of_error(self) -> tuple[int, Unknowns | None]:
+        """The error as compiled code knows it, and what a solver finds."""
+        return (OF_SLOPES if self._rule.norm == "h1" else OF_VALUES), None
+
     def nodes(self, mesh: Array) -> Nodes:
         """The physical nodes of a mesh."""
         return Nodes(*self._chart.nodes(mesh), self.cells.corners.reshape(-1))
@@ -183,9 +258,11 @@ class Objective:
         self._elements = self._rule.elements(cells.count, self.nodes(mesh), cells.corner_cuts)
         return not np.array_equal(before, self._elements)
 
-    def tie(self, direction: Array) -> None:
-        """Let the copies of tied nodes move as their originals, in place."""
-        self.cells.tie(direction)
+    @property
+    def ties(self) -> IntArray:
+        """Pairs of unknowns that move together, a copy and its original: numbers of a flat array, ``(ties, 2)``."""
+        ties = self.cells.ties
+        return np.concatenate([ties, ties + self.cells.nodes])
 
     def smallest_share(self, mesh: Array) -> float:
         """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh.
@@ -219,6 +296,17 @@ class Objective:
 
         With a ``floor`` also where :meth:`smallest_share` is not above it.
         """
+        if self.parts is not None:
+            gradient, blocks, out = np.empty((2, self.cells.nodes)), np.empty((3, self.cells.nodes)), np.empty(RESULTS)
+            least = 0.0 if floor is None else floor
+            known = evaluate(self.parts, self.beyond, mesh, least, gradient, blocks, out)
+            if known != OPEN:
+                found = dict(zip(Result._fields, out.tolist(), strict=True))
+                return None if known == REFUSED else Evaluation(**found, gradient=gradient, blocks=blocks)
+        return self._evaluated(mesh, floor)
+
+    def _evaluated(self, mesh: Array, floor: float | None) -> Evaluation | None:
+        """As :meth:`evaluate`, for all charts, all functions, and slopes that are infinite at nodes."""
         nodes, count = self.nodes(mesh), self.cells.count
         if not kernels.smallest_share(nodes, self._first) > (0.0 if floor is None else floor):
             return None
@@ -250,10 +338,10 @@ class Objective:
     def _finished(self, mesh: Array, factor: float) -> tuple[float, Array, Array]:
         """The smoothness, and the derivatives by the unknowns from ``factor`` times the sums of the nodes."""
         cells, smooth = self.cells, self._smooth
-        gradient, blocks = np.empty((2, cells.nodes)), np.empty((3, cells.nodes))
         if self._is_plain:
-            smoothness = kernels.finish(mesh, self.start, self._sums, factor, smooth, gradient, blocks)
-            return float(smoothness), gradient, blocks
+            gradient, blocks = np.empty((2, cells.nodes)), np.empty((3, cells.nodes))
+            smoothness = float(kernels.finish(mesh, self.start, self._sums, factor, smooth, gradient, blocks))
+            return smoothness, gradient, blocks
         collected, bends = np.empty((SUMS, cells.nodes)), np.zeros_like(mesh)
         kernels.collect(self._sums, factor, collected)
         moves = self._chart.moves(mesh, self.start)
@@ -290,8 +378,14 @@ class Objective:
         """The square of the error, with its sums of the nodes in place of all others."""
         if len(self._spans) > 1:
             return float(self._squared_errors(nodes, self._groups).sum())
+        nodal, at = self._at_once(nodes)
         self._sums.fill(0.0)
-        return self._squared_error_of(nodes, None, self._spans[0])
+        return self._squared_error_at(nodes, nodal, self._spans[0], at) if self._has_slopes(nodes, nodal) else math.inf
+
+    def _at_once(self, nodes: Nodes) -> tuple[NodalValues, list[Array]]:
+        """u at the nodes, and in all cells: fields that search their points begin where those of the last call were."""
+        split, values = nodes.x.size, self._values(nodes, (0, self.cells.count), nodes.x.size)
+        return NodalValues(*(part[:split].copy() for part in values[:3])), [part[split:] for part in values]
 
     def _squared_errors(self, nodes: Nodes, groups: list[list[tuple[int, int]]]) -> Array:
         """The squares of the errors of spans of cells, with their sums of the nodes in place of all others.
@@ -332,39 +426,40 @@ class Objective:
             _, nodal.u_x[bad], nodal.u_y[bad] = (u or self._u).evaluate(x, y, order=1)
         return True
 
-    def _squared_error_of(self, nodes: Nodes, nodal: NodalValues | None, span: tuple[int, int]) -> float:
-        """The squared error of a span of cells; without ``nodal``, u at the nodes is evaluated, too."""
-        rule, cells = self._rule, self.cells
-        element, per_cell = rule.element, self._elements.shape[0] // cells.count
-        elements = self._elements[per_cell * span[0] : per_cell * span[1]]
-        count, points = elements.shape[0], element.weights.size
-        split = 0 if nodal is not None else nodes.x.size
-        end = split + count * points
-        size = end + (count * len(rule.inner_places) if rule.degree > 1 else 0)
-        x, y = np.empty(size), np.empty(size)
-        kernels.place_points(nodes, elements, element.shape, split, x, y)
-        if rule.degree > 1:
-            kernels.place_points(nodes, elements, rule.inner_places, end, x, y)
-        if nodal is None:
-            x[:split], y[:split] = nodes.x, nodes.y
-        values = self._u.evaluate(x, y, order=2 if rule.norm == "h1" else 1)
-        at = [part[split:end].reshape(points, count) for part in values]
-        inside = [part[end:].reshape(-1, count) for part in values[:3]] if rule.degree > 1 else None
-        # Sums to which other spans add cannot begin anew.
-        if nodal is not None and not self._has_inner_slopes(nodes, inside, elements):
+    def _squared_error_of(self, nodes: Nodes, nodal: NodalValues, span: tuple[int, int]) -> float:
+        """The squared error of a span of cells."""
+        return self._squared_error_at(nodes, nodal, span, self._values(nodes, span))
+
+    def _values(self, nodes: Nodes, span: tuple[int, int], first: int = 0) -> list[Array]:
+        """u with its derivatives at the ``first`` nodes, at the points of a span of cells, and at nodes inside them."""
+        rule, elements = self._rule, self._elements_of(span)
+        count, inner = elements.shape[0], rule.inner_places if rule.degree > 1 else np.empty((0, elements.shape[1]))
+        middle = first + count * rule.element.weights.size
+        x, y = np.empty(middle + count * len(inner)), np.empty(middle + count * len(inner))
+        x[:first], y[:first] = nodes.x[:first], nodes.y[:first]
+        kernels.place_points(nodes, elements, rule.element.shape, first, x, y)
+        kernels.place_points(nodes, elements, inner, middle, x, y)
+        return list(self._u.evaluate(x, y, order=self._order))
+
+    @property
+    def _order(self) -> int:
+        """The order of the derivatives of u that are needed."""
+        return 2 if self._rule.norm == "h1" else 1
+
+    def _elements_of(self, span: tuple[int, int]) -> IntArray:
+        per_cell = self._elements.shape[0] // self.cells.count
+        return self._elements[per_cell * span[0] : per_cell * span[1]]
+
+    def _squared_error_at(self, nodes: Nodes, nodal: NodalValues, span: tuple[int, int], values: list[Array]) -> float:
+        """The squared error of a span of cells with these :meth:`_values`."""
+        elements, points = self._elements_of(span), self._rule.element.weights.size
+        count, end = elements.shape[0], elements.shape[0] * points
+        at = [part[:end].reshape(points, count) for part in values]
+        inside = [part[end:].reshape(-1, count) for part in values[:3]] if self._rule.degree > 1 else None
+        if not self._has_inner_slopes(nodes, inside, elements):
             return math.inf
-        known = NodalValues(*values[:3]) if nodal is None else nodal
-        square, check = self._integrated(nodes, elements, span, known, inside, at)
-        if math.isfinite(check):
-            return square
-        # Slopes are infinite somewhere: at nodes and inside cells they become those nearby.
-        if nodal is not None or not math.isfinite(sum(float(part.sum()) for part in at)):
-            return math.inf
-        self._sums.fill(0.0)
-        nodal = NodalValues(*(part[:split].copy() for part in values[:3]))
-        if not (self._has_slopes(nodes, nodal) and self._has_inner_slopes(nodes, inside, elements)):
-            return math.inf
-        return self._integrated(nodes, elements, span, nodal, inside, at)[0]
+        square, check = self._integrated(nodes, elements, span, nodal, inside, at)
+        return square if math.isfinite(check) else math.inf
 
     def _integrated(
         self,
@@ -413,8 +508,6 @@ class Objective:
     def _distortion(self, nodes: Nodes, weight: float) -> float:
         """The sum of the distortions over all corners; adds ``weight`` times its derivatives."""
         start, sums = self._first, self._sums
-        if len(self._spans) == 1:
-            return kernels.distortions(nodes, start, self._spans[0], weight, sums)
         parts = self._each(self._groups, lambda span: kernels.distortions(nodes, start, span, weight, sums))
         return float(parts.sum())
 
@@ -427,8 +520,6 @@ class Objective:
         def part(span: tuple[int, int]) -> float:
             return float(kernels.oblique_corners(nodes, span, limit, own * weight, self._sums))
 
-        if len(self._spans) == 1:
-            return own * part(self._spans[0])
         return own * float(self._each(self._groups, part).sum())
 
     def _each(self, groups: list[list[tuple[int, int]]], part: Callable[[tuple[int, int]], float]) -> Array:
@@ -445,3 +536,34 @@ class Objective:
 
         run_on_threads(threads, work)
         return sums
+
+
+class ProjectedObjective(Objective):
+    """The objective with the error of the Ritz projection of u, for degree 1 and the norm of u."""
+
+    def _squared_error(self, nodes: Nodes) -> float:
+        """The square of the error, with its sums of the nodes in place of all others; negative without a projection."""
+        element, elements = self._rule.element, self._elements
+        nodal, values = self._at_once(nodes)
+        if not self._has_slopes(nodes, nodal):
+            return math.inf
+        at = Values(*(part.reshape(element.weights.size, -1) for part in values))
+        if not are_finite(at):
+            return math.inf
+        self._sums.fill(0.0)
+        elements, element = of_four_corners(elements, element)
+        self._matrix.fill(0.0)
+        places, number = Places(nodes, elements, nodal, at), unknowns_of(self.cells).number
+        return float(projected_errors(places, element, number, self._matrix, self._sums))
+
+    def _kind_of_error(self) -> tuple[int, Unknowns | None]:
+        return OF_PROJECTION, unknowns_of(self.cells)
+
+    @property
+    def _order(self) -> int:
+        return 2
+
+    @cached_property
+    def _matrix(self) -> Array:
+        """Memory that is kept: to get its pages anew for each mesh takes as long as to compute with it."""
+        return matrix_for(unknowns_of(self.cells))

@@ -13,7 +13,7 @@ from equimesh.least_error.block_levels import COARSEST_CELLS
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.descent import descend
-from equimesh.least_error.objective import Evaluation, Objective
+from equimesh.least_error.objective import Evaluation, Objective, Result
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
@@ -165,7 +165,7 @@ def paved_steps(nodes: int, more: float) -> int:
 
 def descend_paved(
     objective: Objective, chart: CurveChart, initial: Array, first: Array, min_decrease: float, more: float
-) -> Iterator[tuple[Array, Evaluation]]:
+) -> Iterator[tuple[Array, Result]]:
     """The meshes of the descent, as :func:`~equimesh.least_error.descent.descend` has them."""
     points = np.stack(chart.nodes(initial))
     boundary = Boundary(chart, initial, objective.cells.corners)
@@ -209,8 +209,19 @@ class Smooth:
         """Cut triangles anew; whether the cuts are others than before."""
         return self._objective.cut(self.unknowns(mesh))
 
-    def tie(self, direction: Array) -> None:
+    @property
+    def ties(self) -> IntArray:
         """Nothing: no nodes are tied."""
+        return np.empty((0, 2), dtype=np.int64)
+
+    @property
+    def parts(self) -> None:
+        """Nothing: compiled code knows no background."""
+
+    @property
+    def beyond(self) -> float:
+        """See :attr:`~equimesh.least_error.objective.Objective.beyond`."""
+        return self._objective.beyond
 
     def smallest_share(self, mesh: Array) -> float:
         """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh."""

@@ -9,17 +9,14 @@ at the nodes.
 
 from __future__ import annotations
 
-import math
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
 
-from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.kernels import CELLS_AT_ONCE, SUMS, NodalValues, Nodes, Values
-from equimesh.least_error.objective import Objective
 from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.elements import Element, determinant, gradient
@@ -74,6 +71,11 @@ def unknowns_of(cells: Cells) -> Unknowns:
     return Unknowns(np.ascontiguousarray(best), size, min(widths))
 
 
+def matrix_for(unknowns: Unknowns) -> Array:
+    """Memory for the matrix of a solver with these unknowns."""
+    return np.empty((unknowns.size, unknowns.width + 1))
+
+
 def _width(numbers: IntArray) -> int:
     """The largest difference of two unknowns of a cell."""
     lowest = np.where(numbers < 0, np.iinfo(np.int64).max, numbers).min(axis=1)
@@ -87,43 +89,6 @@ def is_projected(cells: Cells) -> bool:
         return False
     _, count, width = unknowns_of(cells)
     return 0 < count * width * width <= MAX_WORK
-
-
-class ProjectedObjective(Objective):
-    """The objective with the error of the Ritz projection of u, for degree 1 and the norm of u."""
-
-    def _squared_error(self, nodes: Nodes) -> float:
-        """The square of the error, with its sums of the nodes in place of all others; negative without a projection."""
-        element, elements = self._rule.element, self._elements
-        shape, split = (element.weights.size, len(elements)), nodes.x.size
-        x, y = self._points
-        x[:split], y[:split] = nodes.x, nodes.y
-        kernels.place_points(nodes, elements, element.shape, split, x, y)
-        values = self._u.evaluate(x, y, order=2)
-        nodal = NodalValues(*(part[:split].copy() for part in values[:3]))
-        if not self._has_slopes(nodes, nodal):
-            return math.inf
-        at = Values(*(part[split:].reshape(shape) for part in values))
-        if not are_finite(at):
-            return math.inf
-        self._sums.fill(0.0)
-        elements, element = of_four_corners(elements, element)
-        self._matrix.fill(0.0)
-        places, number = Places(nodes, elements, nodal, at), unknowns_of(self.cells).number
-        return float(projected_errors(places, element, number, self._matrix, self._sums))
-
-    # Memory that is kept: to get its pages anew for each mesh takes as long as to compute with it.
-
-    @cached_property
-    def _points(self) -> Array:
-        """Memory for x and y of the nodes and of the points of all elements."""
-        return np.empty((2, self.cells.nodes + len(self._elements) * self._rule.element.weights.size))
-
-    @cached_property
-    def _matrix(self) -> Array:
-        """Memory for the matrix."""
-        unknowns = unknowns_of(self.cells)
-        return np.empty((unknowns.size, unknowns.width + 1))
 
 
 def of_four_corners(elements: IntArray, element: Element) -> tuple[IntArray, Element]:

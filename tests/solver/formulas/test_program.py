@@ -202,21 +202,22 @@ def numbers(size: int, seed: int) -> np.ndarray:
 
 def calculated(function: Callable[..., Any], x: np.ndarray, operands: tuple[int, ...]) -> np.ndarray:
     """One function of these rows: x, x backwards, and the numbers 2, 0.5 and -1 from the row 3 on."""
-    memory, results = np.full((6, module.BLOCK + module.GAP), 7.0), np.full((1, x.size), 7.0)
+    memory, rows = np.full((6, module.BLOCK + module.GAP), 7.0), np.full((2, x.size), 7.0)
     memory[3:] = [[2.0], [0.5], [-1.0]]
     one, two, three = (*operands, 0, 0)[:3]
     loops = np.zeros((1, 3), dtype=np.int64)
     if function not in CODES:
         loops[0], three = (*loop_of(function), function.nin), 0  # type: ignore[arg-type, attr-defined]
     line = np.array([[CODES.get(function, module.CALL), 2, one, two, three]])
-    module.calculate(line, loops, memory, 3, x, x[::-1].copy(), results, np.array([2]))
-    return results[0]
+    module.calculate(module.Table(line, loops, memory, 3, np.array([2])), x, x[::-1].copy(), rows)
+    assert (rows[1] == 7.0).all()
+    return rows[0]
 
 
 def test_the_rows_do_not_touch(monkeypatch: pytest.MonkeyPatch) -> None:
     """NumPy 1.26 has other last digits where the end of what a loop reads is the begin of what it writes."""
     widths = list[int]()
-    monkeypatch.setattr(module, "calculate", lambda _, __, memory, *___: widths.append(memory.shape[1]))
+    monkeypatch.setattr(module, "calculate", lambda table, *_: widths.append(table.memory.shape[1]))
     for size in SIZES:
         em.Expression("log(x)").evaluate(np.ones(size), np.ones(size))
         assert widths.pop() > min(size, module.BLOCK)

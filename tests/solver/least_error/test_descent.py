@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,19 +14,36 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.least_error import descent, kernels
 from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
-from equimesh.least_error.descent import Descent, descend, search
-from equimesh.least_error.kernels import Nodes, Rule
+from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.charts import DomainChart
+from equimesh.least_error.descent import Descent, descend
+from equimesh.least_error.kernels import Nodes, Norm, Rule
 from equimesh.least_error.lifting import SMALLEST_SHARE, mended
-from equimesh.least_error.objective import Weights
-from equimesh.least_error.quasi_newton import History, quasi_newton_direction, solve_blocks
+from equimesh.least_error.objective import Evaluation, Objective, ProjectedObjective, Weights
+from equimesh.least_error.quasi_newton import (
+    EVALUATE,
+    MAX_TRIALS,
+    OVER,
+    PAIRS_ADDED,
+    SHORTENING,
+    TAKEN,
+    Way,
+    advance,
+    quasi_newton_direction,
+    solve_blocks,
+    take,
+    way_from,
+)
 from equimesh.numerics.types import Array
 from equimesh.testing.geometries import disc, naca0012_c
-from solver.bent import DOMAINS, bent, objective_on, uniform
+from solver.bent import DOMAINS, WEIGHTS, bent, objective_on, uniform
 
 GRID = em.Grid(n_xi=13, n_eta=11)
 FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")
 LITTLE = 5e-3
 LOOSE = Weights(distortion=1e-3, smoothness=1e-3)
+KINDS: tuple[tuple[type[Objective], Norm], ...] = ((Objective, "l2"), (Objective, "h1"), (ProjectedObjective, "l2"))
+OBLIQUE = {"obliqueness": 0.1, "largest_cotangent": 0.5}
 
 
 @pytest.mark.parametrize("domain", DOMAINS)
@@ -82,15 +100,104 @@ def test_there_is_nothing_from_a_folded_mesh() -> None:
     assert list(descend(objective_on(GRID, FRONT), folded, 5, LITTLE)) == []
 
 
-def test_a_search_uphill_finds_nothing() -> None:
-    objective, mesh = objective_on(GRID, FRONT), uniform(GRID)
+def way_on(objective: Objective, steps: int = 5) -> tuple[Way, Evaluation]:
+    """A descent that has not begun, and the evaluation of its mesh, which is to be written."""
+    mesh = uniform(GRID)
     now = objective.evaluate(mesh)
-    assert search(objective, mesh, now, -now.gradient, 1e-4) is None
-    assert search(objective, mesh, now, 0.0 * now.gradient, 1e-4) is None
-    assert search(objective, mesh, now, np.full_like(mesh, np.nan), 1e-4) is None
-    found = search(objective, mesh, now, now.gradient, 1e-4)
-    assert np.abs(found[0] - mesh).max() <= descent.MAX_MOVE_CELLS / objective.cells.count**0.5
-    assert found[1].value < now.value
+    assert now is not None
+    return way_from(mesh, objective.ties, steps, 0.2, 0.0), now
+
+
+def test_a_way_that_leads_nowhere_is_over() -> None:
+    way, now = way_on(objective_on(GRID, FRONT))
+    for wrong in (
+        {"blocks": -now.blocks},
+        {"gradient": 0.0 * now.gradient},
+        {"gradient": np.full_like(now.gradient, np.nan)},
+    ):
+        way.counts[:] = 0
+        descent.write(way, 0, replace(now, **wrong))
+        assert advance(way, False) == OVER
+        assert advance(way, False) == OVER
+    way.counts[:] = 0
+    descent.write(way, 0, now)
+    assert advance(way, False) == EVALUATE
+    assert 0.0 < np.abs(way.trial - uniform(GRID)).max() <= 0.2 * (1.0 + 1e-12)
+
+
+def refused(way: Way, need: int) -> list[float]:
+    """The longest moves of all trials, each of which is refused, until the descent is over."""
+    moves = []
+    while need == EVALUATE:
+        moves.append(float(np.abs(way.trial - way.meshes[way.here]).max()))
+        need = advance(way, False)
+    assert need == OVER
+    return moves
+
+
+def test_a_trial_is_shortened_until_it_is_taken() -> None:
+    way, now = way_on(objective_on(GRID, FRONT))
+    descent.write(way, 0, now)
+    lengths = np.array(refused(way, advance(way, False)))
+    assert len(lengths) == MAX_TRIALS
+    assert lengths[1:] == pytest.approx(SHORTENING * lengths[:-1], rel=1e-9)
+    way.counts[:] = 0
+    need = advance(way, False)
+    descent.write(way, 1, now)  # not lower
+    need = advance(way, True)
+    assert need == EVALUATE
+    descent.write(way, 1, replace(now, value=now.value - 1.0, gradient=0.5 * now.gradient))
+    assert advance(way, True) == TAKEN
+    assert way.here == 1
+    # With a pair the steepest way is tried, too.
+    lengths = np.array(refused(way, advance(way, False)))
+    assert len(lengths) == 2 * MAX_TRIALS
+    assert way.counts[PAIRS_ADDED] == 0
+
+
+def samples_of(u: em.Expression) -> em.GridSamples:
+    x = np.linspace(0.0, 1.0, 21)
+    return em.GridSamples(x=x, y=x, values=u.evaluate(x[:, None], x[None, :])[0])
+
+
+@pytest.mark.parametrize(
+    ("u", "kind", "norm"),
+    [
+        *((u, kind, norm) for u in (FRONT, samples_of(FRONT)) for kind, norm in KINDS),
+        (em.Expression("sqrt(x) + sqrt(y)*x"), Objective, "l2"),  # its slopes are infinite on two sides
+    ],
+    ids=str,
+)
+def test_compiled_steps_are_those_of_python(u: em.Field, kind: type[Objective], norm: Norm) -> None:
+    """Those of an objective of which compiled code knows nothing, to the last bit."""
+    for grid in (GRID, em.Grid(n_xi=57, n_eta=41)):
+        mesh, given = bent(grid, 2), (em.Rectangle(), cells_of_grid(grid.shape), uniform(grid))
+        compiled, plain = (
+            kind(u, DomainChart(given[0]), *given[1:], replace(WEIGHTS, **OBLIQUE), Rule(norm=norm)) for _ in range(2)
+        )
+        plain.__dict__["parts"] = None
+        assert compiled.parts is not None
+        assert (len(compiled.parts.spans) > 1) == (grid is not GRID)
+        found, expected = (list(descend(one, mesh, 9, 0.0)) for one in (compiled, plain))
+        assert len(found) == len(expected) > 5
+        for (one, now), (other, then) in zip(found, expected, strict=True):
+            assert np.array_equal(one, other)
+            assert now == then
+    assert len(descent.take_steps.overloads) == 1  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        objective_on(GRID, FRONT, DOMAINS["sector"]),
+        objective_on(GRID, FRONT, rule=Rule(cells="triangle")),
+        objective_on(GRID, FRONT, rule=Rule(degree=2)),
+        objective_on(GRID, em.NodalField(mesh=em.Mesh.uniform(GRID), values=np.ones(GRID.shape))),
+        objective_on(em.Grid(n_xi=57, n_eta=41), FRONT, threads=2),
+    ],
+)
+def test_compiled_code_leaves_others_to_python(other: Objective) -> None:
+    assert other.parts is None
 
 
 def test_triangles_are_cut_anew_on_the_way() -> None:
@@ -141,26 +248,35 @@ def test_the_direction_is_that_of_dense_bfgs(added: int) -> None:
     assert out == pytest.approx(dense @ gradient, rel=1e-9)
 
 
-def test_the_history_keeps_the_last_pairs_of_positive_curvature() -> None:
+def test_the_last_pairs_of_positive_curvature_are_kept() -> None:
     rng, blocks = np.random.default_rng(1), np.array([[2.0], [0.0], [2.0]])
-    history, gradient = History(2, 8), np.array([[1.0], [3.0]])
-    assert history.is_empty
-    assert np.array_equal(history.direction(gradient, blocks), gradient / 2)
-    nothing = np.zeros((2, 1))
-    history.add(nothing, np.array([[1.0], [0.0]]), nothing, np.array([[-1.0], [0.0]]))
-    history.add(nothing, np.array([[1.0], [0.0]]), nothing, np.array([[0.0], [1.0]]))
-    assert history.is_empty
+    way, nothing = way_from(np.zeros((2, 1)), np.empty((0, 2), dtype=np.int64), 60, 1.0, 0.0), np.zeros((2, 1))
+
+    def add(before: Array, after: Array, slope: Array, slope_then: Array) -> None:
+        here = way.here
+        way.meshes[here], way.meshes[1 - here] = before, after
+        way.gradients[here], way.gradients[1 - here] = slope, slope_then
+        take(way)
+
+    def direction(gradient: Array) -> Array:
+        out, pairs = np.empty((2, 1)), (way.moves, way.changes, way.products)
+        quasi_newton_direction(*pairs, way.counts[PAIRS_ADDED], blocks, gradient.reshape(-1), out.reshape(-1))
+        return out
+
+    gradient = np.array([[1.0], [3.0]])
+    assert np.array_equal(direction(gradient), gradient / 2)
+    add(nothing, np.array([[1.0], [0.0]]), nothing, np.array([[-1.0], [0.0]]))
+    add(nothing, np.array([[1.0], [0.0]]), nothing, np.array([[0.0], [1.0]]))
+    assert way.counts[PAIRS_ADDED] == 0
     for _ in range(24):
         move = rng.normal(size=(2, 1))
         before, slope = rng.normal(size=(2, 2, 1))
         change = np.array([[4.0], [9.0]]) * move
-        history.add(before, before + move, slope, slope + change)
-        history.add(before, before - move, slope, slope + change)  # of negative curvature: not kept
+        add(before, before + move, slope, slope + change)
+        add(before, before - move, slope, slope + change)  # of negative curvature: not kept
         # The last pair is met exactly: its change of the gradient leads to its move.
-        assert history.direction(np.array([[4.0], [9.0]]) * move, blocks) == pytest.approx(move, rel=1e-9)
-    history.clear()
-    assert history.is_empty
-    assert np.array_equal(history.direction(gradient, blocks), gradient / 2)
+        assert direction(np.array([[4.0], [9.0]]) * move) == pytest.approx(move, rel=1e-9)
+    assert way.counts[PAIRS_ADDED] == 24
 
 
 def test_a_record_is_plain_numbers_without_its_mesh() -> None:
