@@ -29,6 +29,7 @@ from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.types import Array
+from equimesh.quality.interpolation import InterpolationErrors
 
 MAX_LINES = 17
 """Lines of each family, at most, of the rectilinear starts that are compared."""
@@ -100,6 +101,8 @@ class DescentEnd:
     """The record of the last step."""
     history: tuple[Mapping[str, Any], ...] = ()
     """The numbers of all steps to it, where it was kept."""
+    errors: InterpolationErrors | None = None
+    """The errors of interpolation on quadrilaterals, next to those of the initial mesh, where they were measured."""
 
 
 @dataclass(frozen=True, eq=False)

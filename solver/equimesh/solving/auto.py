@@ -270,7 +270,7 @@ class _Coarse:
             monitor=solve.monitor,
             errors=errors,
             mesh=mesh,
-            coarse=reached,
+            coarse=replace(reached, errors=errors),
             starts=solve.starts,
         )
 

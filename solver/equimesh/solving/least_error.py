@@ -64,6 +64,8 @@ def solve_least_error(
     steps = solve.steps(start, uniform_only=initial is Initial.UNIFORM, coarse=coarse)
     before = () if coarse is None else _before(coarse)
     found = _finish(problem, solve, steps, telling, records, before)
+    if coarse is not None and coarse.errors is not None and coarse.level.is_finest and monitor.cells == "quad":
+        vars(found)["interpolation"] = coarse.errors  # of the same mesh
     if start is not None:
         found = _or_given(found, start, monitor.norm)
     if is_no_worse(found, monitor.norm):

@@ -76,11 +76,17 @@ def test_the_chosen_mesh_is_measured_once(monkeypatch: pytest.MonkeyPatch) -> No
         measured.append(mesh)
         return measure(mesh, u, **more)
 
-    monkeypatch.setattr(solution_module, "measure_errors", counted)
+    for module in (auto, solution_module):
+        monkeypatch.setattr(module, "measure_errors", counted)
     found = chosen(LAYER)
+    known = found.interpolation
     assert found.comparison
-    assert found.interpolation is not None
-    assert len(measured) == 1
+    assert sum(np.array_equal(mesh.points, found.mesh.points) for mesh in measured) == 1
+    again = found._measured.errors()
+    assert known is not None
+    assert again is not None
+    assert (known.l2, known.h1, known.resolved, known.largest) == (again.l2, again.h1, again.resolved, again.largest)
+    assert (known.gain_l2, known.gain_h1) == pytest.approx((again.gain_l2, again.gain_h1), rel=1e-12)
 
 
 def test_straight_lines_that_cannot_be_chosen_are_left_out() -> None:
