@@ -8,6 +8,12 @@ from playwright.sync_api import Browser, Page, Playwright, sync_playwright
 
 from programs import browser as browser_program
 
+# WebGL2 in software: no test depends on the graphics of a machine.
+WEBGL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# Neither WebGL nor a compositor that uses it: the workbench then draws with its other renderer. This is a third of the
+# work of the processor.
+PLAIN = ["--no-sandbox", "--disable-gpu"]
+
 
 class Browsers:
     """Playwright, a browser for each set of flags, and pages of these; all of them are started when first used."""

@@ -9,16 +9,11 @@ import pytest
 from fastapi import Request, Response
 from playwright.sync_api import Browser
 
-from browser.browsers import BROWSERS
+from browser.browsers import BROWSERS, PLAIN
 from equimesh_service import Settings, running
 from equimesh_service.api import pages
 
 FOLDER = Path(__file__).parent
-# WebGL2 in software, for what is marked `webgl`: no test depends on the graphics of a machine.
-WEBGL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-# Neither WebGL nor a compositor that uses it: the workbench then draws with its other renderer. This is a third of the
-# work of the processor.
-PLAIN = ["--no-sandbox", "--disable-gpu"]
 
 
 @pytest.fixture(scope="session")
@@ -54,6 +49,6 @@ def pytest_runtest_teardown(nextitem: pytest.Item | None) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def chromium(request: pytest.FixtureRequest) -> Browser:
-    """A browser; with WebGL where the module is marked so."""
-    return BROWSERS.opened(WEBGL if request.node.get_closest_marker("webgl") else PLAIN)
+def chromium() -> Browser:
+    """A browser without WebGL."""
+    return BROWSERS.opened(PLAIN)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from browser.browsers import BROWSERS
+from browser.browsers import BROWSERS, WEBGL
 
 LAPTOP = {"width": 1366, "height": 768}
 # The workbench with a small mesh that is solved in a moment.
@@ -111,6 +111,13 @@ def visit(chromium: Browser, page_url: str, one_page: Page) -> Iterator[Callable
 
         yield open_first
         check_complaints(one_page)
+
+
+@pytest.fixture
+def visit_webgl(page_url: str) -> Iterator[Callable[..., Page]]:
+    """Opens pages as ``visit`` does, in a browser whose pages draw with WebGL2."""
+    with visits(BROWSERS.opened(WEBGL), page_url) as open_page:
+        yield open_page
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.image import imread
 from playwright.sync_api import Page, expect
 
-pytestmark = [pytest.mark.needs("chromium"), pytest.mark.webgl]
+pytestmark = pytest.mark.needs("chromium")
 STAGE = "#stage"
 DRAWN = "#stage[data-quick=false]"
 COLOUR = "Colour by"
@@ -57,8 +57,12 @@ def pixels(page: Page, tmp_path: Path) -> Any:
         ],
     ],
 )
-def test_colours_are_drawn_with_a_legend(visit: Callable[..., Page], tmp_path: Path, query: str, colour: str) -> None:
-    page = visit(f"/{query}#u=tanh(20*(x-y))&n=17&monitor=arc_length")
+def test_colours_are_drawn_with_a_legend(
+    request: pytest.FixtureRequest, tmp_path: Path, query: str, colour: str
+) -> None:
+    page = request.getfixturevalue("visit" if query else "visit_webgl")(
+        f"/{query}#u=tanh(20*(x-y))&n=17&monitor=arc_length"
+    )
     page.wait_for_selector(DRAWN)
     # A canvas that is drawn on in another way gives no context of WebGL.
     assert page.evaluate("() => document.querySelector('#mesh').getContext('webgl2') !== null") is (not query)
@@ -70,7 +74,10 @@ def test_colours_are_drawn_with_a_legend(visit: Callable[..., Page], tmp_path: P
     assert page.evaluate("() => location.hash").count("view=") == 0 or colour != "error"
 
 
-def test_both_meshes_have_the_same_scale_and_the_slider_moves_one(page: Page, tmp_path: Path) -> None:
+def test_both_meshes_have_the_same_scale_and_the_slider_moves_one(
+    visit_webgl: Callable[..., Page], tmp_path: Path
+) -> None:
+    page = visit_webgl("/#u=tanh(20*(x-y))&n=17&monitor=arc_length")
     page.wait_for_selector(DRAWN)
     halves = lambda: np.array_split(pixels(page, tmp_path)[40:-8], 2, axis=1)  # noqa: E731
     left, right = halves()
@@ -131,9 +138,9 @@ def test_wheel_keys_and_buttons_zoom_and_drag_pans(page: Page) -> None:
 
 @pytest.mark.everything  # it draws by software where there is no graphics card
 def test_a_large_mesh_is_dragged_at_the_rate_of_the_screen(
-    visit: Callable[..., Page], capsys: pytest.CaptureFixture[str]
+    visit_webgl: Callable[..., Page], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = visit("/#u=tanh(20*(x-y**2))&n=257&monitor=arc_length")
+    page = visit_webgl("/#u=tanh(20*(x-y**2))&n=257&monitor=arc_length")
     page.wait_for_selector(DRAWN)
     assert page.get_attribute(STAGE, "data-points") == "257 257"
     uploads = page.get_attribute(STAGE, "data-uploads")

@@ -86,12 +86,6 @@ def test_a_layer_that_no_mesh_meets_is_not_resolved() -> None:
     assert 0.15 < found.rounds[found.best].unresolved < 0.6
 
 
-def test_the_loop_replays_bit_by_bit_on_any_number_of_threads() -> None:
-    one, other = (em.adapt(sampled(), 17, rounds=2, threads=threads) for threads in (1, 2))
-    assert np.array_equal(one.mesh.x, other.mesh.x)
-    assert [record.numbers() for record in one.rounds] == [record.numbers() for record in other.rounds]
-
-
 def test_a_smooth_solution_ends_early_and_a_linear_one_at_once() -> None:
     smooth = em.adapt(sampled(em.Expression("sin(x)*cos(y)")), 9, rounds=20)
     assert smooth.reason == "The estimate stands still: it did not fall by 15% in the last 2 rounds."

@@ -86,16 +86,6 @@ def test_curved_sides_closed_lines_and_triangles_have_subdomains(domain: em.Doma
     assert errors_of(divided).gain_l2 >= 1.0
 
 
-def test_the_mesh_does_not_depend_on_the_threads() -> None:
-    one, two = (em.solve(problem(), em.Schwarz(subdomains=(2, 2)), threads=threads) for threads in (1, 2))
-    assert np.array_equal(one.mesh.points, two.mesh.points)
-
-
-def test_a_mesh_is_never_worse_than_the_uniform_one() -> None:
-    solution = em.solve(problem("2*x - y"), em.Schwarz(subdomains=(2, 2)))
-    assert solution.mesh.distance(em.Mesh.uniform(em.Grid(n_xi=25, n_eta=25))) < 1e-14
-
-
 def test_the_uniform_start_is_tried_where_the_other_one_is_folded() -> None:
     slit = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 360.0))
     monitor = em.LeastError(em.Expression("exp(-20*((x - 1.5)**2 + y**2))"), degree=3)

@@ -188,14 +188,6 @@ def test_a_round_has_all_numbers_of_the_next_mesh() -> None:
     assert em.Round is Round
 
 
-def test_a_round_carries_what_was_chosen() -> None:
-    mesh = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
-    found = em.adapt_round(mesh, mesh.x**2)
-    assert isinstance(found, Round)
-    assert found.chosen in found.candidates
-    assert found.gain > 1.0
-
-
 SLOPED_FRONT = em.Expression("tanh(8*(x + y/2 - 0.75))")
 
 
@@ -207,12 +199,6 @@ def test_the_estimate_is_the_error_where_the_mesh_resolves_u(domain: em.Domain, 
     known = Recovery.of(mesh, SLOPED_FRONT.evaluate(mesh.x, mesh.y)[0], domain)
     exact = measured(SLOPED_FRONT, domain, known.mesh, Rule(norm=norm), of_solver=norm == "l2")
     assert 0.8 < known.estimate(norm) / exact < 1.3
-
-
-def test_the_estimate_of_a_linear_function_is_rounding() -> None:
-    mesh = smooth_mesh(17)
-    known = Recovery.of(mesh, 3.0 * mesh.x - mesh.y, UNIT_SQUARE)
-    assert known.estimate("l2") < 1e-13
 
 
 def test_moves_are_measured_in_spacings() -> None:
