@@ -1,10 +1,11 @@
 """Compilation of the project's loops to machine code, or loading of what was compiled before."""
 
+import gc
 import logging
 import pickle
 import re
-from collections.abc import Callable
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from enum import StrEnum
 from functools import cache
 from typing import Any, NamedTuple, ParamSpec, TypeVar
@@ -25,7 +26,7 @@ from equimesh.numerics.machine_code import (
     sealed,
     stem,
 )
-from equimesh.numerics.processor import TARGET
+from equimesh.numerics.processor import TARGET, Pipeline
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -164,6 +165,18 @@ def _initialise(target_context: Any) -> None:
     _nrt.rtsys.initialize(target_context)
 
 
+@contextmanager
+def _without_garbage() -> Iterator[None]:
+    """No search for unreachable objects while a loop is compiled, which makes so many others that it takes a tenth."""
+    is_outermost = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if is_outermost:
+            gc.enable()
+
+
 class _LoopCache(_caching._Cache):  # type: ignore[misc]
     """What Numba asks for the machine code of one loop: the archive, then the folder of the user."""
 
@@ -189,7 +202,8 @@ class _LoopCache(_caching._Cache):  # type: ignore[misc]
                 context = TARGET.target_context
                 context.insert_user_function(result.entry_point, result.fndesc, [result.library])
                 return result
-            result = compile_it()
+            with _without_garbage():
+                result = compile_it()
             origins[key] = Origin.COMPILED
             # Code with addresses of this process is of no use to others.
             if not isinstance(folder, str) and not result.lifted and not result.library.has_dynamic_globals:
@@ -232,8 +246,7 @@ class _LoopCompiler(_dispatcher._FunctionCompiler):  # type: ignore[misc]
     """Compiles a loop for the level of the processor, one process at a time."""
 
     def __init__(self, loop: Any) -> None:
-        pipeline = loop._compiler.pipeline_class
-        super().__init__(loop.py_func, TARGET, loop.targetoptions, loop.locals, pipeline)
+        super().__init__(loop.py_func, TARGET, loop.targetoptions, loop.locals, Pipeline)
         self._kept = loop._cache
 
     def compile(self, args: Any, return_type: Any) -> Any:
