@@ -334,12 +334,12 @@ class Chords:
         kept = is_near.all(axis=1)
         return cls(curve=curve, nodes=nodes[kept], fixed=fixed[kept], turns=turns[kept])
 
-    def places(self, parameters: Array) -> tuple[Array, Array]:
+    def places(self, parameters: Array, speed: float = 1.0) -> tuple[Array, Array]:
         """How far the parameter goes along each edge, shape ``(edges,)``, and the ``PLACES`` there, ``(edges, 5)``.
 
-        ``parameters`` are those of all nodes, shape ``(nodes,)``; only those of nodes on the curve are read.
+        ``parameters`` are those of all nodes times ``speed``, shape ``(nodes,)``; those of nodes on the curve are read.
         """
-        begins, ends = np.where(self.slides, parameters[self.nodes], self.fixed).T
+        begins, ends = np.where(self.slides, parameters[self.nodes] / speed, self.fixed).T
         lengths = ends - self.turns - begins
         return lengths, begins[:, None] + lengths[:, None] * SHARES[1]
 

@@ -104,7 +104,7 @@ class Place:
     @property
     def points(self) -> Array:
         """The nodes, shape ``(2, nodes)``."""
-        return np.stack(self.mesh.chart.nodes(self.unknowns))
+        return self.mesh.chart.at(self.unknowns)
 
     @property
     def parameters(self) -> Array:
@@ -119,21 +119,21 @@ class Place:
         mesh ``there`` where all of them fold even so. Meshes that cut too much off the domain are moved back. On a
         regular domain the first of the three that does not fold is taken, as on a grid.
         """
-        fine, tried, lifting = there.mesh, [], Lifting(self.mesh.level, there.mesh.level)
+        fine, tried, lifting = there.mesh, list[Array](), Lifting(self.mesh.level, there.mesh.level)
         for share, cubic in ((1.0, True), (1.0, False), (0.0, False)):
             unknowns = objective.held(self._interpolated(lifting, first, there, share, cubic=cubic))
             smallest = objective.smallest_share(unknowns)
-            if is_regular:
-                if smallest > 0.0:
-                    return Place(fine, unknowns)
-                continue
-            if share > 0.0 and smallest <= SMALLEST_SHARE:
+            is_mended = share > 0.0 and smallest <= SMALLEST_SHARE and not is_regular
+            if is_mended:
                 unknowns = objective.held(mended(fine.chart, fine.cells, there.unknowns, unknowns))
-            elif cubic:
-                return Place(mesh=fine, unknowns=unknowns)
-            if objective.smallest_share(unknowns) > 0.0:
+                smallest = objective.smallest_share(unknowns)
+            if smallest > 0.0:
                 tried.append(unknowns)
-        return Place(mesh=fine, unknowns=min(tried, key=objective.error)) if tried else there
+                if is_regular or (cubic and not is_mended):
+                    break
+        if not tried:
+            return there
+        return Place(mesh=fine, unknowns=tried[0] if len(tried) == 1 else min(tried, key=objective.error))
 
     def _interpolated(self, lifting: Lifting, first: Place, there: Place, share: float, *, cubic: bool) -> Array:
         """The unknowns of a finer mesh, from the positions less ``share`` times those of the first mesh."""

@@ -17,8 +17,8 @@ from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 
 FREE = -1
 """The number of the curve of a node that is on none. That of a fixed node is less."""
-KNOWN_MESHES = 3
-"""Meshes whose physical nodes are kept: each is asked for several times in a step, and that of the start in all."""
+KNOWN_MESHES = 4
+"""Meshes whose physical nodes are kept: in a step the one before and after it, the first and the initial one."""
 
 
 class Chart(Protocol):
@@ -158,7 +158,7 @@ class Slides:
 class Placed(NamedTuple):
     """The nodes of a mesh, the directions of their curves, each ``x_t, y_t``, and what lies between these and edges."""
 
-    nodes: Pair
+    at: Array
     slopes: list[Pair]
     pieces: list[Pieces]
 
@@ -227,7 +227,12 @@ class CurveChart:
 
     def nodes(self, mesh: Array) -> Pair:
         """x and y of the nodes. Those of the last meshes are kept: neither they nor the meshes may be changed."""
-        return self._placed(mesh).nodes
+        x, y = self._placed(mesh).at
+        return x, y
+
+    def at(self, mesh: Array) -> Array:
+        """:meth:`nodes` as one array, shape ``(2, nodes)``."""
+        return self._placed(mesh).at
 
     def _placed(self, mesh: Array) -> Placed:
         """What is known of a mesh: each curve is evaluated once, at its nodes and between them."""
@@ -236,18 +241,17 @@ class CurveChart:
                 del self._known[k]  # to be the first again
                 self._known.appendleft((mesh, found))
                 return found
-        x, y, slopes, pieces = mesh[0].copy(), mesh[1].copy(), list[Pair](), list[Pieces]()
+        placed = Placed(mesh.copy(), [], [])
         for one in self._curves:
             t, count = mesh[0, one.nodes] / one.speed, one.nodes.size
             if one.chords is not None:
-                lengths, places = one.chords.places(mesh[0] / one.speed)
+                lengths, places = one.chords.places(mesh[0], one.speed)
                 t = np.concatenate([t, places.reshape(-1)])
             at = one.curve.evaluate(t)
             if one.chords is not None:
-                pieces.append(Pieces(one.chords, lengths, *(part[count:].reshape(places.shape) for part in at)))
-            x[one.nodes], y[one.nodes], x_t, y_t = (part[:count] for part in at)
-            slopes.append((x_t, y_t))
-        placed = Placed((x, y), slopes, pieces)
+                placed.pieces.append(Pieces(one.chords, lengths, *(part[count:].reshape(places.shape) for part in at)))
+            placed.at[0, one.nodes], placed.at[1, one.nodes], x_t, y_t = (part[:count] for part in at)
+            placed.slopes.append((x_t, y_t))
         self._known.appendleft((mesh, placed))
         return placed
 
@@ -288,8 +292,7 @@ class CurveChart:
 
     def moves(self, mesh: Array, start: Array) -> Array:
         """The displacements over the square root of the area."""
-        here, there = self.nodes(mesh), self.nodes(start)
-        return np.stack([(one - other) / self.length for one, other in zip(here, there, strict=True)])
+        return (self.at(mesh) - self.at(start)) / self.length
 
     def derivatives(self, mesh: Array, collected: Array, bends: Array, stiffness: Array) -> Pair:
         """Derivatives by the unknowns, see :meth:`Chart.derivatives`; on a curve along its tangent."""

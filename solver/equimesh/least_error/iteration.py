@@ -253,7 +253,7 @@ class LeastErrorSolve:
         """
         origin, norm = reached.origin, self._norm(level)
         mesh = self.nest.lifted(
-            origin, reached.mesh, reached.level, level, lambda: self._objective(level, origin, norm)
+            origin, reached.mesh, reached.level, level, lambda: self._objective(level, origin, norm, is_next=True)
         )
         lifted = LiftedMesh(origin, mesh, lambda: self._error(origin, level, mesh))
         if (origin.is_uniform and self.nest.is_regular) or level.points > MAX_GAIN_POINTS:
@@ -426,11 +426,16 @@ class LeastErrorSolve:
         """The norm of the error that the descent on a level lowers."""
         return "l2" if level.points <= MAX_VALUE_POINTS and not level.is_finest else self.monitor.norm
 
-    def _objective(self, level: Level, origin: Start, norm: Norm, gauss_points: int | None = None) -> Objective:
-        """The objective of a level; on a small mesh of quadrilaterals, which are never cut, the one that there was."""
+    def _objective(
+        self, level: Level, origin: Start, norm: Norm, gauss_points: int | None = None, *, is_next: bool = False
+    ) -> Objective:
+        """The objective of a level; on a small mesh of quadrilaterals, which are never cut, the one that there was.
+
+        On any mesh of these it is kept until it is asked for again, where a descent ``is_next``.
+        """
         key = level.number, origin, norm, gauss_points or level.gauss_points
-        found = self._objectives.get(key) or self._new_objective(level, origin, norm, key[-1])
-        if level.points <= MAX_GAIN_POINTS and self.monitor.cells == "quad":
+        found = self._objectives.pop(key, None) or self._new_objective(level, origin, norm, key[-1])
+        if (is_next or level.points <= MAX_GAIN_POINTS) and self.monitor.cells == "quad":
             self._objectives[key] = found
         return found
 

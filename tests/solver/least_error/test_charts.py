@@ -160,10 +160,10 @@ def test_the_nodes_of_the_last_meshes_are_kept() -> None:
     domain = disc(400)
     chart = BlockMesh.of(domain, block_levels(domain.mesh)[-1]).chart
     first = chart.unknowns(domain.mesh.points.T.copy(), domain.node_parameter)
-    found = chart.nodes(first)
+    found = chart.at(first)
     for k in range(KNOWN_MESHES - 1):
-        assert chart.nodes(first + k) is not found
-    assert chart.nodes(first) is found
+        assert chart.at(first + k) is not found
+    assert chart.at(first) is found
     for k in range(KNOWN_MESHES):
-        chart.nodes(first + k)
-    assert chart.nodes(first) is not found
+        chart.at(first + k)
+    assert chart.at(first) is not found
