@@ -414,7 +414,8 @@ class Mesh(Coupled):
     @property
     def min_jacobian(self) -> float:
         """The smallest of :meth:`corner_jacobians`; not positive for a folded mesh."""
-        return float(self._scaled(np.asarray(self._smallest(1))))
+        smallest = self._smallest(1)
+        return smallest * math.prod(self.cell_shape) if self.is_grid else float(smallest / self.cell_areas().mean())
 
     @property
     def is_folded(self) -> bool:
@@ -428,6 +429,8 @@ class Mesh(Coupled):
     def _smallest(self, threads: int) -> float:
         """The smallest corner Jacobian, not scaled; NaN where a coordinate is not a number."""
         if self._points is None or self._connected is None:
+            if threads == 1:
+                return smallest_jacobian(self.x, self.y)
             return smallest_of_rows(self.x, self.y, Rows.whole(self.x.shape, threads))
         points, cells = self._points, self._connected.cells
         count = max(1, min(threads, len(cells) // MIN_SHARED_CELLS))
