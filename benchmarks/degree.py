@@ -50,7 +50,7 @@ def errors(mesh: em.Mesh, u: em.Field, norm: str) -> np.ndarray:
     """The error of interpolation for each degree."""
     cells, element = BilinearCells(mesh), rule("quad", GAUSS_POINTS)
     bases = [basis("quad", degree, element) for degree in DEGREES]
-    squares = squared_errors(cells, ChosenCells.of(cells.rows), u, bases, element)
+    (squares,) = squared_errors((cells,), ChosenCells.of(cells.rows), u, bases, element)
     return np.sqrt(squares[:, ("l2", "h1").index(norm)].sum(axis=-1))
 
 

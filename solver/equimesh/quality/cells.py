@@ -223,27 +223,28 @@ class UniformCells(Cells):
         """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
         numbers = np.arange(cells.start, cells.stop) if isinstance(cells, slice) else cells
         i = numbers // self.shape[1]
-        j, (s, t), out = numbers - i * self.shape[1], self._reference, np.empty((8, numbers.size))
+        j, (s, t), out = numbers - i * self.shape[1], self._lines, np.empty((8, numbers.size))
         out[0] = out[3] = s[i]
         out[1] = out[2] = s[i + 1]
         out[4] = out[5] = t[j]
         out[6] = out[7] = t[j + 1]
-        if not (isinstance(self.domain, Rectangle) and self.domain.is_unit_square):
+        if not isinstance(self.domain, Rectangle):
             out[:4], out[4:] = self.domain.map(out[:4], out[4:])
         return out
 
     @property
     def lines(self) -> Pair | None:
         """x and y of the lines around own cells of a rectangle; ``None`` in other domains."""
-        if not isinstance(self.domain, Rectangle):
-            return None
-        (x, y), rows = self._reference, self.rows
-        return self.domain.map(x, x)[0][rows.first : rows.last + 1], self.domain.map(y, y)[1]
+        (x, y), rows = self._lines, self.rows
+        return (x[rows.first : rows.last + 1], y) if isinstance(self.domain, Rectangle) else None
 
     @cached_property
-    def _reference(self) -> Pair:
-        """The lines of the uniform mesh of the unit square."""
-        return np.linspace(0.0, 1.0, self.grid.n_xi), np.linspace(0.0, 1.0, self.grid.n_eta)
+    def _lines(self) -> Pair:
+        """The lines of the uniform mesh of a rectangle; those of the unit square for other domains."""
+        x, y = np.linspace(0.0, 1.0, self.grid.n_xi), np.linspace(0.0, 1.0, self.grid.n_eta)
+        if not isinstance(self.domain, Rectangle) or self.domain.is_unit_square:
+            return x, y
+        return self.domain.map(x, x)[0], self.domain.map(y, y)[1]
 
 
 AnyMesh: TypeAlias = Mesh | MeshRows

@@ -29,6 +29,7 @@ from equimesh.quality.interpolation import (
     Norms,
     compared,
     gain_of,
+    kept_of_uniform,
     noise,
     require_same_cells,
     sample,
@@ -64,14 +65,17 @@ def gains_by_degree(
     element = rule(kind, GAUSS_POINTS)
     bases = [basis(kind, degree, element) for degree in degrees]
     with np.errstate(all="ignore"):
-        found = [squared_errors(one, chosen, u, bases, element, kind) for one in (cells, other)]
-        squares = chosen.total(np.concatenate(found).reshape(-1, chosen.numbers.size))
-        here, there = np.sqrt(squares * cells.count / chosen.count()).reshape(2, len(degrees), 2)
+        known = kept_of_uniform(u, other, (kind, degrees))
+        meshes = [cells] if known else [cells, other]
+        found = squared_errors(meshes, chosen, u, bases, element, kind)
+        squares = chosen.total(found.reshape(-1, chosen.numbers.size))
+        here, *there = np.sqrt(squares * cells.count / chosen.count()).reshape(len(meshes), len(degrees), 2)
+        known += there
     rounding, gains = (
         noise(cells, errors.size),
         [DegreeGain(degree=errors.degree, l2=errors.gain_l2, h1=errors.gain_h1)],
     )
-    for degree, mine, others in zip(degrees, here, there, strict=True):
+    for degree, mine, others in zip(degrees, here, known[0], strict=True):
         pair = [
             gain_of(float(its), float(own), part) if known else math.nan
             for its, own, part, known in zip(others, mine, rounding, errors.resolved, strict=True)
@@ -81,17 +85,23 @@ def gains_by_degree(
 
 
 def squared_errors(
-    cells: Cells, chosen: ChosenCells, u: Field, bases: Sequence[Basis], element: Element, kind: CellKind = "quad"
+    meshes: Sequence[Cells],
+    chosen: ChosenCells,
+    u: Field,
+    bases: Sequence[Basis],
+    element: Element,
+    kind: CellKind = "quad",
 ) -> Array:
-    """The integrals of the squared errors of u and of its gradient over the ``chosen`` cells.
+    """The integrals of the squared errors of u and of its gradient over the ``chosen`` cells of each of some meshes.
 
     They are those of the interpolants with each of the ``bases``, by the rule of ``element``: an array of the shape
-    ``(bases, 2, cells)``. Blocks, and with them the last digits, are the same for any number of holders.
+    ``(meshes, bases, 2, cells)``. Blocks, and with them the last digits, are the same for any number of holders.
     """
-    result = np.empty((len(bases), 2, chosen.numbers.size))
-    for block, found in _samples(cells, chosen, u, bases, element, kind):
+    result = np.empty((len(meshes), len(bases), 2, chosen.numbers.size))
+    for block, found in _samples(meshes, chosen, u, bases, element, kind):
         for k, errors in enumerate(found.errors()):
-            result[k, :, block] = errors[:2].reshape(2, block.stop - block.start, -1).sum(axis=-1)
+            of_cells = errors[:2].reshape(2, len(meshes), block.stop - block.start, -1).sum(axis=-1)
+            result[:, k, :, block] = of_cells.swapaxes(0, 1)
     return result
 
 
@@ -172,18 +182,27 @@ class _Sample(NamedTuple):
 
 
 def _samples(
-    cells: Cells, chosen: ChosenCells, u: Field, bases: Sequence[Basis], element: Element, kind: CellKind
+    meshes: Sequence[Cells],
+    chosen: ChosenCells,
+    u: Field,
+    bases: Sequence[Basis],
+    element: Element,
+    kind: CellKind,
 ) -> Iterator[tuple[slice, _Sample]]:
-    """u in the chosen cells, block by block."""
-    cuts: Mapping[int, int] = {}
-    if kind == "triangle" and isinstance(cells, MeshCells) and chosen.numbers.size == cells.own.stop - cells.own.start:
-        cuts = cells.cuts
+    """u in the chosen cells of all meshes, block by block, those of the first mesh first."""
+    of_all = [kind == "triangle" and chosen.numbers.size == cells.own.stop - cells.own.start for cells in meshes]
+    all_cuts = [
+        cells.cuts if are_all and isinstance(cells, MeshCells) else {}
+        for cells, are_all in zip(meshes, of_all, strict=True)
+    ]
     for start, end in pairwise(map(int, chosen.ends)):
         for first in range(start, end, BLOCK_CELLS):
             block = slice(first, min(first + BLOCK_CELLS, end))
-            through = {cell - first: cut for cell, cut in cuts.items() if first <= cell < block.stop}
-            corners = corners_of(cells, chosen.numbers[block], kind, through)
-            yield block, _Sample.of(u, element, bases, corners)
+            corners = []
+            for cells, cuts in zip(meshes, all_cuts, strict=True):
+                through = {cell - first: cut for cell, cut in cuts.items() if first <= cell < block.stop}
+                corners.append(corners_of(cells, chosen.numbers[block], kind, through))
+            yield block, _Sample.of(u, element, bases, corners[0] if len(corners) == 1 else np.concatenate(corners, -1))
 
 
 def corners_of(
@@ -244,8 +263,8 @@ def squared_errors_of_cells(cells: MeshCells, u: Field, degree: int, kind: CellK
     """The integral of the squared error of the interpolant of a ``degree`` over every own cell."""
     element = rule(kind, degree + 2)
     with np.errstate(all="ignore"):
-        found = squared_errors(cells, ChosenCells.of(cells.rows), u, [basis(kind, degree, element)], element, kind)
-        return np.asarray(found[0, 0])
+        found = squared_errors((cells,), ChosenCells.of(cells.rows), u, [basis(kind, degree, element)], element, kind)
+        return np.asarray(found[0, 0, 0])
 
 
 def _norms(cells: Cells, u: Field, degree: int, kind: CellKind) -> Norms:
@@ -260,7 +279,7 @@ def _norms(cells: Cells, u: Field, degree: int, kind: CellKind) -> Norms:
         np.empty((len(one.places), count)),
     )
     peak, ends = NO_ERROR, (math.inf, -math.inf)
-    for block, found in _samples(cells, chosen, u, [one], element, kind):
+    for block, found in _samples((cells,), chosen, u, [one], element, kind):
         where = slice(per_cell * block.start, per_cell * block.stop)
         (errors,) = found.errors()
         sums[:, where], corners[:, :, where], values[:, where] = errors[:2], found.corners, found.nodal

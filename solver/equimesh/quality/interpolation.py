@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from equimesh.domains.domain import Rectangle
 from equimesh.errors import InputError
-from equimesh.fields.expression import Field
+from equimesh.fields.expression import Expression, Field
+from equimesh.fields.samples import GridSamples
 from equimesh.meshes.rows import Rows
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import (
@@ -19,6 +22,7 @@ from equimesh.quality.cells import (
     Cells,
     ChosenCells,
     MeshCells,
+    UniformCells,
     cells_of,
 )
 from equimesh.quality.resolution import Pieces, resolved_integrals, scattered_between
@@ -108,6 +112,22 @@ def require_same_cells(cells: Cells, uniform: Cells | None) -> None:
         )
 
 
+_kept: WeakKeyDictionary[Field, dict[Any, list[Any]]] = WeakKeyDictionary()
+
+
+def kept_of_uniform(u: Field, cells: Cells, what: object) -> list[Any]:
+    """An empty list, and in later calls what the caller put into it: what is known of u on a uniform mesh.
+
+    Meshes of one size are compared with the same uniform one. It is kept as long as u is, of functions that nobody can
+    change, on rectangles.
+    """
+    if not (isinstance(u, Expression | GridSamples) and isinstance(cells, UniformCells) and cells.rows.are_all):
+        return []
+    if not isinstance(cells.domain, Rectangle):
+        return []
+    return _kept.setdefault(u, {}).setdefault((cells.domain, cells.grid, what), [])
+
+
 class Norms(NamedTuple):
     """L2 norm and H1 seminorm of an error, the largest value of u at a corner, and whether the two are resolved."""
 
@@ -123,15 +143,15 @@ def compared(cells: Cells, here: Norms, there: Norms) -> InterpolationErrors:
     """The errors ``here``, on ``cells``, next to those ``there``, on the uniform mesh."""
     return InterpolationErrors(
         l2=here.l2,
-        l2_uniform=math.nan,
+        l2_uniform=there.l2,
         h1=here.h1,
-        h1_uniform=math.nan,
+        h1_uniform=there.h1,
         rounding=noise(cells, here.size),
-        resolved=here.resolved,
+        resolved=(here.resolved[0] and there.resolved[0], here.resolved[1] and there.resolved[1]),
         size=here.size,
         variation=here.variation,
         largest=here.largest,
-    ).against(there)
+    )
 
 
 NO_ERROR = LargestError(0.0, math.nan, math.nan)

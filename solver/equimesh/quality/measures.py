@@ -41,6 +41,7 @@ from equimesh.quality.interpolation import (
     InterpolationErrors,
     Norms,
     compared,
+    kept_of_uniform,
     norms,
     norms_of,
     require_same_cells,
@@ -217,7 +218,7 @@ def measure_all(
             errors = _errors(
                 cells, u, uniform, domain, (kind, degree), numbers, here=here, gauss=gauss, nodal=nodal, threads=threads
             )
-        return replace(_quality(shapes, monitor, rule, survey, errors), u=nodal)
+        return _quality(shapes, monitor, rule, survey, errors, nodal)
 
 
 def measure_errors(
@@ -268,7 +269,10 @@ def _errors(
         here = norms(cells, u, rule, numbers, nodal=nodal, threads=threads)
     if there is None or _are_same(cells, there):
         return compared(cells, here, UNKNOWN if there is None else here)
-    return compared(cells, here, norms(there, u, rule, numbers, threads=threads))
+    known = kept_of_uniform(u, there, rule.inner.s.size + rule.edge.s.size)
+    if not known:
+        known.append(norms(there, u, rule, numbers, threads=threads))
+    return compared(cells, here, known[0])
 
 
 def _are_same(cells: MeshCells, there: Cells) -> bool:
@@ -313,7 +317,12 @@ def _uniform_cells(
 
 
 def _quality(
-    shapes: Shapes, monitor: Monitor, rule: CellPoints, survey: Survey, errors: InterpolationErrors | None
+    shapes: Shapes,
+    monitor: Monitor,
+    rule: CellPoints,
+    survey: Survey,
+    errors: InterpolationErrors | None,
+    nodal: Array | None,
 ) -> Quality:
     cells = shapes.cells
 
@@ -328,14 +337,14 @@ def _quality(
         Measure(max=of.max, min=of.min, mean=of.mean, rms=of.rms, compute=partial(compute, row))
         for row, of in enumerate((*survey.statistics, *shapes.statistics))
     ]
-    with np.errstate(all="ignore"):
-        by_name: dict[str, Any] = dict(zip(PER_CELL, found, strict=True))
-        return Quality(
-            **by_name,
-            min_jacobian=float(np.float64(cells.lowest) * cells.count / abs(cells.total_area)),
-            min_jacobian_over_mean=float(np.float64(cells.lowest) / (cells.total_area / cells.count)),
-            interpolation_error=errors,
-        )
+    by_name: dict[str, Any] = dict(zip(PER_CELL, found, strict=True))
+    return Quality(
+        **by_name,
+        min_jacobian=float(np.float64(cells.lowest) * cells.count / abs(cells.total_area)),
+        min_jacobian_over_mean=float(np.float64(cells.lowest) / (cells.total_area / cells.count)),
+        interpolation_error=errors,
+        u=nodal,
+    )
 
 
 def _alignments(cells: MeshCells, monitor: Monitor, rule: CellPoints, survey: Survey) -> Array:

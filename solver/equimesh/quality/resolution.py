@@ -242,11 +242,13 @@ def scattered(numbers: IntArray, one_of: int) -> BoolArray:
     return np.asarray(_place_of(runs, one_of) == places)
 
 
+@lru_cache(maxsize=8)
 def scattered_between(first: int, last: int, one_of: int, columns: int = 1) -> IntArray:
     """The cells of a sample in the rows from ``first`` to before ``last``, which have so many ``columns``.
 
     It is one cell of each tile of ``one_of`` cells or somewhat fewer, as many rows as columns of them, at any place of
-    it. In one column they are those that are :func:`scattered`, found without a look at the others.
+    it. In one column they are those that are :func:`scattered`, found without a look at the others. Nobody writes into
+    them: they are kept for the next mesh of the size.
     """
     width = min(one_of // math.isqrt(one_of), columns)
     height, across = one_of // width, np.arange(-(-columns // width))

@@ -403,10 +403,11 @@ class Shapes:
             if isinstance(cells, BilinearCells) and not any(cells.closed):
                 share(rows)
                 of_all = cells.rows.joined(found)
-                cells.know(float(of_all[:, 0].min()), float(of_all[:, 1].sum()))
+                (lowest, _, cosine, *_), (_, area, _, total, number, _) = of_all.min(axis=0), of_all.sum(axis=0)
+                cells.know(float(lowest), float(area))
                 is_plain = cells.all_valid
             if is_plain:
-                faces = FaceSums(of_all[:, 2].min(), of_all[:, 3].sum(), of_all[:, 4].sum(), of_all[:, 5].max())
+                faces = FaceSums(float(cosine), float(total), float(number), float(of_all[:, 5].max()))
             else:
                 known = cells.area, cells.valid  # before the threads need them
                 share(others)

@@ -6,6 +6,7 @@ The own cells are looked at. The statistics of all strips give those of the mesh
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -199,7 +200,7 @@ class Survey:
         if rule is CellPoints.corners():
             metrics = _AtNodes.of(cells, monitor)
         else:
-            of_derivatives = monitor if tally is not None and isinstance(monitor, OfDerivatives) else None
+            of_derivatives = None if tally is None else _of_derivatives(monitor)
             _ = cells.area  # before the threads need it
             metrics = _Inside(cells, monitor, rule, tally if cells.all_valid else None, of_derivatives)
         nodes = cells.grid_nodes
@@ -229,6 +230,11 @@ class Survey:
         statistics = Statistics.of(found[:, 1:].reshape(-1, 2, 4), cells.count)
         statistics[0] = statistics[0].times(float(factor))
         return cls(statistics=tuple(statistics), q_eq=kept[0], kept=kept if is_kept else None, nodal=metrics.nodal)
+
+
+def _of_derivatives(monitor: Monitor) -> OfDerivatives | None:
+    """The monitor if it is one of derivatives; a look at the whole protocol takes as long as to measure 100 cells."""
+    return cast(OfDerivatives, monitor) if hasattr(monitor, "metric_of") else None
 
 
 # The mean metric of every cell, by one of two rules: points inside the cells, or their corners. Threads may ask for
@@ -301,7 +307,7 @@ class _AtNodes:
     @classmethod
     def of(cls, cells: MeshCells, monitor: Monitor) -> _AtNodes:
         """Nothing yet of a valid grid, else the metric at all nodes."""
-        of_derivatives = monitor if isinstance(monitor, OfDerivatives) and monitor.u is not None else None
+        of_derivatives = None if monitor.u is None else _of_derivatives(monitor)
         nodal = None if of_derivatives is None else np.empty(cells.nodes[0].shape)
         if nodal is not None and not cells.rows.are_all:
             nodal.fill(np.nan)

@@ -200,8 +200,8 @@ class ErrorRule:
 
 def on_lines(u: Field, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
     """u and its derivatives up to ``order`` where lines at ``x`` cross lines at ``y``."""
-    shape = x.size, y.size
-    return u.evaluate(np.broadcast_to(x[:, None], shape), np.broadcast_to(y, shape), order)
+    shape, step = (x.size, y.size), x.itemsize
+    return u.evaluate(np.ndarray(shape, float, x, 0, (step, 0)), np.ndarray(shape, float, y, 0, (0, step)), order)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

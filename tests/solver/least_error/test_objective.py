@@ -71,7 +71,7 @@ def test_the_error_of_a_degree_is_that_of_the_certificate_by_the_same_rule(domai
     cells, kind = BilinearCells(map_mesh(mesh_of(mesh, GRID), DOMAINS[domain])), of_degree.cells
     chosen, element = ChosenCells.of(cells.rows), of_degree.element
     bases = [basis(kind, of_degree.degree, element)]
-    found = squared_errors(cells, chosen, RING, bases, element, kind)[0, NORMS.index(of_degree.norm)]
+    found = squared_errors((cells,), chosen, RING, bases, element, kind)[0, 0, NORMS.index(of_degree.norm)]
     assert objective.error(mesh) == pytest.approx(math.sqrt(found.sum()), rel=1e-11)
 
 

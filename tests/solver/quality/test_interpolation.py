@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.domains.domain import map_mesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.metrics import ArcLength
 from equimesh.quality import measures
-from equimesh.quality.interpolation import MAX_PROBES_PER_CELL, PROBES, probe_errors
+from equimesh.quality.cells import BilinearCells, UniformCells
+from equimesh.quality.degrees import gains_by_degree
+from equimesh.quality.interpolation import MAX_PROBES_PER_CELL, PROBES, InterpolationErrors, probe_errors
 from equimesh.quality.measures import equidistribution, measure, measure_errors
 from solver.quality.handmade import CONSTANT, ERRORS, SLOPE, TANH20, Analytic, constant, uniform, wavy
 
@@ -92,6 +95,45 @@ def test_rounding_is_no_gain_and_no_loss() -> None:
         assert measure_errors(wavy(41, 30), u).gain_h1 == 1.0
     tiny = em.Expression("1e-9*sin(5*x)")
     assert measure_errors(wavy(), tiny).gain_l2 != 1.0
+
+
+def test_what_is_known_of_u_on_the_uniform_mesh_is_kept_as_long_as_u_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    u, points, evaluate, plain = (
+        em.Expression("tanh(20*(x - 0.3)) + y", t=4.0),
+        [],
+        em.Expression.evaluate,
+        em.Rectangle(),
+    )
+    monkeypatch.setattr(
+        em.Expression, "evaluate", lambda u, x, y, order=0: points.append(x.size) or evaluate(u, x, y, order)
+    )
+
+    def count(mesh: Mesh, u: em.Field, domain: em.Rectangle = plain) -> tuple[int, InterpolationErrors]:
+        points.clear()
+        errors = measure_errors(mesh, u, domain=domain)
+        gains_by_degree(BilinearCells(mesh), UniformCells(mesh.grid, domain), u, errors)
+        return sum(points), errors
+
+    mesh, wide = wavy(41, 30), em.Rectangle(x=(0.0, 2.0))
+    first, errors = count(mesh, u)
+    again, same = count(mesh, em.Expression(u.text, t=4.0))
+    assert again < 0.6 * first
+    assert same == errors
+    for other in (em.Expression(u.text, t=5.0), em.Expression("sin(x*y)", t=4.0)):
+        assert count(mesh, other)[0] > 0.9 * first
+    assert count(wavy(30, 41), u)[0] > 0.9 * first
+    assert count(map_mesh(mesh, wide), u, wide)[0] > 0.9 * first
+    assert measure_errors(mesh, u, gauss=4).l2_uniform != errors.l2_uniform, "by another rule"
+
+
+def test_the_uniform_mesh_gains_nothing_whatever_u_is() -> None:
+    axis = np.linspace(0.0, 1.0, 9)
+    samples = em.GridSamples(x=axis, y=axis, values=np.sin(5.0 * np.add.outer(axis, axis**2)))
+    mesh = em.Mesh(*uniform(20, 40).points.T.reshape(2, 20, 40))
+    found = measure_errors(mesh, samples)
+    assert (found.gain_l2, found.gain_h1) == (1.0, 1.0)
+    mesh.x[10, 20] += 1e-6
+    assert measure_errors(em.Mesh(mesh.x, mesh.y), samples).gain_l2 != 1.0
 
 
 def test_interpolation_error_falls_at_second_order_and_its_gradient_at_first() -> None:
