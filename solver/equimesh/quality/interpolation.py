@@ -182,7 +182,11 @@ def norms(
 def norms_of(tally: ErrorTally) -> Norms:
     """The norms from the errors at the points of a rule."""
     cells, chosen = tally.cells, tally.chosen
-    extremes = Extremes.of(cells.rows, tally.size, tally.range, _peak(tally))
+    if isinstance(cells, UniformCells):  # which others are compared with: of these alone the rest is told
+        (size,) = cells.rows.agreed(tally.size)
+        extremes = Extremes(size, math.nan, NO_ERROR)
+    else:
+        extremes = Extremes.of(cells.rows, tally.size, tally.range, _peak(tally))
     allowed = noise(cells, extremes.size)
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
 

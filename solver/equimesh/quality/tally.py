@@ -92,9 +92,9 @@ def add_values(corners: Array, values: Array, u: Array, points: CellPoints, sums
 
 @compiled
 def add_between_lines(
-    lines: Pair, nodal: Array, rule: CellPoints, at: tuple[Array, Array, Array], sums: Array, largest: Array, place: int
+    lines: Pair, nodal: Array, rule: CellPoints, at: tuple[Array, Array, Array], sums: Array, place: int
 ) -> None:
-    """As :func:`add_errors` for the first two sums of all cells between ``lines`` at x and at y.
+    """As :func:`add_errors` for the first two sums alone, of all cells between ``lines`` at x and at y.
 
     ``nodal`` is u where these cross. u and its gradient ``at`` the points of a Gauss rule have the shape
     ``(k rows, k columns)`` for k points per direction: those at the first place of each cell come first.
@@ -102,23 +102,21 @@ def add_between_lines(
     (x, y), (u, u_x, u_y) = lines, at
     columns = y.size - 1
     count = u.shape[1] // columns
-    error, per_y = np.empty(columns), np.empty(columns)
+    per_y = np.empty(columns)
     for j in range(columns):
         per_y[j] = 1.0 / (y[j + 1] - y[j])
     for i in range(x.size - 1):
         v0, v1, begin = nodal[i], nodal[i + 1], place + i * columns
         squares, slopes = sums[0, begin : begin + columns], sums[1, begin : begin + columns]
-        most, per_x = largest[begin : begin + columns], 1.0 / (x[i + 1] - x[i])
+        per_x = 1.0 / (x[i + 1] - x[i])
         for p in range(count * count):
             s, t, weight, row, first = rule.s[p], rule.t[p], rule.weights[p], p // count, p % count * columns
             a, b, c, d = (1.0 - s) * (1.0 - t), s * (1.0 - t), s * t, (1.0 - s) * t
             k = row * (x.size - 1) + i
             here, by_x, by_y = u[k, first:], u_x[k, first:], u_y[k, first:]
             for j in range(columns):
-                error[j] = a * v0[j] + b * v1[j] + c * v1[j + 1] + d * v0[j + 1] - here[j]
-            for j in range(columns):
-                squares[j] += weight * error[j] * error[j]
-                most[j] = max(most[j], abs(error[j]))
+                error = a * v0[j] + b * v1[j] + c * v1[j + 1] + d * v0[j + 1] - here[j]
+                squares[j] += weight * error * error
             for j in range(columns):
                 along_x = ((1.0 - t) * (v1[j] - v0[j]) + t * (v1[j + 1] - v0[j + 1])) * per_x - by_x[j]
                 along_y = ((1.0 - s) * (v0[j + 1] - v0[j]) + s * (v1[j + 1] - v1[j])) * per_y[j] - by_y[j]
@@ -210,8 +208,8 @@ class ErrorTally:
 
     ``chosen`` are these cells, ``sampled`` is whether they are some only. ``values`` are u at the corners, of shape
     ``(4, n)``, or where ``lines`` cross. ``sums`` of shape ``(4, n)`` are the integrals of :func:`add_errors`, between
-    lines the first two of them, and ``largest`` the largest errors at a point. ``nodal`` is u at the held nodes,
-    ``None`` where it is not known.
+    lines the first two of them. ``largest`` are the largest errors at a point, not known between lines. ``nodal`` is u
+    at the held nodes, ``None`` where it is not known.
     """
 
     cells: Cells
@@ -263,7 +261,7 @@ class ErrorTally:
             sampled=numbers is not None,
             nodal=nodal,
             values=values,
-            sums=np.zeros((4, count)),
+            sums=np.zeros((4 if lines is None else 2, count)),
             largest=np.zeros(count),
             ends=[(float(values.min()), float(values.max()))] if count else [],
             corners=corners,
@@ -321,7 +319,7 @@ class ErrorTally:
         """All cells between ``lines`` at all points of the rule, some rows at a time."""
         inner, (x, y), nodal = self.rule.inner, lines, self.values
         count, columns, first = math.isqrt(inner.s.size), y.size - 1, self.cells.rows.first
-        height = max(1, BLOCK_POINTS // (inner.s.size * columns))
+        height = max(1, 4 * BLOCK_POINTS // (inner.s.size * columns))
         rows = [
             slice(piece.start - first, piece.stop - first + 1)
             for strip in self.cells.rows.strips
@@ -336,12 +334,12 @@ class ErrorTally:
                     at_x = (part[:-1] + inner.s[::count, None] * np.diff(part)).ravel()
                     at = on_lines(self.u, at_x, at_y, order=1)
                     there = np.ascontiguousarray(at[0]), np.ascontiguousarray(at[1]), np.ascontiguousarray(at[2])
-                    add_between_lines((part, y), nodal[here], inner, there, self.sums, self.largest, place)
-                    self._widen(there[0])
-                    if self.rule.edge.s.size:
-                        self._add_middles_between(part, y, nodal[here], place)
+                    add_between_lines((part, y), nodal[here], inner, there, self.sums, place)
 
         share_blocks(work, self.largest.size, threads)
+        for begin, end in self.cells.rows.strips if self.rule.edge.s.size else ():
+            here = slice(begin - first, end - first + 1)
+            self._add_middles_between(x[here], y, nodal[here], here.start * columns)
 
     def _add_middles_between(self, x: Array, y: Array, nodal: Array, place: int) -> None:
         """The middles of the edges of the cells between lines at x and at y, from ``place`` on."""
@@ -351,8 +349,6 @@ class ErrorTally:
         nodes = np.repeat(x, y.size).reshape(shape), np.tile(y, x.size).reshape(shape)
         where = slice(place, place + (x.size - 1) * (y.size - 1))
         add_middles(nodes, nodal, middles, self.sums[0, where], self.largest[where])
-        self._widen(of_xi)
-        self._widen(of_eta)
 
     @property
     def _shares_edges(self) -> bool:
@@ -400,7 +396,10 @@ class ErrorTally:
 
     @property
     def range(self) -> tuple[float, float]:
-        """The smallest and the largest value of u at the points so far; blocks with NaN have no part in it."""
+        """The smallest and the largest value of u at the points so far; blocks with NaN have no part in it.
+
+        Between lines they are those where these cross.
+        """
         known = [ends for ends in self.ends if not math.isnan(ends[0])]
         return min((low for low, _ in known), default=math.nan), max((high for _, high in known), default=math.nan)
 
