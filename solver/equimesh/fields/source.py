@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from equimesh.fields.bicubic import Axis, patch_curvatures, patch_slopes
+from equimesh.fields.bicubic import Axis, patch_curvatures, patch_slopes, patch_values
 from equimesh.fields.expression import Expression, Field
 from equimesh.fields.samples import GridSamples
 from equimesh.formulas.routine import Table, calculate
@@ -20,12 +20,13 @@ class Code(NamedTuple):
     """Where the machine code of the loops is."""
 
     formula: int
+    values: int
     slopes: int
     curvatures: int
 
 
 class Source(NamedTuple):
-    """A formula, or a spline by its polynomials, with its derivatives up to ``order``, 1 or 2.
+    """A formula, or a spline by its polynomials, with its derivatives up to ``order``, 0 to 2.
 
     The memory of its table is that of one thread.
     """
@@ -39,6 +40,7 @@ class Source(NamedTuple):
     polynomials: Array
 
 
+# What a source has of the kind that it is not.
 _NO_AXIS = Axis(np.zeros(2), np.zeros((1, 4, 4)), np.zeros(2, dtype=np.int64))
 _NO_POLYNOMIALS = np.zeros((1, 1, 4, 4))
 _NO_TABLE = Table(
@@ -47,39 +49,48 @@ _NO_TABLE = Table(
 
 
 @cache
+def nothing() -> Source:
+    """A source that nobody evaluates."""
+    return Source(_machine_code(), 0, False, _NO_TABLE, _NO_AXIS, _NO_AXIS, _NO_POLYNOMIALS)
+
+
+@cache
 def _machine_code() -> Code:
     line, rows = np.zeros(1), np.zeros((6, 1))
     spline = line, line, _NO_AXIS, _NO_AXIS, _NO_POLYNOMIALS, rows
     return Code(
         formula=address_of(calculate, _NO_TABLE, line, line, rows),
+        values=address_of(patch_values, *spline),
         slopes=address_of(patch_slopes, *spline),
         curvatures=address_of(patch_curvatures, *spline),
     )
 
 
 def source_of(field: Field, order: int) -> Source | None:
-    """The ``field`` with its derivatives up to ``order``, 1 or 2; ``None`` where only its own code can evaluate it.
+    """The ``field`` with its derivatives up to ``order``, 0 to 2; ``None`` where only its own code can evaluate it.
 
     Splines have polynomials where their pieces are not too many.
     """
     if isinstance(field, Expression):
-        table = field.routine(order).table()
-        return Source(_machine_code(), order, False, table, _NO_AXIS, _NO_AXIS, _NO_POLYNOMIALS)
+        return nothing()._replace(order=order, table=field.routine(order).table())
     if isinstance(field, GridSamples) and field.spline.polynomials is not None:
-        spline, polynomials = field.spline, field.spline.polynomials
-        return Source(_machine_code(), order, True, _NO_TABLE, spline.along_x, spline.along_y, polynomials)
+        spline, known = field.spline, {"order": order, "is_spline": True, "polynomials": field.spline.polynomials}
+        return nothing()._replace(along_x=spline.along_x, along_y=spline.along_y, **known)
     return None
 
 
 @compiled
 def fill(source: Source, x: Array, y: Array, rows: Array) -> None:
-    """Fill the first three or six ``rows`` with the value and the derivatives at finite points ``x``, ``y``.
+    """Fill the first one, three or six ``rows`` with the value and the derivatives at finite points ``x``, ``y``.
 
     The numbers are those of :meth:`~equimesh.fields.expression.Field.evaluate`, to the last bit.
     """
     if source.is_spline:
         at = x, y, source.along_x, source.along_y, source.polynomials, rows
-        called_at(source.code.slopes, patch_slopes, at)
+        if source.order == 0:
+            called_at(source.code.values, patch_values, at)
+        else:
+            called_at(source.code.slopes, patch_slopes, at)
         if source.order == 2:
             called_at(source.code.curvatures, patch_curvatures, at)
     else:

@@ -16,8 +16,7 @@ import numpy as np
 
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.equations.problem import Boundary, Problem
-from equimesh.fields.bicubic import Axis, patch_slopes, patch_values
-from equimesh.fields.samples import GridSamples
+from equimesh.fields.source import Source, fill, nothing, source_of
 from equimesh.meshes.mesh import MeshRows, smallest_jacobian
 from equimesh.meshes.nested import Rule, common_steps, interpolate, rules
 from equimesh.meshes.rows import Rows
@@ -57,29 +56,28 @@ from equimesh.sweeps.verdict import (
 MAX_SWEEPS_AT_ONCE = 8
 
 
-class Patches(NamedTuple):
-    """u as a polynomial on every rectangle of two axes, times ``factor``; where it is not ``given``, callers have u."""
+class Given(NamedTuple):
+    """u times ``factor`` as compiled code evaluates it; where it ``is_given`` not, callers have u.
 
-    given: bool
-    along_x: Axis
-    along_y: Axis
-    polynomials: Array
+    ``at_nodes`` has the gradient of u, too, where the mesh is small, and that of the sides is taken from there.
+    """
+
+    is_given: bool
+    at_nodes: Source
+    on_sides: Source
     factor: float
 
     @classmethod
-    def of(cls, metric: ReferenceMetric) -> Patches:
-        """u of an arc length on the unit square, if it is a spline through samples with few pieces."""
+    def of(cls, metric: ReferenceMetric, points: int) -> Given:
+        """u of an arc length on the unit square, if it is a formula, or a spline through samples with few pieces."""
         arc_length = metric.arc_length
-        if arc_length is not None and metric.on_unit_square and isinstance(arc_length.u, GridSamples):
-            spline = arc_length.u.spline
-            if spline.polynomials is not None:
-                return cls(True, spline.along_x, spline.along_y, spline.polynomials, metric.factor)
-        return NOT_GIVEN
-
-
-_NO_AXIS = Axis(np.zeros(2), np.zeros((1, 4, 4)), np.zeros(2, dtype=np.int64))
-NOT_GIVEN = Patches(False, _NO_AXIS, _NO_AXIS, np.zeros((1, 1, 4, 4)), 1.0)
-"""u that only its own code can evaluate."""
+        if arc_length is not None and metric.on_unit_square:
+            at_nodes, on_sides = (
+                source_of(arc_length.u, order) for order in (1 if points <= MAX_NODES_AT_ONCE else 0, 1)
+            )
+            if at_nodes is not None and on_sides is not None:
+                return cls(True, at_nodes, on_sides, metric.factor)
+        return cls(False, nothing(), nothing(), 1.0)
 
 
 class Equidistributed(NamedTuple):
@@ -127,8 +125,6 @@ class Values(NamedTuple):
 class Code(NamedTuple):
     """Where the machine code of the kernels is whose sums may be reordered."""
 
-    values: int
-    slopes: int
     cells: int
     cells_on: int
     end_edges: int
@@ -191,15 +187,12 @@ def work_for(shape: tuple[int, int]) -> Work:
 @cache
 def machine_code() -> Code:
     """The addresses of the kernels in this process, for the types of arrays that all sweeps have."""
-    values, work, table = values_for((4, 4)), work_for((4, 4)), np.zeros((4, 4))
+    work, table = work_for((4, 4)), np.zeros((4, 4))
     nodes, strip = Nodes(table, table), Strip(1, 3, 3)
     out = Moved(table, table, np.zeros((2, 4, 4), dtype=np.float32), table)
-    spline = table[0], table[0], NOT_GIVEN.along_x, NOT_GIVEN.along_y, NOT_GIVEN.polynomials, values.nodes
     metric = table, table, table, 0.0, 0.0, work.cells
     line = work.first
     return Code(
-        values=address_of(patch_values, *spline),
-        slopes=address_of(patch_slopes, *spline),
         cells=address_of(arc_length_cells, *metric),
         cells_on=address_of(arc_length_cells_on, *metric),
         end_edges=address_of(end_edges, table, table, work.cells, 0, line, line, line),
@@ -222,19 +215,19 @@ def sweeps_of(
     in the memory of ``nodes``.
     """
     shape = nodes.x.shape[0], nodes.x.shape[1]
-    (x, y), kind, patches = nodes, _kind(problem), Patches.of(problem.metric)
+    (x, y), kind, given = nodes, _kind(problem), Given.of(problem.metric, nodes.x.size)
     if not np.isfinite(known[SMALLEST]):
-        patches = NOT_GIVEN  # a polynomial has no place for nodes that are nowhere
+        given = given._replace(is_given=False)  # a polynomial has no place for nodes that are nowhere
     values, work, coarser = values_for(shape), work_for(shape), _coarser(shape, coarse)
     arrays = memory[: memory_needed(shape)].reshape(4, *shape)
     out = Moved(arrays[0], arrays[1], arrays[3].reshape(-1).view(np.float32).reshape(2, *shape), arrays[2])
-    at_once = MAX_SWEEPS_AT_ONCE if patches.given else 1
+    at_once = MAX_SWEEPS_AT_ONCE if given.is_given else 1
     code, meshes, made = machine_code(), np.empty((at_once, 2, *shape)), 0
     while made < most:
         records = np.empty((min(at_once, most - made), 4))
-        if not patches.given:
+        if not given.is_given:
             values = _evaluated(problem, nodes, values, work)
-        u = patches, values
+        u = given, values
         verdict, count = sweep_on(code, nodes, out, u, kind, coarser, rules, known, work, meshes, records)
         for k in range(count if verdict == GO_ON else count - 1):
             yield Swept(GO_ON, records[k].tolist(), meshes[k, 0], meshes[k, 1])
@@ -290,7 +283,7 @@ def sweep_on(
     code: Code,
     nodes: Nodes,
     out: Moved,
-    u: tuple[Patches, Values],
+    u: tuple[Given, Values],
     metric: Equidistributed,
     coarser: Coarser,
     rules: Rules,
@@ -305,10 +298,10 @@ def sweep_on(
     ``out`` is exchanged in each sweep; the ``known`` numbers are those of :mod:`equimesh.sweeps.verdict`. A sweep that
     gives no valid mesh is not counted.
     """
-    patches, values = u
+    given, values = u
     for count in range(len(records)):
-        if patches.given:
-            evaluate_inside(code, nodes, patches, values)
+        if given.is_given:
+            evaluate_inside(nodes, given, values)
         deviation, move = correct(code, nodes, out, values, metric, work)
         floor = 0.0 if rules.has_coarse else MIN_JACOBIAN_SHARE * known[SMALLEST]
         share, smallest, gap = shorten(nodes, out, known[HALVE] > 0.0, floor, coarser, rules.known and not rules.tight)
@@ -347,21 +340,17 @@ def place_side_points(nodes: Nodes, values: Values) -> None:
 
 
 @compiled
-def evaluate_inside(code: Code, nodes: Nodes, patches: Patches, values: Values) -> None:
-    """u where a sweep needs it, by its polynomials."""
+def evaluate_inside(nodes: Nodes, given: Given, values: Values) -> None:
+    """u where a sweep needs it."""
     x, y = nodes.x.reshape(-1), nodes.y.reshape(-1)
-    along = patches.along_x, patches.along_y
+    fill(given.at_nodes, x, y, values.nodes)
     if x.size <= MAX_NODES_AT_ONCE:
-        called_at(code.slopes, patch_slopes, (x, y, along[0], along[1], patches.polynomials, values.nodes))
-        scale(values.nodes, patches.factor)
+        scale(values.nodes, given.factor)
         return
-    called_at(code.values, patch_values, (x, y, along[0], along[1], patches.polynomials, values.nodes))
-    scale(values.nodes[:1], patches.factor)
+    scale(values.nodes[:1], given.factor)
     place_side_points(nodes, values)
-    called_at(
-        code.slopes, patch_slopes, (values.side_s, values.side_t, along[0], along[1], patches.polynomials, values.sides)
-    )
-    scale(values.sides, patches.factor)
+    fill(given.on_sides, values.side_s, values.side_t, values.sides)
+    scale(values.sides, given.factor)
 
 
 @compiled

@@ -18,7 +18,7 @@ from equimesh.numerics.types import Array
 from equimesh.single_domain import iteration, level
 from equimesh.sweeps.closed_lines import copy_ends
 from equimesh.sweeps.deviation import deviation
-from equimesh.sweeps.one_strip import MAX_SWEEPS_AT_ONCE, NOT_GIVEN, Patches, is_one_strip
+from equimesh.sweeps.one_strip import MAX_SWEEPS_AT_ONCE, Given, is_one_strip
 from equimesh.sweeps.sweep import WHOLE, Correction, Frame, SideNodes, Sweep, halve_moves, memory_needed, take_midpoints
 from equimesh.sweeps.verdict import (
     CONTRACTION,
@@ -296,10 +296,15 @@ def test_steps_are_those_of_sweeps_one_by_one(name: str, mode: em.Mode, monkeypa
     assert here == there
 
 
-def test_a_spline_is_evaluated_inside() -> None:
-    assert Patches.of(CASES["samples"].metric).given
-    assert Patches.of(CASES["many samples"].metric) is NOT_GIVEN, "its polynomials would not stay in the cache"
-    assert Patches.of(CASES["formula"].metric) is NOT_GIVEN
+@pytest.mark.parametrize("points", [25, 10**6])
+def test_a_spline_and_a_formula_are_evaluated_inside(points: int) -> None:
+    for name in ("samples", "formula"):
+        given = Given.of(CASES[name].metric, points)
+        assert given.is_given
+        assert given.at_nodes.order == (points == 25)
+        assert given.on_sides.order == 1
+    # Its polynomials would not stay in the cache.
+    assert not Given.of(CASES["many samples"].metric, points).is_given
 
 
 def test_every_step_has_its_own_mesh() -> None:
