@@ -74,8 +74,8 @@ def source_of(field: Field, order: int) -> Source | None:
     if isinstance(field, Expression):
         return nothing()._replace(order=order, table=field.routine(order).table())
     if isinstance(field, GridSamples) and field.spline.polynomials is not None:
-        spline, known = field.spline, {"order": order, "is_spline": True, "polynomials": field.spline.polynomials}
-        return nothing()._replace(along_x=spline.along_x, along_y=spline.along_y, **known)
+        axes = (field.spline.along_x, field.spline.along_y)
+        return Source(_machine_code(), order, True, _NO_TABLE, *axes, field.spline.polynomials)
     return None
 
 

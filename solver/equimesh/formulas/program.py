@@ -7,6 +7,7 @@ import math
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NoReturn
 
 import numpy as np
@@ -19,6 +20,8 @@ from equimesh.formulas.syntax import Operation, ParsedExpression, parse
 from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, PLANE, RESERVED, Language
 from equimesh.numerics.types import Array
 
+MAX_KEPT = 64
+"""Formulas whose programs are kept: one is asked for again with other settings, and as a monitor and a function."""
 CONDITIONS = frozenset(("<", "<=", ">", ">=", "==", "!=", "and", "or", "not"))
 
 
@@ -199,9 +202,21 @@ def compile_formula(text: object, parameters: Mapping[str, float], language: Lan
     """
     if not isinstance(text, str):
         raise ExpressionError(f"an expression is text, for instance '{language.example}'", field="expression")
-    parsed = parse(text, (*language.names, *parameters), language)
     values = {"pi": math.pi, "e": math.e, **constants, **parameters}
-    return Program(text, parsed, values, language.variables)
+    # Numbers that are equal can differ in their sign: 0 and -0.
+    signs = tuple(math.copysign(1.0, value) for value in values.values())
+    return _compiled(text, tuple(parameters), tuple(values.items()), signs, language)
+
+
+@lru_cache(maxsize=MAX_KEPT)
+def _compiled(
+    text: str,
+    parameters: tuple[str, ...],
+    values: tuple[tuple[str, float], ...],
+    signs: tuple[float, ...],  # noqa: ARG001
+    language: Language,
+) -> Program:
+    return Program(text, parse(text, (*language.names, *parameters), language), dict(values), language.variables)
 
 
 def raise_culprit(program: Program, at: tuple[float, float], wrong: str, limit: float, *, where: str) -> NoReturn:

@@ -66,7 +66,7 @@ class Language:
     names: tuple[str, ...]
     example: str
     comparison: str
-    foreign: Mapping[str, str] = field(default_factory=dict)
+    foreign: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 #: A function of the plane; t is a constant.

@@ -20,7 +20,6 @@ from equimesh.least_error.charts import Chart, CurveChart, DomainChart
 from equimesh.least_error.evaluation import (
     NO_MATRIX,
     NO_NUMBER,
-    OF_PROJECTION,
     OF_SLOPES,
     OF_VALUES,
     OPEN,
@@ -32,15 +31,7 @@ from equimesh.least_error.evaluation import (
     memory_for,
 )
 from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Rule, Smoothness, Values
-from equimesh.least_error.projection import (
-    Places,
-    Unknowns,
-    are_finite,
-    matrix_for,
-    of_four_corners,
-    projected_errors,
-    unknowns_of,
-)
+from equimesh.least_error.projection import Unknowns, matrix_for
 from equimesh.least_error.quasi_newton import RESULTS
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
@@ -536,34 +527,3 @@ class Objective:
 
         run_on_threads(threads, work)
         return sums
-
-
-class ProjectedObjective(Objective):
-    """The objective with the error of the Ritz projection of u, for degree 1 and the norm of u."""
-
-    def _squared_error(self, nodes: Nodes) -> float:
-        """The square of the error, with its sums of the nodes in place of all others; negative without a projection."""
-        element, elements = self._rule.element, self._elements
-        nodal, values = self._at_once(nodes)
-        if not self._has_slopes(nodes, nodal):
-            return math.inf
-        at = Values(*(part.reshape(element.weights.size, -1) for part in values))
-        if not are_finite(at):
-            return math.inf
-        self._sums.fill(0.0)
-        elements, element = of_four_corners(elements, element)
-        self._matrix.fill(0.0)
-        places, number = Places(nodes, elements, nodal, at), unknowns_of(self.cells).number
-        return float(projected_errors(places, element, number, self._matrix, self._sums))
-
-    def _kind_of_error(self) -> tuple[int, Unknowns | None]:
-        return OF_PROJECTION, unknowns_of(self.cells)
-
-    @property
-    def _order(self) -> int:
-        return 2
-
-    @cached_property
-    def _matrix(self) -> Array:
-        """Memory that is kept: to get its pages anew for each mesh takes as long as to compute with it."""
-        return matrix_for(unknowns_of(self.cells))

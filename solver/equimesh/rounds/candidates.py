@@ -13,11 +13,11 @@ from equimesh.fields.expression import Field
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend
-from equimesh.least_error.dual import objective_of
 from equimesh.least_error.iteration import MORE_POINTS, MORE_SLOPE_POINTS, weights_of
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import GridLevel, nested_levels
-from equimesh.least_error.objective import Objective, ProjectedObjective, Weights
+from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.other_errors import ProjectedObjective, objective_of
 from equimesh.least_error.starts import Start, coordinates_of, mesh_of, rectilinear
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.meshes.nested import interpolated_values

@@ -14,8 +14,8 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.expression import Field
-from equimesh.least_error.dual import DualField
 from equimesh.least_error.kernels import Norm
+from equimesh.least_error.other_errors import DualField
 from equimesh.least_error.projection import MAX_CELLS
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.second_order import ValueDegree

@@ -14,10 +14,10 @@ from equimesh.domains.domain import Domain
 from equimesh.fields.expression import Field
 from equimesh.least_error.cells import Cells, cells_of_grid, cells_of_mesh
 from equimesh.least_error.charts import FREE, Chart, CurveChart, DomainChart
-from equimesh.least_error.dual import objective_of
 from equimesh.least_error.iteration import MORE_SLOPE_POINTS
 from equimesh.least_error.kernels import Norm, Rule
-from equimesh.least_error.objective import Objective, ProjectedObjective, Weights
+from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.other_errors import ProjectedObjective, objective_of
 from equimesh.least_error.projection import is_projected
 from equimesh.least_error.starts import coordinates_of
 from equimesh.meshes.mesh import Mesh

@@ -356,3 +356,15 @@ def test_check_finite_finds_poles_between_the_points_of_its_grid(
         assert expected is None or float(shown) == pytest.approx(expected, abs=1e-5)
     assert text[error.position.offset :].startswith(part)
     assert remedy in error.message
+
+
+def test_a_program_is_kept_for_the_same_numbers() -> None:
+    """Numbers that are equal but for their sign are others: 1/t is infinite with another sign."""
+    first, again = (em.Expression("k*x + 1/t", parameters={"k": 2.0}, t=0.0) for _ in range(2))
+    assert first._program is again._program
+    for other in (
+        em.Expression("k*x + 1/t", parameters={"k": 2.0}, t=-0.0),
+        em.Expression("k*x + 1/t", parameters={"k": 3.0}, t=0.0),
+        em.Expression("k*x + 1/t", parameters={"k": 2.0, "c": 1.0}, t=0.0),
+    ):
+        assert other._program is not first._program

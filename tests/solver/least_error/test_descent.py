@@ -19,7 +19,8 @@ from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import Descent, descend
 from equimesh.least_error.kernels import Nodes, Norm, Rule
 from equimesh.least_error.lifting import SMALLEST_SHARE, mended
-from equimesh.least_error.objective import Evaluation, Objective, ProjectedObjective, Weights
+from equimesh.least_error.objective import Evaluation, Objective, Weights
+from equimesh.least_error.other_errors import ProjectedObjective
 from equimesh.least_error.quasi_newton import (
     EVALUATE,
     MAX_TRIALS,

@@ -11,7 +11,8 @@ import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.least_error.kernels import Rule, Values
-from equimesh.least_error.objective import Objective, ProjectedObjective
+from equimesh.least_error.objective import Objective
+from equimesh.least_error.other_errors import ProjectedObjective
 from equimesh.least_error.projection import are_finite, is_projected, unknowns_of
 from equimesh.least_error.starts import mesh_of
 from equimesh.numerics.types import Array

@@ -8,9 +8,9 @@ import pytest
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
-from equimesh.least_error.dual import DualField, DualObjective, objective_of
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.other_errors import DualField, DualObjective, objective_of
 from equimesh.least_error.starts import coordinates_of
 
 U, Z = em.Expression("sin(3*x)*exp(y)"), em.Expression("cos(4*y) + x**3")

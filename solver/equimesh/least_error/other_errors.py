@@ -1,4 +1,4 @@
-"""The objective of a mesh for a goal: products of the errors of a solution and of its adjoint, cell by cell.
+"""Objectives whose error is not that of interpolating one function: of a goal, and of a solver.
 
 The error of a functional of a Galerkin solution is ``a(u - u_h, z - z_h)``, with z the solution of the adjoint problem
 (R. Becker and R. Rannacher, *An optimal control approach to a posteriori error estimation in finite element methods*,
@@ -14,14 +14,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from equimesh.fields.expression import Field
 from equimesh.least_error import kernels
+from equimesh.least_error.evaluation import OF_PROJECTION
 from equimesh.least_error.kernels import SUMS, NodalValues, Nodes, Values
 from equimesh.least_error.objective import Objective
+from equimesh.least_error.projection import (
+    Places,
+    Unknowns,
+    are_finite,
+    matrix_for,
+    of_four_corners,
+    projected_errors,
+    unknowns_of,
+)
 from equimesh.numerics.types import Array
 from equimesh.quality.elements import Element
 
@@ -92,6 +103,37 @@ class DualObjective(Objective):
         else:
             kernels.value_errors(apart, elements, element, corner, NodalValues(*at[:3]), sums)
         return squared_errors(apart, element, corner.u, at, rule.norm), sums
+
+
+class ProjectedObjective(Objective):
+    """The objective with the error of the Ritz projection of u, for degree 1 and the norm of u."""
+
+    def _squared_error(self, nodes: Nodes) -> float:
+        """The square of the error, with its sums of the nodes in place of all others; negative without a projection."""
+        element, elements = self._rule.element, self._elements
+        nodal, values = self._at_once(nodes)
+        if not self._has_slopes(nodes, nodal):
+            return math.inf
+        at = Values(*(part.reshape(element.weights.size, -1) for part in values))
+        if not are_finite(at):
+            return math.inf
+        self._sums.fill(0.0)
+        elements, element = of_four_corners(elements, element)
+        self._matrix.fill(0.0)
+        places, number = Places(nodes, elements, nodal, at), unknowns_of(self.cells).number
+        return float(projected_errors(places, element, number, self._matrix, self._sums))
+
+    def _kind_of_error(self) -> tuple[int, Unknowns | None]:
+        return OF_PROJECTION, unknowns_of(self.cells)
+
+    @property
+    def _order(self) -> int:
+        return 2
+
+    @cached_property
+    def _matrix(self) -> Array:
+        """Memory that is kept: to get its pages anew for each mesh takes as long as to compute with it."""
+        return matrix_for(unknowns_of(self.cells))
 
 
 def objective_of(u: Field) -> type[Objective]:
