@@ -68,16 +68,21 @@ def boxes(dask_worker: Any) -> int:
     return 0 if plugin is None else len(plugin.boxes)
 
 
-def running_parts(cluster: ClusterProcesses) -> int:
+@pytest.fixture(scope="module")
+def watcher(cluster: ClusterProcesses) -> Iterator[Any]:
+    """A client of the cluster that looks at its workers; to connect one for each look takes a tenth of a second."""
+    with connect(cluster.scheduler) as client:
+        yield client
+
+
+def running_parts(watcher: Any) -> int:
     """The number of parts that run on the cluster."""
-    with connect(cluster.scheduler) as client:
-        return sum(client.run(boxes).values())
+    return sum(watcher.run(boxes).values())
 
 
-def kept_results(cluster: ClusterProcesses) -> int:
+def kept_results(watcher: Any) -> int:
     """The number of results that stay on the cluster."""
-    with connect(cluster.scheduler) as client:
-        return sum(map(len, client.has_what().values()))
+    return sum(map(len, watcher.has_what().values()))
 
 
 def ask(http: httpx.Client, spec: dict[str, Any]) -> dict[str, Any]:
@@ -92,9 +97,7 @@ def look(http: httpx.Client, mesh: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(
-    url: str, cluster: ClusterProcesses, tmp_path: Path
-) -> None:
+def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(url: str, watcher: Any, tmp_path: Path) -> None:
     with Client(url) as client:
         mesh = client.generate(U, (225, 161), monitor=ArcLength(), deadline=120.0)
         expected = em.solve(em.Problem(monitor=em.ArcLength(u=em.Expression(U)), grid=em.Grid(n_xi=225, n_eta=161)))
@@ -122,15 +125,15 @@ def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(
         assert again.reused_from == mesh.id
         shared = again.parts().head
         assert (shared.name, shared.sha256) == (listed.head.name, listed.head.sha256)
-    assert until(lambda: kept_results(cluster) == 0)
+    assert until(lambda: kept_results(watcher) == 0)
 
 
-def test_a_cancelled_mesh_leaves_nothing_on_the_workers(http: httpx.Client, cluster: ClusterProcesses) -> None:
+def test_a_cancelled_mesh_leaves_nothing_on_the_workers(http: httpx.Client, watcher: Any) -> None:
     mesh = ask(http, LONG)
-    until(lambda: running_parts(cluster) == 2)
+    until(lambda: running_parts(watcher) == 2)
     assert http.post(mesh["links"]["cancel"]).json()["status"] == "canceled"
-    until(lambda: running_parts(cluster) == 0)
-    until(lambda: kept_results(cluster) == 0)
+    until(lambda: running_parts(watcher) == 0)
+    until(lambda: kept_results(watcher) == 0)
 
 
 def test_what_the_grid_cannot_have_is_said(http: httpx.Client) -> None:

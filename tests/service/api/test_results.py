@@ -155,14 +155,6 @@ def test_the_spec_comes_back_complete_and_gives_the_same_mesh(http: httpx.Client
     assert first.headers["etag"] == second.headers["etag"]
 
 
-def test_the_same_file_of_two_meshes_survives_the_first(http: httpx.Client) -> None:
-    first, second = (post(http, small(grid={"n_xi": 7, "n_eta": 7}), **WAIT).json() for _ in range(2))
-    assert http.delete(first["links"]["self"]).status_code == 204
-    assert http.get(first["links"]["self"]).status_code == 404
-    assert http.get(first["links"]["file"]).status_code == 404
-    assert http.get(second["links"]["file"], params={"format": "npz"}).status_code == 200
-
-
 def test_the_errors_of_the_paper_come_when_asked_for(http: httpx.Client) -> None:
     spec = small(schwarz={"overlap": 2, "compare_single_domain": True})
     mesh = post(http, spec, **WAIT).json()

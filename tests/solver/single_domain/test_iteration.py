@@ -196,14 +196,6 @@ def test_a_solve_from_a_near_mesh_leaves_an_error_far_below_that_of_its_cells() 
     assert 2 * usual.step < tight.step
 
 
-def test_threads_change_nothing() -> None:
-    u = em.Expression("tanh(1.5*(sin(2*pi*x)*cos(2*pi*y)-0.2))")
-    grid, domain = em.Grid(n_xi=161, n_eta=129), em.Rectangle(periodic="both")
-    problem = em.Problem(monitor=em.ArcLength(u=u), grid=grid, domain=domain)
-    one, two = (last(problem, mode=Mode.DISCRETIZATION, threads=n) for n in (1, 2))
-    assert one.mesh.distance(two.mesh) == 0.0
-
-
 def test_it_converges_on_all_functions_with_the_trace_condition() -> None:
     for name in FUNCTIONS:
         *_, last = iteration.single_domain_steps(problem(name, 65))

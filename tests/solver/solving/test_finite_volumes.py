@@ -55,15 +55,6 @@ def test_on_a_finer_grid_the_best_are_measured_there() -> None:
 
 
 @pytest.mark.everything
-def test_with_subdomains_the_candidates_are_metrics() -> None:
-    text = "tanh(8*(x - y*y))"
-    solution = chosen(text, schwarz=em.Schwarz(subdomains=(2, 1)))
-    assert "least_error" not in {one.kind for one in solution.certificate.comparison}
-    assert gain(solution, em.Expression(text)) >= 1.0
-    assert solution.iterations
-
-
-@pytest.mark.everything
 def test_a_given_bound_holds_and_a_bent_domain_is_measured_as_it_is() -> None:
     text = "tanh(9*(hypot(x, y) - 1.4 + 0.2*sin(3*x)))"
     solution = chosen(text, n=9, orthogonality=20.0, domain=em.AnnulusSector())
