@@ -70,7 +70,7 @@ def boxes(dask_worker: Any) -> int:
 
 @pytest.fixture(scope="module")
 def watcher(cluster: ClusterProcesses) -> Iterator[Any]:
-    """A client of the cluster that looks at its workers; to connect one for each look takes a tenth of a second."""
+    """A client of the cluster that looks at its workers."""
     with connect(cluster.scheduler) as client:
         yield client
 
