@@ -41,6 +41,7 @@ MAX_DISTANCE_CELLS = 1.0  # between the point by the spline and by the bilinear 
 RIM_SHARE = 0.25  # of the length of a cell: how far from its edge a curved side may lie
 MAX_HOPS = 3  # from cell to cell, before a point is looked for by itself
 MAX_HOP = 64  # cells
+INSIDE, RIM = X, Y  # rows of a search of cells, once the point is no longer needed
 EDGE_SHARE = 1e-9  # of its size: a point so near to an edge of a cell is looked for by itself, too
 NO_PATCHES = np.empty((0, 0, ORDER, ORDER))
 PATCH_POINTS = 64  # whose polynomials are next to each other in the fastest cache
@@ -205,8 +206,9 @@ def hop(points: Pair, nodes: Pair, columns: int, begin: int, end: int, cells: In
     """Fill in the ``cells`` of the points from ``begin`` to before ``end`` that lie inside of one; of others, -1.
 
     From the given cell, of the point above, or of the node, one step of Newton's method for the bilinear map leads to
-    the next. All points go before any goes again, and without a branch, of which the processor would guess every other
-    one wrongly. A point on an edge has several cells, so that :func:`find_cells` decides.
+    the next. All points go before any goes again, by vector instructions and without a branch, of which the processor
+    would guess every other one wrongly. A point on an edge has several cells, so that :func:`find_cells` decides.
+    There are at most :data:`~equimesh.meshes.quad_search.BLOCK_POINTS` points.
     """
     (px, py), (x, y), (of_i, of_j) = points, nodes, cells
     last_i, last_j = x.shape[0] - 2, x.shape[1] - 2
@@ -221,23 +223,33 @@ def hop(points: Pair, nodes: Pair, columns: int, begin: int, end: int, cells: In
                 continue
         todo[count] = p
         count += 1
+    w = np.empty(WORK_ROWS * BLOCK_POINTS)
     for _ in range(MAX_HOPS):
-        left = 0
         for k in range(count):
             p = todo[k]
-            i, j = of_i[p], of_j[p]
-            x0, x1, x2, x3 = x[i, j] - px[p], x[i + 1, j] - px[p], x[i + 1, j + 1] - px[p], x[i, j + 1] - px[p]
-            y0, y1, y2, y3 = y[i, j] - py[p], y[i + 1, j] - py[p], y[i + 1, j + 1] - py[p], y[i, j + 1] - py[p]
-            inside = min(min(x0 * y1 - x1 * y0, x1 * y2 - x2 * y1), min(x2 * y3 - x3 * y2, x3 * y0 - x0 * y3))
+            i, j = np.uintp(of_i[p]), np.uintp(of_j[p])  # which are not looked at for a sign
+            i_end, j_end = i + np.uintp(1), j + np.uintp(1)
+            w[X0 + k], w[X1 + k], w[X2 + k], w[X3 + k] = x[i, j], x[i_end, j], x[i_end, j_end], x[i, j_end]
+            w[Y0 + k], w[Y1 + k], w[Y2 + k], w[Y3 + k] = y[i, j], y[i_end, j], y[i_end, j_end], y[i, j_end]
+            w[X + k], w[Y + k] = px[p], py[p]
+        for k in range(count):
+            at_x, at_y = w[X + k], w[Y + k]
+            x0, x1, x2, x3 = w[X0 + k] - at_x, w[X1 + k] - at_x, w[X2 + k] - at_x, w[X3 + k] - at_x
+            y0, y1, y2, y3 = w[Y0 + k] - at_y, w[Y1 + k] - at_y, w[Y2 + k] - at_y, w[Y3 + k] - at_y
+            w[INSIDE + k] = min(min(x0 * y1 - x1 * y0, x1 * y2 - x2 * y1), min(x2 * y3 - x3 * y2, x3 * y0 - x0 * y3))
             # From the centre, times 4; and the derivatives, times 2.
             r, q = x0 + x1 + x2 + x3, y0 + y1 + y2 + y3
             x_a, x_b, y_a, y_b = x1 + x2 - x0 - x3, x2 + x3 - x0 - x1, y1 + y2 - y0 - y3, y2 + y3 - y0 - y1
             per_det = 0.5 / (x_a * y_b - x_b * y_a)
-            rim = EDGE_SHARE * (x_a * x_a + x_b * x_b + y_a * y_a + y_b * y_b)
+            w[RIM + k] = EDGE_SHARE * (x_a * x_a + x_b * x_b + y_a * y_a + y_b * y_b)
             a, b = 0.5 + (q * x_b - r * y_b) * per_det, 0.5 + (r * y_a - q * x_a) * per_det
+            w[A + k], w[B + k] = min(max(a, -MAX_HOP), MAX_HOP), min(max(b, -MAX_HOP), MAX_HOP)
+        left = 0
+        for k in range(count):
+            p, inside, rim = todo[k], w[INSIDE + k], w[RIM + k]
+            i, j = of_i[p], of_j[p]
             # Conversion to whole numbers rounds towards zero, and these down.
-            to_i = i + int(min(max(a, -MAX_HOP), MAX_HOP) + MAX_HOP) - MAX_HOP
-            to_j = j + int(min(max(b, -MAX_HOP), MAX_HOP) + MAX_HOP) - MAX_HOP
+            to_i, to_j = i + int(w[A + k] + MAX_HOP) - MAX_HOP, j + int(w[B + k] + MAX_HOP) - MAX_HOP
             to_i, to_j = min(max(to_i, 0), last_i), min(max(to_j, 0), last_j)
             ends = inside >= -rim
             of_i[p] = (i if inside > rim else -1) if ends else to_i
