@@ -47,9 +47,9 @@ RATE_CHANGES = 6
 
 def level_share(level: int, levels: int, within: float) -> float:
     """The share of nested grids that is done: all below ``level``, and the share ``within`` of that one."""
-    total = sum(LEVEL_RATIO**k for k in range(levels))
-    below = sum(LEVEL_RATIO**k for k in range(levels - level, levels))
-    return (below + LEVEL_RATIO ** (levels - 1 - level) * within) / total
+    # Sums of powers, each over that of one grid more: all grids, and those from this one on.
+    whole, rest = LEVEL_RATIO**levels, LEVEL_RATIO ** (levels - level)
+    return (rest - whole + rest * (1.0 / LEVEL_RATIO - 1.0) * within) / (1.0 - whole)
 
 
 def approach(step: int, expected: float) -> float:
