@@ -46,7 +46,7 @@ def url(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) -> 
         scheduler=cluster.scheduler,
         max_points=20_000,
         max_cluster_points=10_000_000,
-        time_limit=120.0,
+        time_limit=600.0,
         lease=2.0,
         log_level="info",
     )
@@ -99,7 +99,7 @@ def look(http: httpx.Client, mesh: dict[str, Any]) -> dict[str, Any]:
 
 def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(url: str, watcher: Any, tmp_path: Path) -> None:
     with Client(url) as client:
-        mesh = client.generate(U, (225, 161), monitor=ArcLength(), deadline=120.0)
+        mesh = client.generate(U, (225, 161), monitor=ArcLength(), deadline=600.0)
         expected = em.solve(em.Problem(monitor=em.ArcLength(u=em.Expression(U)), grid=em.Grid(n_xi=225, n_eta=161)))
         for suffix in ("pvtu", "vtkhdf"):
             found = read_parts(mesh.download_parts(tmp_path, suffix))
