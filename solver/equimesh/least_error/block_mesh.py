@@ -35,6 +35,9 @@ from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.settings import Schwarz
 from equimesh_coupling.parts import cuts_at_corners
 
+MAX_TRIED_POINTS = 257 * 257
+"""Points of a mesh, at most, for which several meshes from a coarser one are compared."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockMesh:
@@ -117,7 +120,7 @@ class Place:
         Where these fold, by the smallest share of a corner, they are mended. Linear interpolation of displacements,
         mended, too, and that of positions are tried then, and the mesh with the smallest error is taken. It is the
         mesh ``there`` where all of them fold even so. Meshes that cut too much off the domain are moved back. On a
-        regular domain the first of the three that does not fold is taken, as on a grid.
+        regular domain, and on a fine mesh, the first of the three that does not fold is taken, as on a grid.
         """
         fine, tried, lifting = there.mesh, list[Array](), Lifting(self.mesh.level, there.mesh.level)
         for share, cubic in ((1.0, True), (1.0, False), (0.0, False)):
@@ -129,7 +132,7 @@ class Place:
                 smallest = objective.smallest_share(unknowns)
             if smallest > 0.0:
                 tried.append(unknowns)
-                if is_regular or (cubic and not is_mended):
+                if is_regular or fine.level.points > MAX_TRIED_POINTS or (cubic and not is_mended):
                     break
         if not tried:
             return there

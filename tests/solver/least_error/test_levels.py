@@ -13,6 +13,7 @@ import pytest
 import equimesh as em
 from block_cases import changed
 from equimesh.blocks.blocks import Blocks
+from equimesh.least_error import block_mesh
 from equimesh.least_error.block_levels import BlockLevel, block_levels, edges_of
 from equimesh.least_error.block_mesh import Bilinear, BlockMesh, Place
 from equimesh.least_error.descent import Descent
@@ -304,7 +305,7 @@ def test_meshes_of_levels_have_their_cells_and_the_finest_its_sides() -> None:
     assert fine.sides.keys() == domain.mesh.sides.keys()
 
 
-def test_displacements_that_fold_are_mended() -> None:
+def test_displacements_that_fold_are_mended(monkeypatch: pytest.MonkeyPatch) -> None:
     """The rest of the mesh is that of the cubic interpolation, and not the initial one."""
     domain = disc(1500)
     coarse, fine = (BlockMesh.of(domain, level) for level in block_levels(domain.mesh)[-2:])
@@ -338,6 +339,12 @@ def test_displacements_that_fold_are_mended() -> None:
         ).unknowns,
         last,
     )
+    # On a fine mesh the first that does not fold is taken, without errors.
+    compared = list(errors)
+    monkeypatch.setattr(block_mesh, "MAX_TRIED_POINTS", 1000)
+    taken = place.lifted(coarse.first, fine.first, Judged(share, error))
+    assert np.array_equal(taken.unknowns, compared[0])
+    assert len(errors) == len(compared) > 1
 
 
 def paved() -> Blocks:
