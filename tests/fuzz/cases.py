@@ -1,15 +1,19 @@
 """The requests of a fuzz run: a seed gives the same ones each time, on every machine.
 
 Nothing here depends on answers. Where a request needs an id that is there, it has a number, which chooses one when the
-request is sent.
+request is sent. ``python -m fuzz.cases DOCUMENT COUNT SEED ...`` prints, for each seed, the digest of this many random
+requests by the OpenAPI document in a file.
 """
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import islice
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -193,3 +197,22 @@ def random_requests(operations: list[APIOperation], number: int, count: int, sen
         send(Request(case=case, numbers=(drawn,) if has_id else (None,)))
 
     each()
+
+
+def digest_of(operations: list[APIOperation], number: int, count: int) -> str:
+    """The digest of the first boundary cases and of random requests, without a service."""
+    digest = Digest()
+    for operation in operations:
+        if operation.path == "/v1/expressions/check":
+            for request in boundary_requests(operation, Random(number), 5, 120):
+                digest.add(request)
+    random_requests(operations, number, count, digest.add)
+    return f"{digest.count} {digest}"
+
+
+if __name__ == "__main__":
+    # Those of expressions and samples; strategies for the others are made in the same way, and take long.
+    every = operations_of(json.loads(Path(sys.argv[1]).read_text()), "http://127.0.0.1:1")
+    some = [operation for operation in every if operation.path.startswith(("/v1/expressions", "/v1/samples"))]
+    for chosen in sys.argv[3:]:
+        print(digest_of(some, int(chosen), int(sys.argv[2])))

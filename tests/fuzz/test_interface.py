@@ -7,11 +7,15 @@ seed and a digest of the requests. Several are under way at once, as most wait f
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 from collections import Counter, deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -46,6 +50,7 @@ CHECKS = [
 ]
 FEW = 60
 BOUNDARY = 15_000
+TESTS = Path(__file__).parents[1]
 # Requests under way at once.
 SENDERS = 8
 # Requests that wait to be sent, so that a long run does not keep all of them in memory.
@@ -228,3 +233,24 @@ def test_ranges_conditions_and_unknown_parameters_have_documented_answers(
             of_file[status] += answer.status_code == status
     assert of_file == dict.fromkeys(CONDITIONS, 6)  # file, quality, convergence, plot, drawing; samples
     assert of_parameter > 20
+
+
+@pytest.mark.everything
+def test_a_seed_gives_the_same_requests_in_another_process(fuzz_http: httpx.Client, tmp_path: Path) -> None:
+    """The order of sets differs there, and nothing else may.
+
+    Not in this process: Hypothesis uses constants of the modules that are loaded, which are those of other tests, too.
+    """
+
+    document = tmp_path / "openapi.json"
+    document.write_bytes(fuzz_http.get("/openapi.json").content)
+
+    def digests(hashes: str, *seeds: str) -> list[str]:
+        environment = {**os.environ, "PYTHONPATH": str(TESTS), "PYTHONHASHSEED": hashes}
+        command = [sys.executable, "-m", "fuzz.cases", str(document), "1", *seeds]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600, check=True)
+        return done.stdout.splitlines()
+
+    first, other = digests("1", "5", "6")
+    assert digests("7", "5") == [first]
+    assert other != first
