@@ -2,6 +2,6 @@
 
 import sys
 
-from equimesh_cli.command import main
+from equimesh_cli import main
 
 sys.exit(main())

@@ -94,6 +94,22 @@ def test_an_interrupt_is_130_and_cancels(service: Any) -> None:
     assert service.meshes["m0"]["status"] == "canceled"
 
 
+def test_an_interrupt_while_the_commands_are_imported_is_130() -> None:
+    code = """
+import signal, sys
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == "equimesh_cli.command":
+            signal.raise_signal(signal.SIGINT)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.meta_path.insert(0, Interrupting())
+from equimesh_cli import main
+sys.exit(main(["--help"]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"\nequimesh: interrupted\n")
+
+
 def test_a_closed_pipe_is_no_error(service: Any) -> None:
     command = [*COMMAND, "generate", "x", "-n", "5", "--json", "--url", service.url]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 from typing import Any
 
 _server_lock = threading.Lock()
@@ -53,10 +53,25 @@ def _start_server() -> None:
         try:
             for name in missing:
                 os.environ[name] = "1"
-            forkserver.ensure_running()
+            with _interrupts_blocked():
+                forkserver.ensure_running()
         finally:
             for name in missing:
                 del os.environ[name]
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Let the new process inherit that it gets no SIGINT.
+
+    Ctrl-C at a terminal goes to all processes there. The server ignores it only after its imports.
+    """
+    resource_tracker.ensure_running()  # where the server starts the tracker, that unblocks the signal again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

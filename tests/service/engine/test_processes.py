@@ -153,3 +153,18 @@ def test_a_worker_gets_the_log_and_the_tracer_of_the_settings(monkeypatch: pytes
     settings = Settings(log_level="error", log_format="json", trace_endpoint="http://traces:4318")
     pickle.loads(pickle.dumps(Preparation.of(settings)))()
     assert done == [("error", "json"), ("http://traces:4318", "worker")]
+
+
+def test_an_interrupt_does_not_end_the_server_of_forks_while_it_imports(tmp_path: Path) -> None:
+    (tmp_path / "interrupting.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    code = """
+import signal
+from equimesh_service.engine.fork_server import forking_context
+signal.signal(signal.SIGINT, signal.default_int_handler)
+process = forking_context(["interrupting"]).Process(target=print, args=("forked",))
+process.start()
+process.join()
+"""
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "forked\n", "")
