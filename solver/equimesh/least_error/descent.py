@@ -15,8 +15,8 @@ import numpy as np
 
 from equimesh.inputs import finite_or_none
 from equimesh.least_error.cells import Cells
-from equimesh.least_error.evaluation import KNOWN, OPEN, Parts, evaluate
-from equimesh.least_error.objective import Evaluation, Objective, Result
+from equimesh.least_error.evaluation import KNOWN, OPEN, Evaluation, Parts, Result, evaluate
+from equimesh.least_error.objective import Objective
 from equimesh.least_error.quasi_newton import (
     EVALUATE,
     HERE,

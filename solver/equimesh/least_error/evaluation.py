@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -33,7 +34,36 @@ OF_VALUES, OF_SLOPES, OF_PROJECTION = range(3)
 REFUSED, KNOWN, OPEN = range(3)
 """What is known of a mesh: it is refused, its objective is known, or only careful code can tell."""
 VALUE, ERROR, DISTORTION = range(3)
-"""Places of the numbers of an evaluation, see :class:`~equimesh.least_error.objective.Evaluation`."""
+"""Places of the numbers of a :class:`Result`."""
+
+
+class Result(NamedTuple):
+    """The objective at one mesh."""
+
+    value: float
+    """The objective."""
+    error: float
+    """The norm of the interpolation error, in the units of u, or of its gradient times a length."""
+    distortion: float
+    """The mean of ``(r^2 - 1) / 2``, 0 for the start."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """The objective at one mesh as a :class:`Result` has it, with its derivatives."""
+
+    value: float
+    error: float
+    distortion: float
+    gradient: Array
+    """The derivatives by the unknowns, shape ``(2, nodes)``; 0 where these are fixed, and for tied copies of nodes."""
+    blocks: Array
+    """A positive definite approximation of the second derivatives of each node, ``(ss, st, tt)``, ``(3, nodes)``."""
+
+    @property
+    def result(self) -> Result:
+        """The objective without its derivatives."""
+        return Result(self.value, self.error, self.distortion)
 
 
 class Code(NamedTuple):

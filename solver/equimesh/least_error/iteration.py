@@ -17,9 +17,10 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
 from equimesh.least_error.block_mesh import BlockNest, BlockStart
 from equimesh.least_error.descent import Descent, StraightLines, descend
+from equimesh.least_error.evaluation import Result
 from equimesh.least_error.kernels import Norm, Rule
 from equimesh.least_error.nest import Level, Nest, Start, last_compared
-from equimesh.least_error.objective import Objective, Result, Weights
+from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.other_errors import ProjectedObjective, objective_of
 from equimesh.least_error.paved import descend_paved, paved_steps
 from equimesh.least_error.projection import is_projected

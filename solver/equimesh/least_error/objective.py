@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +23,9 @@ from equimesh.least_error.evaluation import (
     OF_VALUES,
     OPEN,
     REFUSED,
+    Evaluation,
     Parts,
+    Result,
     Scales,
     evaluate,
     machine_code,
@@ -60,35 +61,6 @@ class Weights:
     """The weight of corners whose angles are beyond the limit; 0 for no limit."""
     largest_cotangent: float = math.inf
     """The limit: the largest cotangent of the angle of a corner, and minus the smallest one."""
-
-
-class Result(NamedTuple):
-    """The objective at one mesh."""
-
-    value: float
-    """The objective."""
-    error: float
-    """The norm of the interpolation error, in the units of u, or of its gradient times a length."""
-    distortion: float
-    """The mean of ``(r^2 - 1) / 2``, 0 for the start."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Evaluation:
-    """The objective at one mesh as a :class:`Result` has it, with its derivatives."""
-
-    value: float
-    error: float
-    distortion: float
-    gradient: Array
-    """The derivatives by the unknowns, shape ``(2, nodes)``; 0 where these are fixed, and for tied copies of nodes."""
-    blocks: Array
-    """A positive definite approximation of the second derivatives of each node, ``(ss, st, tt)``, ``(3, nodes)``."""
-
-    @property
-    def result(self) -> Result:
-        """The objective without its derivatives."""
-        return Result(self.value, self.error, self.distortion)
 
 
 @dataclass(frozen=True, kw_only=True)

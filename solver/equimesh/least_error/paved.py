@@ -13,7 +13,8 @@ from equimesh.least_error.block_levels import COARSEST_CELLS
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.descent import descend
-from equimesh.least_error.objective import Evaluation, Objective, Result
+from equimesh.least_error.evaluation import Evaluation, Result
+from equimesh.least_error.objective import Objective
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, BoolArray, IntArray
 

@@ -17,9 +17,10 @@ from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import Descent, descend
+from equimesh.least_error.evaluation import Evaluation
 from equimesh.least_error.kernels import Nodes, Norm, Rule
 from equimesh.least_error.lifting import SMALLEST_SHARE, mended
-from equimesh.least_error.objective import Evaluation, Objective, Weights
+from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.other_errors import ProjectedObjective
 from equimesh.least_error.quasi_newton import (
     EVALUATE,
