@@ -161,6 +161,7 @@ def descend(objective: Minimised, mesh: Array, steps: int, min_decrease: float) 
             for k in range(count):
                 yield taken.meshes[k], Result(*taken.results[k].tolist())
         if need == EVALUATE:
+            parts = None  # where a slope is infinite at a node it is most often so in the next step, too
             mesh = way.trial.copy()
             then = objective.evaluate(mesh, floor)
             is_known = then is not None

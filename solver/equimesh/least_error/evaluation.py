@@ -229,6 +229,8 @@ def projected(parts: Parts, nodes: Nodes) -> float:
     element, (sums, nodal, x, y, at), matrix = parts.element, parts.memory, parts.matrix
     fill(parts.u, nodes.x, nodes.y, nodal)
     known, count, points = NodalValues(nodal[0], nodal[1], nodal[2]), parts.elements.shape[0], element.weights.size
+    if not are_finite_at_nodes(known):
+        return np.inf
     called_at(parts.code.place, place_points, (nodes, parts.elements, element.shape, 0, x, y))
     fill(parts.u, x, y, at)
     every = Values(
@@ -239,7 +241,7 @@ def projected(parts: Parts, nodes: Nodes) -> float:
         plane(at, 4, points, count),
         plane(at, 5, points, count),
     )
-    if not (are_finite_at_nodes(known) and are_finite(every)):
+    if not are_finite(every):
         return np.inf
     clear(sums)
     clear(matrix)

@@ -188,6 +188,13 @@ def test_compiled_steps_are_those_of_python(u: em.Field, kind: type[Objective], 
     assert len(descent.take_steps.overloads) == 1  # type: ignore[attr-defined]
 
 
+def test_a_step_that_only_python_can_take_keeps_no_memory_for_others() -> None:
+    objective = objective_on(GRID, em.Expression("sqrt(x) + sqrt(y)*x"))
+    (_, *meshes) = [mesh for mesh, _ in descend(objective, uniform(GRID), 9, 0.0)]
+    assert len(meshes) > 5
+    assert all(mesh.base is None for mesh in meshes)
+
+
 @pytest.mark.parametrize(
     "other",
     [
