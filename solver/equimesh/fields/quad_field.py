@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.fields.mesh_map import require_unfolded
-from equimesh.fields.nodal_field import COUNT, MAX_SLOPE, bend, bump, nodal_values, slope
-from equimesh.fields.patch_gradients import patch_gradients
+from equimesh.fields.nodal_field import COUNT, MAX_SLOPE, bend, bump, nodal_values, patch_gradients, slope
 from equimesh.meshes.cell_edges import MAX_SPOKES, QuadLinks, spokes_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_search import QuadPlaces, QuadSearch
@@ -159,7 +158,7 @@ class QuadField:
     layers thinner than a cell do not overshoot. In a cell the edges are blended over the bilinear map. This is
     :class:`~equimesh.fields.nodal_field.HermiteField` on any mesh of quadrilaterals: linear functions are exact; for
     smooth u the error is O(h^3), at extrema O(h^2) where it is limited. Where it is ``fitted``, slopes are those of
-    :func:`~equimesh.fields.patch_gradients.patch_gradients`, and not limited. A point outside of the mesh has the
+    :func:`~equimesh.fields.nodal_field.patch_gradients`, and not limited. A point outside of the mesh has the
     value of the nearest point of the boundary; across a periodic join u goes on.
 
     Implements :class:`~equimesh.fields.expression.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names

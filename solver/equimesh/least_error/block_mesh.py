@@ -26,8 +26,8 @@ from equimesh.least_error.kernels import Norm
 from equimesh.least_error.lifting import SMALLEST_SHARE, Lifting, along, mended
 from equimesh.least_error.objective import Objective
 from equimesh.least_error.paved import is_paved
+from equimesh.least_error.restricted import owners
 from equimesh.least_error.starts import Patch, equidistributed, resampled
-from equimesh.least_error.subdomains import owners
 from equimesh.meshes.cell_edges import originals_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled

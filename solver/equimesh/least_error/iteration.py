@@ -24,9 +24,8 @@ from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.other_errors import ProjectedObjective, objective_of
 from equimesh.least_error.paved import descend_paved, paved_steps
 from equimesh.least_error.projection import is_projected
-from equimesh.least_error.restricted import Merged
+from equimesh.least_error.restricted import Merged, Subdomains
 from equimesh.least_error.starts import GridNest
-from equimesh.least_error.subdomains import Subdomains
 from equimesh.meshes.mesh import Grid, Mesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.types import Array

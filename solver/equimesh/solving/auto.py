@@ -12,7 +12,7 @@ from equimesh.domains.domain import closed_of, map_mesh
 from equimesh.equations.problem import Problem, in_blocks
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import Level, coarse_level
-from equimesh.least_error.subdomains import Subdomains
+from equimesh.least_error.restricted import Subdomains
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import Auto, LeastError
 from equimesh.monitors.metrics import ArcLength, Curvature

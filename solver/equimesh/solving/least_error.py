@@ -14,7 +14,7 @@ from equimesh.fields.quad_field import QuadField
 from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
 from equimesh.least_error.nest import Level, coarse_level, last_compared
-from equimesh.least_error.subdomains import Subdomains
+from equimesh.least_error.restricted import Subdomains
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import closed_mesh
 from equimesh.meshes.second_order import require_degree

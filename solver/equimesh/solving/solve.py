@@ -13,7 +13,7 @@ from equimesh.equations.problem import Problem, in_blocks
 from equimesh.errors import InputError
 from equimesh.inputs import choice, require_flag
 from equimesh.least_error.iteration import DescentEnd, LeastErrorSolve
-from equimesh.least_error.subdomains import Subdomains, owners
+from equimesh.least_error.restricted import Subdomains, owners
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import Auto, LeastError, NodalSolution
 from equimesh.monitors.monitor import map_of, require_lines

@@ -13,8 +13,7 @@ import numpy as np
 
 from equimesh.least_error.cells import Region
 from equimesh.least_error.objective import Objective
-from equimesh.least_error.restricted import RestrictedDescent
-from equimesh.least_error.subdomains import Subdomains
+from equimesh.least_error.restricted import RestrictedDescent, Subdomains
 from equimesh.numerics.types import Array, IntArray
 from equimesh.solving.solve import MinimiseError
 from equimesh_cluster.messages import Channel, gather, joined

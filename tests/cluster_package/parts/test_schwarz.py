@@ -18,8 +18,7 @@ from equimesh.least_error.descent import Descent
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective, Weights
-from equimesh.least_error.restricted import RestrictedDescent
-from equimesh.least_error.subdomains import Subdomains
+from equimesh.least_error.restricted import RestrictedDescent, Subdomains
 from equimesh.numerics.types import Array
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.solving.status import Event

@@ -9,8 +9,15 @@ import equimesh as em
 from block_cases import l_shape
 from equimesh.fields.expression import Expression
 from equimesh.fields.nodal_field import HermiteField
-from equimesh.fields.patch_gradients import patch_gradients
-from equimesh.fields.quad_field import MAX_TURNS, QuadField, along_lines, from_neighbours, mean_of_cells, quad_gradients
+from equimesh.fields.quad_field import (
+    MAX_TURNS,
+    QuadField,
+    along_lines,
+    from_neighbours,
+    mean_of_cells,
+    patch_gradients,
+    quad_gradients,
+)
 from equimesh.meshes.cell_edges import QuadLinks, links_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.second_order import lattice_of

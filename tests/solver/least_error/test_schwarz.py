@@ -19,8 +19,7 @@ from equimesh.least_error.descent import Descent, descend
 from equimesh.least_error.iteration import LeastErrorSolve
 from equimesh.least_error.kernels import Rule
 from equimesh.least_error.objective import Objective, Weights
-from equimesh.least_error.restricted import Merged, RestrictedDescent
-from equimesh.least_error.subdomains import Subdomains, owners
+from equimesh.least_error.restricted import Merged, RestrictedDescent, Subdomains, owners
 from equimesh.meshes.cell_edges import originals_of, quads_of_block
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
