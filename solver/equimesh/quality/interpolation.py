@@ -125,7 +125,9 @@ def kept_of_uniform(u: Field, cells: Cells, what: object) -> list[Any]:
         return []
     if not isinstance(cells.domain, Rectangle):
         return []
-    return _kept.setdefault(u, {}).setdefault((cells.domain, cells.grid, what), [])
+    # Formulas with the parameters 0 and -0 are equal, but can have other values.
+    own = u.routine(1) if isinstance(u, Expression) else None
+    return _kept.setdefault(u, {}).setdefault((cells.domain, cells.grid, what, own), [])
 
 
 class Norms(NamedTuple):

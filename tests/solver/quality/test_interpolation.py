@@ -126,6 +126,13 @@ def test_what_is_known_of_u_on_the_uniform_mesh_is_kept_as_long_as_u_is(monkeypa
     assert measure_errors(mesh, u, gauss=4).l2_uniform != errors.l2_uniform, "by another rule"
 
 
+def test_what_is_kept_of_u_is_not_that_of_a_zero_of_the_other_sign() -> None:
+    above, below = (em.Expression("where(1/k > 0, x**3, tanh(9*y))", parameters={"k": k}) for k in (0.0, -0.0))
+    assert above == below
+    for u, same in ((above, "x**3"), (below, "tanh(9*y)")):
+        assert measure_errors(wavy(), u).l2_uniform == measure_errors(wavy(), em.Expression(same)).l2_uniform
+
+
 def test_the_uniform_mesh_gains_nothing_whatever_u_is() -> None:
     axis = np.linspace(0.0, 1.0, 9)
     samples = em.GridSamples(x=axis, y=axis, values=np.sin(5.0 * np.add.outer(axis, axis**2)))
