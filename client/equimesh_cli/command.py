@@ -1,6 +1,7 @@
 """The command line: its parser, and the exit code of an error."""
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -41,6 +42,7 @@ GROUPS = {
     "on this machine": ("completion",),
 }
 """The commands of the help, by what they are for."""
+_FULL = {errno.ENOSPC, errno.EDQUOT}
 _DECLARE = "declare others as parameters"
 _DECLARE_HERE = "give others a value with --parameter, as in --parameter c=2"
 # Commands whose options are the settings of the service. The completion knows the options of all commands.
@@ -111,7 +113,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def sentence(error: Exception) -> str:
     """The message of an error, without the name of its class."""
-    if isinstance(error, OSError) and error.strerror and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError) and error.strerror:
+        place = "" if error.filename is None else f"{error.filename}: "
+        advice = ": make room, or write to another disk" if error.errno in _FULL else ""
+        return f"{place}{error.strerror}{advice}"
     # The solver and the service do not know how parameters are declared here.
     return str(error).replace(_DECLARE, _DECLARE_HERE) or type(error).__name__

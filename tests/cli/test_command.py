@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.metadata
 import re
 import signal
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 
 from equimesh_cli import main
+from equimesh_cli.command import sentence
 
 # The exit codes of commands besides 0, 2 and 130.
 OWN_CODES = {
@@ -108,6 +110,13 @@ sys.exit(main(["--help"]))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True)
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"\nequimesh: interrupted\n")
+
+
+@pytest.mark.parametrize("name", [None, "mesh.vtu"])
+def test_a_full_disk_says_what_to_do(name: str | None) -> None:
+    full = OSError(errno.ENOSPC, "No space left on device", name)
+    place = f"{name}: " if name else ""
+    assert sentence(full) == f"{place}No space left on device: make room, or write to another disk"
 
 
 def test_a_closed_pipe_is_no_error(service: Any) -> None:

@@ -89,8 +89,9 @@ def merged_settings(explicit: dict[str, str]) -> Settings:
 def start_error(settings: Settings, error: OSError) -> str:
     """The message for an error of the system when a service starts: its folder or its address cannot be used."""
     cause = error.strerror or str(error)
-    if error.filename is not None:
-        return f"cannot use the data folder {settings.data_dir} ({error.filename}: {cause}); choose one with --data-dir"
+    if error.filename is not None or error.errno == errno.ENOSPC:
+        place = "" if error.filename is None else f"{error.filename}: "
+        return f"cannot use the data folder {settings.data_dir} ({place}{cause}); choose one with --data-dir"
     if error.errno == errno.EADDRINUSE:
         return f"port {settings.port} of {settings.host} is in use: choose another with --port, 0 takes a free one"
     return f"cannot serve on {settings.host} port {settings.port}: {cause}"

@@ -6,6 +6,7 @@ import binascii
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, BinaryIO, Final, TypeAlias
 from xml.sax.saxutils import quoteattr
@@ -196,9 +197,12 @@ def write_hdf(
         **{f"PointData/{name}": values for name, values in point_data.items()},
         **{f"CellData/{name}": values for name, values in cell_data.items()},
     }
-    with h5py.File(path, "w", libver="earliest") as file:  # newer formats hold the time of writing
+    # In memory first, as HDF5 ends the process where the disk is full. Newer formats hold the time of writing.
+    with h5py.File(path, "w", libver="earliest", driver="core", backing_store=False) as file:
         root = file.create_group(HDF_GROUP)
         root.attrs["Version"] = np.array(HDF_VERSION, dtype=np.int64)
         root.attrs.create("Type", np.bytes_("UnstructuredGrid"))
         for name, values in datasets.items():
             root[name] = values
+        file.flush()
+        Path(path).write_bytes(file.id.get_file_image())

@@ -65,6 +65,7 @@ def test_an_error_of_the_system_says_what_to_change() -> None:
     for error, words in (
         (OSError(errno.EADDRINUSE, "Address already in use"), "choose another with --port"),
         (OSError(errno.EACCES, "Permission denied", "x/db"), "choose one with --data-dir"),
+        (OSError(errno.ENOSPC, "No space left"), "cannot use the data folder equimesh-data (No space left); choose"),
         (OSError(errno.EACCES, "Permission denied"), "cannot serve on 127.0.0.1 port 80: Permission denied"),
     ):
         assert words in start_error(settings, error)

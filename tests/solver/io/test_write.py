@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import os
 import re
+import subprocess
+import sys
 import time
 import xml.etree.ElementTree as ET
 import zipfile
@@ -195,6 +197,23 @@ class TestDisk:
         for name in ("vtu", "vtk", "xdmf"):
             with pytest.raises(OSError, match="No space left"):
                 write_mesh(tmp_path / "mesh.out", DATA, format=name)
+        assert list(tmp_path.iterdir()) == []
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="a limit of the size of files stands for a full disk")
+    def test_a_disk_that_fills_up_is_an_error_of_hdf5_too(self, tmp_path: Path) -> None:
+        code = """
+import resource, sys
+from equimesh.io.write import write_mesh
+from solver.io.files import DATA
+resource.setrlimit(resource.RLIMIT_FSIZE, (512, 512))
+try:
+    write_mesh(sys.argv[1], DATA)
+except OSError as error:
+    print(error.strerror)
+"""
+        command = [sys.executable, "-c", code, str(tmp_path / "mesh.hdf")]
+        done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "File too large\n", "")
         assert list(tmp_path.iterdir()) == []
 
     def test_a_file_is_readable_as_any_new_file(self, tmp_path: Path) -> None:
