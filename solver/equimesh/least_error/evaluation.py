@@ -207,15 +207,13 @@ def interpolated(parts: Parts, nodes: Nodes) -> float:
         size = count * points
         called_at(code.place, place_points, (nodes, elements, element.shape, 0, x, y))
         fill(parts.u, x[:size], y[:size], at)
-        u, u_x, u_y = plane(at, 0, points, count), plane(at, 1, points, count), plane(at, 2, points, count)
+        every = values_in(at, points, count)
         if parts.error == OF_VALUES:
-            values = NodalValues(u, u_x, u_y)
+            values = NodalValues(every.u, every.u_x, every.u_y)
             square, check = called_at(
                 code.values, quad_value_errors, (nodes, (first, last), element, known, values, sums)
             )
         else:
-            rest = plane(at, 3, points, count), plane(at, 4, points, count), plane(at, 5, points, count)
-            every = Values(u, u_x, u_y, rest[0], rest[1], rest[2])
             square, check = called_at(code.slopes, slope_errors, (nodes, elements, element, known, every, sums))
         if not np.isfinite(check):
             return np.inf
@@ -233,14 +231,7 @@ def projected(parts: Parts, nodes: Nodes) -> float:
         return np.inf
     called_at(parts.code.place, place_points, (nodes, parts.elements, element.shape, 0, x, y))
     fill(parts.u, x, y, at)
-    every = Values(
-        plane(at, 0, points, count),
-        plane(at, 1, points, count),
-        plane(at, 2, points, count),
-        plane(at, 3, points, count),
-        plane(at, 4, points, count),
-        plane(at, 5, points, count),
-    )
+    every = values_in(at, points, count)
     if not are_finite(every):
         return np.inf
     clear(sums)
@@ -250,9 +241,17 @@ def projected(parts: Parts, nodes: Nodes) -> float:
 
 
 @compiled
-def plane(at: Array, row: int, points: int, count: int) -> Array:
-    """A row of values at ``points`` of ``count`` elements, as a table."""
-    return at[row, : points * count].reshape(points, count)
+def values_in(at: Array, points: int, count: int) -> Values:
+    """The rows of values at ``points`` of ``count`` elements, as tables of shape ``(points, count)``."""
+    shape, size = (points, count), points * count
+    return Values(
+        at[0, :size].reshape(shape),
+        at[1, :size].reshape(shape),
+        at[2, :size].reshape(shape),
+        at[3, :size].reshape(shape),
+        at[4, :size].reshape(shape),
+        at[5, :size].reshape(shape),
+    )
 
 
 @compiled
