@@ -55,8 +55,8 @@ def open_arrays(path: Path) -> Mapping[str, Any]:
     """
     if not path.exists():
         raise SamplesError(
-            f"there is no file {path} on {socket.gethostname()}: samples in chunks must be in a folder that all"
-            " workers reach by the same name",
+            f"there is no file {path} on {socket.gethostname()}: check its name; on a cluster it must be in a folder"
+            " that all workers reach by the same name",
             field="path",
         )
     try:

@@ -110,7 +110,7 @@ def test_a_forked_process_opens_the_file_again(tmp_path: Path, monkeypatch: pyte
 def test_a_process_that_does_not_reach_the_file_says_so(tmp_path: Path) -> None:
     sent = pickle.dumps(em.ChunkedSamples(path=write(tmp_path / "u.h5")))
     (tmp_path / "u.h5").rename(tmp_path / "v.h5")
-    with pytest.raises(SamplesError, match=r"there is no file .*u.h5 on .*: .* all workers reach"):
+    with pytest.raises(SamplesError, match=r"there is no file .*u.h5 on .*: check its name; .* all workers reach"):
         pickle.loads(sent).evaluate(np.array(0.5), np.array(0.5))
     write(tmp_path / "u.h5", X[:50], Y, VALUES[:50])
     with pytest.raises(SamplesError, match=r"has shape \(50, 70\) in this process, and had \(90, 70\)"):
