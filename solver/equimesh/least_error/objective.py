@@ -176,6 +176,7 @@ class Objective:
         u = source_of(self._u, 1 if error == OF_VALUES else 2)
         if u is None:
             return None
+        weights = {name: float(value) for name, value in asdict(self._weights).items()}  # no loop for whole numbers
         element = rule.element
         at_once = cells.count if unknowns is not None else max(last - first for first, last in self._spans)
         return Parts(
@@ -186,9 +187,9 @@ class Objective:
             start=self.start,
             elements=self._elements,
             element=element,
-            spans=np.array(self._spans),
+            spans=np.array(self._spans, dtype=np.int64),
             smooth=self._smooth,
-            scales=Scales(**asdict(self._weights), rounding=self.rounding),
+            scales=Scales(**weights, rounding=self.rounding),
             number=NO_NUMBER if unknowns is None else unknowns.number,
             matrix=NO_MATRIX if unknowns is None else matrix_for(unknowns),
             memory=memory_for(cells.nodes, at_once * element.weights.size, self._sums),

@@ -188,6 +188,13 @@ def test_compiled_steps_are_those_of_python(u: em.Field, kind: type[Objective], 
     assert len(descent.take_steps.overloads) == 1  # type: ignore[attr-defined]
 
 
+def test_whole_numbers_as_weights_are_no_other_type_for_compiled_code() -> None:
+    parts = objective_on(GRID, FRONT, weights=replace(WEIGHTS, obliqueness=1, largest_cotangent=2)).parts
+    assert parts is not None
+    assert {type(scale) for scale in parts.scales} == {float}
+    assert parts.scales[2:4] == (1.0, 2.0)
+
+
 def test_a_step_that_only_python_can_take_keeps_no_memory_for_others() -> None:
     objective = objective_on(GRID, em.Expression("sqrt(x) + sqrt(y)*x"))
     (_, *meshes) = [mesh for mesh, _ in descend(objective, uniform(GRID), 9, 0.0)]
