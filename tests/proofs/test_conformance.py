@@ -10,6 +10,7 @@ import math
 import signal
 import socket
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -225,6 +226,105 @@ def test_keys(
     said += [str(forbidden.value), repr(forbidden.value), str(full.value), repr(ada), repr(mesh), caplog.text]
     for secret in secrets.values():
         assert not any(secret in words for words in said)
+
+
+class CuttingProxy:
+    """Passes connections on to a service, and cuts some of them after so many bytes of the answer."""
+
+    def __init__(self, target: str) -> None:
+        self.cuts: list[int] = []
+        host, port = target.removeprefix("http://").split(":")
+        self.target = (host, int(port))
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
+        self.open: list[socket.socket] = []
+        self.passed = 0  # bytes of answers
+        self.threads = [threading.Thread(target=self.accept)]
+        self.threads[0].start()
+
+    def cut(self, *limits: int) -> None:
+        """Hang up now, and cut the next connections."""
+        self.cuts = list(limits)
+        self.hang_up()
+
+    def hang_up(self) -> None:
+        for end in self.open:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def accept(self) -> None:
+        while True:
+            try:
+                near, _ = self.listener.accept()
+            except OSError:
+                return
+            far = socket.create_connection(self.target)
+            self.open += [near, far]
+            limit = self.cuts.pop(0) if self.cuts else None
+            for source, sink, most in ((near, far, None), (far, near, limit)):
+                self.threads.append(threading.Thread(target=self.pump, args=(source, sink, near, most)))
+                self.threads[-1].start()
+
+    def pump(self, source: socket.socket, sink: socket.socket, near: socket.socket, limit: int | None) -> None:
+        passed = 0
+        with contextlib.suppress(OSError):
+            while passed != limit and (data := source.recv(4096)):
+                data = data if limit is None else data[: limit - passed]
+                sink.sendall(data)
+                passed += len(data)
+                self.passed += len(data) if sink is near else 0
+        for end in (source, sink):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        self.listener.shutdown(socket.SHUT_RDWR)
+        self.listener.close()
+        self.hang_up()
+        for thread in self.threads:
+            thread.join(timeout=10)
+        for end in self.open:
+            end.close()
+
+
+@pytest.fixture
+def proxy(url: str) -> Iterator[CuttingProxy]:
+    """A line to the service that breaks."""
+    made = CuttingProxy(url)
+    yield made
+    made.close()
+
+
+@ASYNCHRONOUS
+def test_every_event_comes_once_over_a_line_that_breaks(
+    connect: Any, client: Any, proxy: CuttingProxy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("equimesh_service.api.events._RETRY_MILLISECONDS", 1)
+    mesh = client.meshes.create(heavy(grid={"n_xi": 64, "n_eta": 64}))
+    far = connect(proxy.url, retries=RetryPolicy(retries=99, first=0.001, longest=0.01)).meshes.get(mesh.id)
+    proxy.cut(*(int(cut) for cut in np.random.default_rng(4).integers(1, 900, 500)))
+    told = []
+    for event in far.events(deadline=300):
+        told.append(event)
+        if len(told) == 10:
+            mesh.cancel()
+    assert [event.id for event in told] == list(range(1, len(told) + 1))
+    assert [(e.id, e.kind, e.data) for e in mesh.events()] == [(e.id, e.kind, e.data) for e in told]
+    assert told[-1].kind == "done"
+    assert len(told) >= 10
+    assert len(proxy.cuts) <= 490  # it did break, at beginnings and in the middle of events
+
+
+@ASYNCHRONOUS
+def test_a_file_over_a_line_that_breaks(connect: Any, client: Any, proxy: CuttingProxy, tmp_path: Path) -> None:
+    mesh = client.generate(PAPER, 129, a=0.7)
+    whole = mesh.download(tmp_path / "near.vtu").read_bytes()
+    far = connect(proxy.url, retries=RetryPolicy(retries=1, first=0.001)).meshes.get(mesh.id)
+    proxy.cut(*(int(cut) for cut in np.random.default_rng(5).integers(2000, 20_000, 9)))
+    # ten connections and one retry: each goes on where the one before ended
+    assert far.download(tmp_path / "far.vtu").read_bytes() == whole
+    assert proxy.cuts == []
+    assert proxy.passed < len(whole) + 10 * 4000
 
 
 TWINS = [

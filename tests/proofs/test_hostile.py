@@ -1,4 +1,4 @@
-"""The service answers whatever is sent: specs that are broken at random, and large bodies on every route."""
+"""The service answers whatever is sent: bodies of any bytes, and large ones on every route."""
 
 from __future__ import annotations
 
@@ -15,10 +15,23 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from service.conftest import small
 from service.guarded import Guarded
 from service.observed import Observed
+
+
+@settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(body=st.binary(max_size=200))
+def test_no_body_breaks_the_service(http: httpx.Client, body: bytes) -> None:
+    for kind in ("application/json", "multipart/form-data; boundary=b", "text/csv", "application/x-npz"):
+        for path in ("/v1/meshes", "/v1/previews", "/v1/samples", "/v1/expressions/check"):
+            answer = http.post(path, content=body, headers={"Content-Type": kind})
+            assert answer.status_code in (400, 415, 422), (path, kind, answer.text)
+            assert answer.headers["content-type"] == "application/problem+json"
+
 
 # Bodies ------------------------------------------------------------------------------------------------------
 
