@@ -66,16 +66,14 @@ class Prepared:
             else:
                 cursor.execute(text.sql, values[0])
             columns: Any = cursor.description
-            if columns is None:
-                return Rows([], cursor.rowcount)
-            row_of = _row_of(tuple(column[0] for column in columns))
-            return Rows([row_of(row) for row in cursor.fetchall()], cursor.rowcount)
+            row_of = _row_of(tuple(column[0] for column in columns or ()))
+            found = Rows([row_of(row) for row in cursor.fetchall()] if columns else [], cursor.rowcount)
         except Exception as error:
             cursor.close()  # SQLite keeps a connection until its last statement is gone
-            # Raises it as SQLAlchemy does, which gives up a connection that is lost.
+            # Raises it as SQLAlchemy does, which gives up a connection that is lost: no cursor can be closed after it.
             connection._handle_dbapi_exception(error, text.sql, values, None, None)
-        finally:
-            cursor.close()
+        cursor.close()
+        return found
 
 
 @cache

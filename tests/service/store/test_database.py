@@ -164,6 +164,23 @@ def test_a_prepared_statement_takes_and_finds_what_sqlalchemy_would(store: Store
             insertion.execute(connection, {"id": "s-2", **row})
 
 
+def test_a_write_that_a_read_only_database_refuses_is_told_as_that(tmp_path: Path) -> None:
+    """The connection is given up then, with the cursors of it: to close one of them is an error."""
+    store = Store(f"sqlite:///{tmp_path / 'test.sqlite3'}")
+    store.prepare()
+    row = {"id": "s-1", "sha256": "a" * 64, "size": 1, "summary": {}, "created_at": 0.0, "used_at": 0.0}
+
+    def write(first: str) -> None:
+        with store.database.write() as connection:
+            connection.execute(text(first))
+            Prepared(insert(samples)).execute(connection, row)
+
+    with pytest.raises(OperationalError, match="readonly"):
+        write("PRAGMA query_only = ON")
+    write("SELECT 1")
+    store.close()
+
+
 def test_a_deleted_mesh_looks_for_its_keys_by_an_index(tmp_path: Path) -> None:
     store = Store(f"sqlite:///{tmp_path / 'test.sqlite3'}")
     store.prepare()
